@@ -64,9 +64,9 @@ REASONS: Mapping[str, str] = {
 
 
 #: Reasons that leave open whether a torque is there. All others leave open which of
-#: several effects makes how much of it: on 10 arms of another author's simulator
-#: findings without these reasons keep .97 of what all findings gain on fresh motion, and
-#: .85 where those that something else looks like are left out.
+#: several effects makes how much of it: on 28 arms of another author's simulator
+#: findings without these reasons keep .976 of the mean log gain of all findings on fresh
+#: motion (95 %: .960 to .988), and confident findings alone .59.
 TORQUE_IS_OPEN = (
     "small",
     "not_held_out",
@@ -852,6 +852,7 @@ class Diagnosis(Record, JsonRecord):
         """Return the headline, and rows of label and text for the printed summary."""
 
         def in_words(values: Array) -> str:
+            """Write the numbers of all joints."""
             return ", ".join(f"{x:.3g}" for x in values)
 
         rows = [("next", self.advice)]

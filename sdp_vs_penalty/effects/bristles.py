@@ -353,8 +353,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
 
     @property
     def bristles(self) -> Bristles:
-        """Three spring-and-slider states for each joint, with the distances d, 4 d and
-        16 d."""
+        """Three spring-and-slider states for each joint of the effect, with the
+        distances d, 4 d and 16 d [rad, m] after which the sliders move."""
         directions = np.repeat(
             np.eye(self.robot.n)[list(self.joints)],
             _ELEMENTS,

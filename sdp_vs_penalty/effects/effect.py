@@ -555,8 +555,9 @@ class Effect(ABC):
 
     @property
     def contact(self) -> Array | None:
-        """(n,) ratios of the joints along which the effect is dry friction; None for
-        friction along single joints, or none."""
+        """(n,) ratios c of the joints if the effect is dry friction along a combination
+        c q of joints, so that a simulation lets it stick; None for all other effects,
+        as here."""
         return None
 
     # What a search asks.
@@ -674,8 +675,8 @@ class Effect(ABC):
 
     @property
     def constants(self) -> str:
-        """The shape constants that measurements can determine, as text: "vs = 0.1
-        rad/s"."""
+        """The shape constants that measurements can determine, as text for sentences:
+        "vs = 0.1 rad/s, delta = 2". Units are those of the effect's first joint."""
         kind = self.robot.joints[self.joints[0]].kind
         return ", ".join(
             f"{k} = {self.shapes[k].format_with_unit(self.shape[k], kind)}"

@@ -806,7 +806,13 @@ def _friction(
     p: Array,
     w: Array | float,
 ) -> Array:
-    """Return the friction impulse f (W, m) at x = y + g f, where f = p tanh(y / w)."""
+    """Return the friction impulse f (W, m) of each contact from the unknown x = y + g f
+    of Newton's method.
+
+    y (velocity after the step) and f = p tanh(y / w) follow from x: y is the solution
+    of y + g p tanh(y / w) = x, and f = (x - y) / g. p (W, m) is the largest impulse, w
+    (m,) the width of the sign, g (W, m) the velocity per unit impulse.
+    """
     return (x - _resolvent(x, g * p, w)) / g
 
 

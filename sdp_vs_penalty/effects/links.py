@@ -534,8 +534,8 @@ class KinematicError(Effect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        """Let a search begin without shape constants; nowhere for a robot without such
-        parameters."""
+        """Return one start without shape constants, [{}], for a search; none for a
+        robot on which no displacement changes a torque."""
         return [{}] if cls(robot).parameters else []
 
     def torques(self, motion: Motion) -> Array:

@@ -353,10 +353,12 @@ class MeasuredCurve(JointEffect):
         constants: Mapping[str, float],
         values: Sequence[str],
     ) -> dict[str, ShapeConstant]:
-        """Declare the shape constants of this table, with the units of its variables
-        and torque.
+        """Declare the shape constants of this table: ends of its axes in the units of
+        its variables, and the values in the unit of torque.
 
-        The class's constants of an added joint are left out where no joint is added.
+        ``values`` are the keys of the values that are there, "v1", "w2", .... The
+        constants of an added joint (xi, xc, yi, yc) are left out where no joint is
+        added.
         """
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
         for axis in "xy":
@@ -433,8 +435,12 @@ class MeasuredCurve(JointEffect):
         motion: Motion,
         joint: int,
     ) -> Array:
-        """Interpolate a table (xn, yn) linearly along a motion, constant beyond its
-        ends; returns (N,)."""
+        """Interpolate a table (xn, yn) linearly along a motion; returns (N,) values.
+
+        Values of the variables from ``low`` to ``high`` are mapped to places 0 to n - 1
+        of the table; beyond the ends the value at the end counts. A table over one
+        variable has yn = 1.
+        """
 
         places = np.zeros((2, len(motion.t)))
         for axis, place, over in zip("xy", places, self.variables(joint), strict=False):
@@ -447,8 +453,12 @@ class MeasuredCurve(JointEffect):
         )
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
-        """Tell where a motion leaves the table, or the measured part of it, on any
-        joint: (N,) flags."""
+        """Tell where a motion leaves the table of any joint, or the measured part of
+        it: (N,) flags.
+
+        The measured part is found by interpolating ``_missing``, which is 1 where the
+        table was not measured and 0 elsewhere.
+        """
         out = np.zeros(len(motion.t), bool)
         for joint in self.joints:
             out |= self._interpolated(self._missing, motion, joint) > 0.5

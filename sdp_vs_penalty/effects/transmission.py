@@ -291,8 +291,13 @@ class TransmissionFriction(StatefulEffect):
         ]
 
     def _force(self, motion: Motion, z: Array) -> Array:
-        """Compute f(s) (N,), the force along s per unit of the parameter, by the chosen
-        law."""
+        """Compute f(s) (N,), the force along the combination s = c q per unit of the
+        parameter.
+
+        By law: hysteresis z, inertia dds, viscous ds, coulomb sign(ds), stribeck
+        sign(ds) exp(-(ds / vs)^2); z (N, 1) is the friction state, used by the
+        hysteresis only.
+        """
         if self.law == "hysteresis":
             return z[:, 0]
         if self.law == "inertia":

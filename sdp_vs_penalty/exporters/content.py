@@ -325,7 +325,7 @@ def about_joints(robot: Robot, links: Array) -> Array:
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (links, 10)
         About the links' frames [kg, kg m, kg m^2].
 
@@ -470,7 +470,7 @@ def element(
     tag : str
         Name of the child.
     text : str, number or array, optional
-        Its text.
+        Text of the child.
     attributes : str, number or array
         Its attributes. Numbers are written by :func:`number`, arrays separated by
         spaces.
@@ -503,7 +503,7 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
     Parameters
     ----------
     root : element
-        Its root element.
+        Root element of the document.
     declaration : bool
         Whether it begins with an XML declaration.
 
@@ -545,7 +545,7 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (links, 10)
         Standard parameters about the joints' frames.
 

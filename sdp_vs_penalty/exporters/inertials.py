@@ -233,7 +233,7 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     Parameters
     ----------
     checks : sequence of LinkCheck
-        Of all links.
+        Checks of all links.
 
     Returns
     -------
@@ -258,14 +258,17 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
     Parameters
     ----------
     checks : sequence of LinkCheck
-        Of all links.
+        Checks of all inertials of the file.
     massless : sequence of str
         Names of moving links without inertial.
 
     Returns
     -------
     list of str
-        The verdict, then a sentence for each remark.
+        The verdict; then a sentence for each link that is consistent but whose mass
+        lies
+        outside of its body, for each link with wrong signs, and on links without
+        inertial.
     """
     if not checks:
         return ["The file has no inertials."]
@@ -307,7 +310,7 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     path : path
         The file.
     checks : sequence of LinkCheck
-        Of all links.
+        Checks of all links.
 
     Returns
     -------
@@ -407,7 +410,7 @@ def write_nearest(
     path : path
         The file.
     checks : list of LinkCheck
-        Of all links.
+        Checks of all links.
     out : path
         The file to write.
 

@@ -50,7 +50,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     content : Content
         What a simulator's file can hold of the model.
 

@@ -150,23 +150,24 @@ def write_posed(
     options: PoseOptions | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Write the SDP that ``identify`` solves, and OUT.json with the proved interval.
+    """Write the SDP that ``identify`` solves, and OUT.json with the proved interval of
+    its optimum.
 
-    The problem is centred at its solution, which helps other solvers.
+    The variables are centred at the solution, which helps other solvers.
 
     Parameters
     ----------
     problem : Problem, str or Path
-        As for ``identify``.
+        The robot, as ``identify`` takes it.
     measurements : Source
-        As for ``identify``.
+        The runs, as ``identify`` takes them.
     out : path
         The file to write, .dat-s or .cbf.
     method : str or None
         None for the default method; for .dat-s, whose format lacks exponential cones,
         that is SDPA_METHOD.
     options : PoseOptions, optional
-        As for ``identify``.
+        Effects, weights and so on, as for ``identify``.
     progress : callable
         Called with a short text at each step.
 

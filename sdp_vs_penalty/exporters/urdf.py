@@ -127,7 +127,7 @@ class Document:
         tag : str
             Name of the child.
         attributes : mapping
-            Its new attributes.
+            New attributes of the child.
         children : mapping
             Attributes of its children, by their names.
         """
@@ -248,7 +248,7 @@ def make_urdf(
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     content : Content
         What a simulator's file can hold of the model.
     drake : bool

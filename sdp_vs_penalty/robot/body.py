@@ -36,9 +36,8 @@ class Body(JsonRecord):
     volume: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for another shape, half axes that are not positive, or
-        another source.
-        """
+        """Raise InputError for arrays of other shapes, half axes that are not positive,
+        axes (3, 3) that are not orthonormal, or an unknown source."""
         for name, shape in (("centre", (3,)), ("half_axes", (3,)), ("axes", (3, 3))):
             check_finite(f"a body's {name}", getattr(self, name), shape)
         if not np.all(self.half_axes > 0.0):

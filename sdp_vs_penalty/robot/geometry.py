@@ -62,7 +62,7 @@ def link_geometry(
     Raises
     ------
     InputError
-        Where the file is no URDF of a tree of joints.
+        The file is no URDF of a tree of joints.
     """
     out: list[Geometry | None] = []
     for parts in placed_links(path, held):
@@ -111,7 +111,7 @@ def link_surfaces(
     Raises
     ------
     InputError
-        Where the file is no URDF of a tree of joints.
+        The file is no URDF of a tree of joints.
     """
     surfaces: list[Array | None] = []
     for parts in placed_links(path, held):
@@ -231,9 +231,9 @@ class _Collisions:
         self._placed = self._geometry.createData()
 
     def leave_out_what_always_touches(self) -> None:
-        """Remove pairs that touch in all of forty random poses: their shapes are drawn
-        too large.
-        """
+        """Remove pairs of shapes that touch in all of forty random poses between the
+        joint limits (at most half a turn to each side): their shapes are drawn too
+        large."""
         lowest = np.maximum(self._model.lowerPositionLimit, -np.pi)
         highest = np.minimum(self._model.upperPositionLimit, np.pi)
         shape = (40, self._model.nq)
@@ -247,9 +247,8 @@ class _Collisions:
         self._placed = self._geometry.createData()
 
     def _touch(self, q: Array, *, stop_at_first: bool) -> bool:
-        """Return whether any pair touches at q (n,); with ``stop_at_first`` the first
-        one ends it.
-        """
+        """Tell whether any pair of shapes touches at q (n,) [rad, m]; with
+        ``stop_at_first`` the check ends at the first such pair."""
         from sdp_vs_penalty.robot._pinocchio import pin
 
         return bool(
@@ -447,9 +446,8 @@ def _mesh_file(path: Path, filename: str) -> Path | None:
 
 
 def _places(path: Path, filename: str) -> Iterator[Path]:
-    """Yield where a mesh may be: beside the URDF, or in a ROS package above it or on
-    ROS's paths.
-    """
+    """Yield where a mesh file may be: beside the URDF, or, for package://NAME/PATH, in
+    a folder NAME above it or on ROS's search paths."""
     folder = path.resolve().parent
     if not filename.startswith(("package://", "model://")):
         yield folder / filename.removeprefix("file://")

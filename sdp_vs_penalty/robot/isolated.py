@@ -138,7 +138,12 @@ def _is_single_threaded() -> bool:
 def _answers(
     messages: _Messages,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """Yield the arrays of a child's messages; raise its errors and repeat its warnings."""
+    """Yield the arrays of a child's messages; raise its errors and repeat its warnings.
+
+    A message is a head and arrays. The head's key says what it is: "remark" (a
+    warning), "what" (InputError with remedy and place), "not_installed", "memory",
+    "failed"; a head without these comes with arrays.
+    """
     with closing(messages):
         for head, arrays in messages:
             if "remark" in head:
@@ -382,8 +387,11 @@ def _send(
     head: Mapping[str, Any],
     arrays: Arrays | None = None,
 ) -> None:
-    """Send one message: the length of its head (8 bytes), the head as JSON, the
-    numbers.
+    """Send one message through a pipe: length of its head (8 bytes), the head as JSON,
+    then the numbers of its arrays (little-endian doubles).
+
+    The head's entry "arrays" lists their names and shapes, so that the receiver knows
+    how much to read.
     """
     blocks = {
         name: np.ascontiguousarray(block, "<f8")

@@ -85,7 +85,7 @@ def check_pose(where: str, pose: Array) -> None:
     Raises
     ------
     InputError
-        Where it is no pose.
+        It is no pose.
     """
     rotation = pose[:3, :3]
     tolerance = 1e-6
@@ -123,9 +123,8 @@ class Mechanism(JsonRecord):
     massless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError for arrays of other shapes, or if every link is declared
-        massless.
-        """
+        """Raise InputError for a matrix that is not (L, n), an offset that is not (L,),
+        or if every one of the L links is declared massless."""
         L = len(self.tree)
         n = np.shape(self.matrix)[-1]
         check_finite(f"the matrix of a mechanism of {L} joints", self.matrix, (L, n))
@@ -160,7 +159,9 @@ class ChannelNames(tuple[str, ...]):
         names: Sequence[str],
         held: Sequence[HeldJoint],
     ) -> "ChannelNames":
-        """Return the names of the driven joints, with the joints that are held."""
+        """Return a list of the driven joints' names that also holds, as its attribute
+        ``held``, the joints that stand still: readers of logs leave out their channels.
+        """
         out = cls(names)
         out.held = tuple(held)
         return out
@@ -178,14 +179,17 @@ def resolve_mimic_joints(
     """Return the independent joints of a tree with mimic joints, and how the tree
     follows them.
 
+    A mimic joint has the position q = ratio * q_leader + offset; its leader may be a
+    mimic joint too.
+
     Parameters
     ----------
     tree : sequence of Joint
         All joints.
     followers : dict
-        Leader, multiplier and offset of each mimic joint, by name.
+        (leader, ratio, offset) of each mimic joint, by its name.
     massless : sequence of int
-        Links without mass, by number in the tree.
+        Links without mass, by number in the tree from 0.
 
     Returns
     -------

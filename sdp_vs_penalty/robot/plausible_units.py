@@ -123,7 +123,8 @@ def _odd_inertias(
 
 
 def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
-    """Yield links that together are lighter than any drive could show."""
+    """Yield one remark if all links together weigh less than _LIGHTEST [kg], which no
+    drive's torque could show; its factor is the sum of the masses [kg]."""
     total = sum(x.mass for x in links)
     if links and total < _LIGHTEST:
         how = f"all links together weigh {total:.3g} kg: no drive shows such masses."

@@ -137,7 +137,7 @@ class Robot(JsonRecordSkippingNone):
         Raises
         ------
         InputError
-            Where a name is no joint, or every joint is held.
+            A name is no joint, or every joint is held.
         """
         if not held:
             return self
@@ -173,22 +173,23 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def leader(self, place: int) -> tuple[str, float, float]:
-        """Return the joint that a joint of the tree follows.
+        """Return the joint that a joint of the tree follows: q = multiplier q_leader +
+        offset.
 
         Parameters
         ----------
         place : int
-            Index of the joint in the tree.
+            Index of the following joint in the tree, from 0.
 
         Returns
         -------
-        tuple
-            Name of the leading joint, multiplier and offset.
+        tuple of (str, float, float)
+            Name of the leading joint, multiplier, and offset [rad, m].
 
         Raises
         ------
         InputError
-            Where it follows several.
+            The joint follows several joints.
         """
         assert self.mechanism is not None
         row = self.mechanism.matrix[place]
@@ -335,8 +336,11 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def _link_reach(self) -> Array:
-        """(links,) distance [m] from each link frame to the farthest joint that the
-        link bears.
+        """(links,) distance [m] from each link frame's origin to the farthest joint
+        that the link bears, or to its own joint.
+
+        A link for which that is zero, such as the last one, gets the distance of its
+        parent; none is below 0.1 m.
         """
         reach = np.array(
             [np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree]
@@ -859,7 +863,7 @@ def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ..
     Raises
     ------
     InputError
-        Where a name is no driven joint, or every joint is held.
+        A name is no driven joint, or every joint is held.
     """
     for name in held:
         require_known("joint", name, names, "--hold")

@@ -47,7 +47,8 @@ class FourierTrajectory:
     duration: float
 
     def __post_init__(self) -> None:
-        """Raise InputError for a frequency, blend or duration that do not fit."""
+        """Raise InputError unless frequency and blend are positive and the duration
+        exceeds both blends, 2 blend [s]."""
         if (
             self.blend <= 0.0
             or self.duration <= 2.0 * self.blend

@@ -122,7 +122,7 @@ def pose_of(element: Any) -> Array:
     Raises
     ------
     InputError
-        Where its attributes are no numbers.
+        Its attributes are no numbers.
     """
     origin = element.find("origin")
     out = np.eye(4)
@@ -169,7 +169,7 @@ def read_inertial(link: Any) -> Array:
     Raises
     ------
     InputError
-        Where its attributes are no numbers.
+        Its attributes are no numbers.
     """
     element = link.find("inertial")
     if element is None:
@@ -229,7 +229,7 @@ def load_urdf(
     Raises
     ------
     InputError
-        Where the file is no URDF, has a floating or planar joint or a loop, or no joint
+        The file is no URDF, has a floating or planar joint or a loop, or no joint
         moves.
     """
     still = tuple[HeldJoint, ...]()
@@ -280,7 +280,9 @@ def _followers(root: Any) -> dict[str, Follower]:
 def placed_links(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Parts]:
-    """Return the inertials that make up each moving link with a mass.
+    """Return the elements that make up each moving link with a mass.
+
+    A link that is fixed to a moving one belongs to it.
 
     Parameters
     ----------
@@ -292,12 +294,14 @@ def placed_links(
     Returns
     -------
     list of Parts
-        One entry a link.
+        For each moving link its <link> elements, each with its pose (4, 4) in the
+        moving
+        link's joint frame; the moving link itself comes first.
 
     Raises
     ------
     InputError
-        As :func:`load_urdf` does.
+        The file is no URDF of a tree of joints (see :func:`load_urdf`).
     """
     parts = _read(path, held)[2]
     with errors_located_in(path):
@@ -341,7 +345,7 @@ def parse_urdf(path: str | Path) -> Any:
     Raises
     ------
     InputError
-        Where the file is no XML.
+        The file is no XML.
     """
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
     parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
@@ -537,7 +541,7 @@ def joint_motion(joint: Joint, value: float) -> Array:
     joint : Joint
         The joint.
     value : float
-        Its position [rad, m].
+        Position of the joint [rad, m].
 
     Returns
     -------

@@ -244,10 +244,11 @@ class Round:
 
 
 def solve(instance: Instance, accuracy: float) -> Answer:
-    """Minimise from the interior point in rounds, each followed by new multipliers.
+    """Minimise the augmented Lagrangian in rounds, from the interior point.
 
-    An optimum is claimed if gradient, violation and change of the multipliers are
-    within the accuracy.
+    Each round minimises in the log-Cholesky variables x with fixed shifts (multipliers
+    over the weight of the penalty), then updates the shifts. An optimum is claimed if
+    gradient, violation and change of the shifts are within the accuracy.
 
     Parameters
     ----------
@@ -259,11 +260,13 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     Returns
     -------
     Answer
-        Without multipliers, since the variables leave none for the links.
+        Without multipliers: the variables keep the links' matrices positive, so that
+        those have none.
     """
     inside = instance.interior
     if inside is None:
         return no_answer(instance, "no interior point to start from")
+    # Matrix constraints hold by construction; the penalty imposes all others.
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
     penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
     chart = Chart(instance.sent, inside)

@@ -203,8 +203,8 @@ def perform(task: Assignment) -> list[Row]:
         )
         remedy = "use the same version and data on all machines"
         raise InputError(what, remedy, f"instance {task.problem!r}")
-    # Cached properties that are no contestant's work: computed before the fork, so that
-    # every child has them.
+    # Cached properties are computed before the fork, so that every child has them: they
+    # are no work of a contestant, and not part of its time.
     _ = (
         problem_instance.interior,
         problem_instance.constraints.groups,
@@ -226,7 +226,14 @@ def perform(task: Assignment) -> list[Row]:
 
 
 def _prove_interval(task: Assignment, problem_instance: Instance) -> Row:
-    """Prove an instance's interval in a child process.
+    """Prove the interval of an instance's optimum in a child process, within limits.
+
+    Parameters
+    ----------
+    task : Assignment
+        Names the limits on time and memory.
+    problem_instance : Instance
+        The problem.
 
     Returns
     -------
@@ -259,22 +266,22 @@ def run_one(
 ) -> Row:
     """Run a contestant once in a child process, and judge its answer.
 
-    Time is processor time, programs that the contestant runs included, because machines
-    are shared.
+    The time that counts is processor time, with that of programs that the contestant
+    runs, because other runs share the machine.
 
     Parameters
     ----------
     task : Assignment
         The assignment, with the proved interval of the optimum.
     contestant : Contestant
-        Who solves.
+        The solver.
     problem_instance : Instance
         The problem.
     accuracy : float
         Relative accuracy that is asked for.
     stopped : str
-        A looser setting that exceeded the time limit: the run is then skipped, because
-        it would exceed it too. "" for none.
+        A looser setting that exceeded the time limit, or "". With one the run is not
+        done, because it would exceed the limit, too.
 
     Returns
     -------
@@ -284,13 +291,14 @@ def run_one(
     assert task.reference is not None
 
     def timed() -> tuple[Answer, float]:
+        """Solve, and return the answer with the processor time that it took [s]."""
         used = _processor()
         answer = contestant.solve(problem_instance, accuracy)
         return answer, _processor() - used
 
     remark = ""
-    kind: str
-    outcome: Any
+    kind: str  # "ended", or how it failed
+    outcome: Any  # answer and seconds, or a message
     if stopped:
         remark = f"not run: {stopped} exceeded the time limit"
         kind, outcome, seconds = "timeout", "", task.time_limit
@@ -298,7 +306,7 @@ def run_one(
         kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
     if kind == "ended":
         answer, seconds = outcome
-        if seconds > task.time_limit:
+        if seconds > task.time_limit:  # limits of the system are whole seconds
             kind = "timeout"
             outcome = f"took {seconds:.2g} s of processor time"
     if kind == "ended":

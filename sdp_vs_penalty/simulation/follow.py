@@ -127,7 +127,8 @@ class FreeRun(JsonRecord):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Make a free run from the JSON of :meth:`to_dict`; its motion is empty."""
+        """Make a free run from the JSON of :meth:`to_dict`, which holds its figures
+        only: the simulated and the measured motion of the result are empty."""
         torque = np.array(data["torque"], float)
         nothing = np.zeros((0, len(torque)))
         spread, loop = data["spread"], data["loop"]
@@ -316,7 +317,8 @@ class Following(Record):
 
     @property
     def explained(self) -> str:
-        """Sentence that explains the columns of :meth:`table`."""
+        """Sentence that explains the columns of :meth:`table`: what each error is, in
+        which unit, over which time."""
         free = self.free[0]
         text = (
             "RMS errors in thousandths of the unit: of the velocity after one step, of"
@@ -390,6 +392,9 @@ def follow(
 ) -> Following:
     """Run a model forward along measured runs, and compare the motion.
 
+    Short windows of each run are simulated from measured states, and each run as a
+    whole from its first moving state ("free run").
+
     Parameters
     ----------
     model : Estimate, str or Path
@@ -400,21 +405,20 @@ def follow(
         What moves the arm: the measured torque alone, this torque and a loop on the
         measured motion, or the command, through the model's servos.
     seed : int
-        Of the draws.
+        Seed of the random models that give the free runs' band.
     steps : int, optional
-        Of the free runs, together, at most. Of a long recording windows are followed
-        then, as many as show its noise.
+        Largest number of simulation steps of all free runs together. If it is given,
+        a long recording is reduced to windows, as many as show its noise.
     progress : callable
-        Hears where the computation stands, a short text each time.
+        Called with a short text at each step of the computation.
     horizon : float
         Length of a window [s].
     bandwidth : float
-        Of the loop [Hz].
+        Bandwidth of the loop of drive "pd" [Hz].
     draws : int
-        So many models are drawn from the parameters' intervals, for the band of the
-        free run.
+        Number of models drawn from the parameters' intervals, for the free runs' band.
     windows : int
-        So many windows a run, at most.
+        Largest number of windows of each run.
 
     Returns
     -------
@@ -496,9 +500,8 @@ class _Ride:
 
     @property
     def substeps(self) -> int:
-        """Number of simulation steps within a sample, so that none is longer than
-        STEP.
-        """
+        """Number of simulation steps within a sample of the log: as few as make no step
+        longer than STEP [s]; 1e-9 allows for rounding."""
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
     def added(
@@ -637,7 +640,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     estimate : Estimate
         The model; its uncertainty holds a factor of the covariance.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     draws : int
         Number of samples.
 

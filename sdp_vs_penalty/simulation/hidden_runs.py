@@ -144,7 +144,7 @@ def simulate(
     level : {"strong", "medium", "weak"} or float
         The hidden torque's RMS over that of the raw noise, or a name for it.
     seed : int
-        Of everything random.
+        Seed of everything random.
 
     Returns
     -------

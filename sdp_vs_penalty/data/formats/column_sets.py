@@ -88,10 +88,14 @@ def _sets_of_names(
     names: Sequence[str],
     readings: Mapping[str, Reading],
 ) -> list[dict[Hashable, str]]:
-    """Make the sets of some columns that share style, rank and further words.
+    """Make sets of columns, each with one column for each joint, of some names.
 
-    Usually that is one set. Position columns with two ways of numbering (motor_pos_1
-    and link_pos_1) give none together; they are split by their names.
+    The names share a style (how they tell the joints apart: "joint", "number", "name"
+    or "block") and their further words. Usually they are one set. Position columns with
+    two ways of numbering (motor_pos_1 and link_pos_1) have two columns for each joint,
+    so they are split by their names.
+
+    Returns the columns by joint, number or words; an empty list if they are no set.
     """
     columns = _columns_by_joint(style, names, readings)
     if columns:

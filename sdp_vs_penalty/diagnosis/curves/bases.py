@@ -53,7 +53,7 @@ class Axis:
 
     @property
     def is_sign(self) -> bool:
-        """Whether the variable is the sign of a velocity, which takes two values only."""
+        """Whether the variable is the sign of a velocity, which is -1 or 1."""
         return self.variable.word == "sign(dq)"
 
     def columns(self, x: Array) -> Array:
@@ -375,6 +375,7 @@ class Variables:
         """
 
         def along(motion: Motion) -> Array:
+            """Return the columns (N, m) at the N samples of a motion, unfiltered."""
             values = [axis.variable.along(motion) for axis in basis.axes]
             return law(np.column_stack(values))
 
@@ -556,10 +557,12 @@ class CurveColumns:
         fold: NDArray[np.intp],
         P: Array,
     ) -> Array:
-        """Return the curve's coefficients (F, k) fitted without each of F folds.
+        """Fit the curve's coefficients F times, each time without the rows of one fold.
 
-        The model's own columns are fitted again on the same rows; a prior that is worth
-        one row holds them near their values on all rows.
+        The model's own columns Q are fitted again on the same rows, together with the
+        curve's columns z: the normal equations are [[Q'Q + prior, Q'z], [z'Q, z'z +
+        P]]. A prior that is worth one row holds the coefficients of Q near their values
+        on all rows.
 
         Parameters
         ----------
@@ -567,6 +570,11 @@ class CurveColumns:
             (M,) the fold of each row.
         P
             (k, k) penalty of the curve's coefficients.
+
+        Returns
+        -------
+        (F, k) array
+            Coefficients of the curve.
         """
         Q = self.fit.basis  # (n, M, r)
         y = self.fit.target  # (n, M)
@@ -710,8 +718,9 @@ def confidence_band(
     """Return the half width (P,) of a simultaneous confidence band of a curve [N m or
     N].
 
-    Errors of curves are drawn from a normal distribution with covariance v (D + P)^-1
-    (Nychka, JASA 1988). The band holds the share ``level`` of the drawn curves at all
+    Errors of the coefficients are drawn from a normal distribution with covariance v (D
+    + P)^-1 (Nychka, JASA 1988). The band is c times the standard deviation at each
+    point; c is such that the share ``level`` of the drawn curves lies within it at all
     points at once.
 
     Parameters
@@ -731,9 +740,8 @@ def confidence_band(
     rng = np.random.default_rng(seed)
     A = fit.columns.D + fit.P
     values, vectors = np.linalg.eigh(A)
-    root = vectors / np.sqrt(
-        np.maximum(values, 1e-12 * values[-1])
-    )  # root root' = A^-1
+    # root root' = A^-1; rounding may make the smallest eigenvalues negative.
+    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
     # v without the coarsening of the evidence, which is no error of the curve.
     v = fit.columns.v - fit.columns.count / COARSENING_ROWS
     spread = np.sqrt(max(v, 1.0))

@@ -179,9 +179,11 @@ def _free_of_link_1(problem: Problem) -> str:
 
 
 def _volumes(problem: Problem) -> str:
-    """Compare the volume of link 2 with the box of its centre of mass.
+    """Compare the volume of link 2 with the box of its centre of mass, in words.
 
-    Link 2 is a cylinder with a conical end; the problem's two cones describe it.
+    Link 2 is a cylinder with a conical end; the problem's two cones describe it by
+    radius = r_0 + slope x [m] along its axis x. The cone's volume is pi h (R^2 + R r +
+    r^2) / 3.
     """
     cones = [c for c in problem.cones if c.link == 2]
     wide, tapered = cones

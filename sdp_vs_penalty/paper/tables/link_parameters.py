@@ -236,10 +236,11 @@ def _maker(
     letters: str,
     *problems: str,
 ) -> TableSpec:
-    """Return the registration of a table with the entries that begin with these
-    letters.
+    """Return the registration of a table of link parameters, of the entries whose names
+    begin with these letters.
 
-    "m" is a mass, "c" a centre of mass, "I" an inertia.
+    "m" is a mass, "c" a centre of mass, "I" an inertia: letters "mc" make the table of
+    masses and centres.
     """
     build = partial(
         link_table,

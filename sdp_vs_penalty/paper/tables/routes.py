@@ -52,6 +52,9 @@ class SameConstraints(LmiSdp):
 def routes_of(study: Study) -> Mapping[str, str | Estimator]:
     """Return the methods that the table compares, by the names of their rows.
 
+    They are SDP and penalty on the same constraints, the penalty method as published,
+    the defaults, and the published links with fitted friction.
+
     Parameters
     ----------
     study : Study
@@ -60,6 +63,7 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
     Returns
     -------
     mapping of str to str or Estimator
+        The name of an estimator, or an estimator with settings of its own.
     """
     published = {
         f"{column} (published links)": Frozen(links)

@@ -398,7 +398,12 @@ class Study:
         test: Measurements | None,
         effects: Any = None,
     ) -> Data:
-        """Bundle runs, model and filters as a data set."""
+        """Bundle runs, model and filter settings as a data set.
+
+        ``test`` holds the runs to judge on, None for a data set that is only trained
+        on; ``effects`` are those of the model, None for the problem's own. The filters
+        are chosen for the training run.
+        """
         model = self.problem.model(effects)
         settings = self.problem.preprocessing.resolve(train)
         return Data(label, train, test, model, settings)

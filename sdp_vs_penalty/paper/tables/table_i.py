@@ -512,9 +512,11 @@ def _rows_of(
     covered: Array | None = None,
     ends: bool = True,
 ) -> list[Row]:
-    """Return the rows of phi_1, phi_2 and phi_3, each with its interval if ``ends``.
+    """Return the table's rows of phi_1, phi_2 and phi_3, each with the ends of its 95 %
+    interval if ``ends``.
 
-    covered : (3,) share of intervals that hold the truth [%].
+    what : data of the fit, such as "simulated". covered : (3,) share of intervals that
+    hold the truth [%].
     """
     rows = []
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):

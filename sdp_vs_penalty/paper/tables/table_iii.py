@@ -77,7 +77,8 @@ def printed_deviations(
 
 
 def _digits_range(text: str) -> tuple[float, float]:
-    """Return the smallest and largest absolute value that is printed as this text."""
+    """Return the smallest and the largest absolute value that is printed as this text:
+    "-1.25e-2" gives (0.01245, 0.01255), half a unit of the last digit on both sides."""
     mantissa, _, exponent = text.lower().partition("e")
     n_decimals = len(mantissa.partition(".")[2])
     half = 0.5 * 10.0 ** (int(exponent or 0) - n_decimals)

@@ -105,7 +105,10 @@ def _unseen_rows(study: Study) -> list[Row]:
 
 
 def _judged_rows(study: Study, data: Data) -> list[Row]:
-    """Return a row for each estimate: its error on the test rows of a data set."""
+    """Return a row for each estimate: its error on the test rows of a data set.
+
+    For the repeated real run, the rows are named "repeatability" and have no interval.
+    """
     is_repeated = data is study.repeated
     ending = "repeatability" if is_repeated else data.label
     label = "measured, repeated" if is_repeated else data.label
@@ -219,7 +222,7 @@ def _estimates(
 
 
 def _judgement(study: Study) -> str:
-    """Say on which motion the rows of the table are judged."""
+    """Return the sentences of the caption that say on which motion the rows are judged."""
     count, duration = study.experiment.validation
     sentence = (
         f"Simulated rows: estimated from that trajectory, judged on {count} other"

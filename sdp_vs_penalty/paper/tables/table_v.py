@@ -116,7 +116,7 @@ def play(
     kind : type of Engine
         An installed engine.
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (n, 10) array
         Standard parameters [kg, kg m, kg m^2].
     motion : callable
@@ -200,7 +200,7 @@ def inverse_dynamics_error(
     kind : type of Engine
         An installed engine.
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (n, 10) array
         Standard parameters [kg, kg m, kg m^2].
 

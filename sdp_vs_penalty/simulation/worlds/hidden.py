@@ -185,7 +185,7 @@ def at_joint(
     Returns
     -------
     Hidden
-        Of size 1.
+        The effect, of size 1.
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -932,9 +932,8 @@ def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _payload(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a payload: a ball of 5 cm radius on the last link; the size is its mass
-    [kg].
-    """
+    """Make a payload: a ball of 5 cm radius at a random place on the last link. The
+    size is its mass [kg]; the joint is not used."""
     last_link = world.arm.model.jointPlacements[-1].translation
     reach = float(np.linalg.norm(last_link)) + 0.05
     centre = rng.uniform(-0.5, 0.5, 3) * reach
