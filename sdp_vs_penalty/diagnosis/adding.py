@@ -174,7 +174,9 @@ def _read_effects(
 
 
 def _refuse_duplicates(estimate: Estimate, new: Sequence[Effect]) -> None:
-    """Raise InputError if a model already has one of the effects on one of its joints."""
+    """Raise InputError if a model already has one of the new effects on one of its
+    joints.
+    """
     # A model refuses an effect that comes twice.
     Model(estimate.robot, (*estimate.model.effects, *new))
 
@@ -414,7 +416,8 @@ def _add_frozen(
     fit = _fit_new_effects(estimate, new, runs, seed, progress)
     theta = np.concatenate([estimate.theta, fit.theta])
     problem = estimate.problem
-    # Details: which of the new parameters the data determine, beside the model's record.
+    # Which of the new parameters the data determine, beside the model's record of its
+    # own.
     base = base_rows(problem, fit.model_of_new)
     sources = parameter_sources(
         fit.task,
@@ -511,6 +514,7 @@ def _fit_new_effects(
         effects=(*estimate.model.effects, *new),
         reference=None,
     )
+    # The reference: parameters from which torque for such columns is computed.
     known = estimate.model.reference
     if known is None:
         known = estimate.theta

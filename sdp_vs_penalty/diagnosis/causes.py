@@ -78,11 +78,18 @@ class States:
         """
 
         def filtered(name: str) -> Array:
+            """Return a low-passed signal (M, n) of all segments."""
             parts = [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
             return np.concatenate(parts)
 
-        q, dq, ddq, torque = map(filtered, ("q", "dq", "ddq", "torque"))
-        return cls(rows, q, dq, ddq, torque, rows.t)
+        return cls(
+            rows=rows,
+            q=filtered("q"),
+            dq=filtered("dq"),
+            ddq=filtered("ddq"),
+            torque=filtered("torque"),
+            t=rows.t,
+        )
 
     def others(self, joint: int) -> list[int]:
         """List the numbers (from 0) of all joints except ``joint``."""
@@ -279,7 +286,7 @@ def _sine_and_cosine(q: Array) -> tuple[Array, Array]:
 
 
 def _stack_columns(parts: Sequence[Array], rows: int) -> Array:
-    """Stack arrays (M,) as the columns of one array (M, k); (M, 0) for an empty list."""
+    """Stack arrays (M,) as the columns of one array (M, k); an empty list gives (M, 0)."""
     return np.column_stack(parts) if parts else np.zeros((rows, 0))
 
 
@@ -419,8 +426,8 @@ class CauseShares:
         Their shares beyond the model are within _SAME_SHARE (2 %) of its share. The one
         that explains most of the whole error comes first.
         """
-        # The likeliest cause explains most beyond the model; ``_weight`` makes causes in
-        # other joints count less, since they are many.
+        # The likeliest cause explains most beyond the model. Causes in other joints have
+        # lower weights, since they are many.
         weights = {name: self._weight(name, self.beyond_model) for name in self.names}
         best = max(self.names, key=weights.__getitem__)
         smallest_share = self.beyond_model[best] - _SAME_SHARE

@@ -291,6 +291,7 @@ class Comparison(Record):
         """Return the printed summary: a headline, and rows of label and text."""
 
         def in_words(values: Array) -> str:
+            """Write the numbers of all joints."""
             return ", ".join(f"{x:.3g}" for x in values)
 
         verdict = self.verdict
@@ -670,8 +671,17 @@ def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
     """Return the noise floor stored with a model, from the recordings it was identified
     from.
 
-    None if the model stores none, or if its filters differ from ``settings``, behind
-    which a floor holds only.
+    Parameters
+    ----------
+    model
+        The model.
+    settings
+        Filters of the recordings that are judged. A floor is that behind filters.
+
+    Returns
+    -------
+    NoiseFloor or None
+        None if the model stores none, or if its filters differ from ``settings``.
     """
     if model.preprocessing != settings or model.provenance.get("noise") is None:
         return None

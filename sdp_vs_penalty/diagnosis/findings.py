@@ -852,6 +852,7 @@ class Diagnosis(Record, JsonRecord):
         """Return the headline, and rows of label and text for the printed summary."""
 
         def in_words(values: Array) -> str:
+            """Write the numbers of all joints."""
             return ", ".join(f"{x:.3g}" for x in values)
 
         rows = [("next", self.advice)]

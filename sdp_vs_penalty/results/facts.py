@@ -104,10 +104,11 @@ class FactMethod(Generic[T]):
         self.name = name or method.__name__.replace("_", " ")
         self.__doc__ = method.__doc__
 
+    # Types of the descriptor: of the class it is itself, of a record the fact's value.
     @overload
-    def __get__(self, record: None, owner: type) -> Self: ...
+    def __get__(self, record: None, owner: type) -> Self: ...  # of the class: itself
     @overload
-    def __get__(self, record: object, owner: type) -> T: ...
+    def __get__(self, record: object, owner: type) -> T: ...  # of a record: the value
     def __get__(
         self,
         record: object | None,

@@ -287,11 +287,10 @@ class Entry:
     @property
     def folder(self) -> str:
         """Folder of the instance in the library: its group and its name in plain
-        letters.
+        letters, such as "panda/panda-simulated-14-s-one-step-plain".
         """
-        return (
-            f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
-        )
+        plain_name = re.sub(r"[^a-z0-9]+", "-", self.name.lower()).strip("-")
+        return f"{self.group}/{plain_name}"
 
     @property
     def quick(self) -> bool:

@@ -28,7 +28,12 @@ def solve_cvxpy(
     accuracy: float,
     solver: str | None,
 ) -> Answer:
-    """Solve an instance by CVXPY, written as its formulas read.
+    """Solve an instance by CVXPY as a user would write it: formulas, and default
+    options.
+
+    Minimised is |R theta - rho|^2, plus weight * sum of (trace(P0^-1 P) - log det P)
+    over the links' pseudo-inertias P and nominal ones P0, if the instance has an
+    entropy.
 
     Parameters
     ----------
@@ -42,7 +47,7 @@ def solve_cvxpy(
     Returns
     -------
     Answer
-        Without dual multipliers.
+        Without dual multipliers; theta is NaN if the solver returned none.
     """
     import cvxpy as cp
 
@@ -68,7 +73,7 @@ def solve_cvxpy(
         else:
             constraints.append(flat >= 0)
     objective = cp.sum_squares(data.R @ theta - data.rho)
-    if entropy is not None:
+    if entropy is not None:  # a distance from the nominal links
         for link, nominal in zip(entropy.links, entropy.nominal, strict=True):
             trace = cp.trace(np.linalg.inv(nominal) @ matrix(link))
             divergence = trace - cp.log_det(matrix(link))
@@ -281,6 +286,7 @@ def _conic(solver: Solver) -> Contestant:
     """
 
     def solve(instance: Instance, accuracy: float) -> Answer:
+        """Solve an instance to an accuracy, and bring the answer back to its units."""
         sdp = instance.sdp
         solution = solver.solve(sdp.conic, accuracy)
         multipliers = sdp.multipliers(solution)

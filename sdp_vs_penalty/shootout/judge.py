@@ -247,13 +247,22 @@ def _primal(
     reference: Reference,
     theta: Array,
 ) -> tuple[float, float]:
-    """Return how far an answer's theta (p,) is from the proved optimum.
+    """Compute the error and the violation of an answer's theta.
+
+    Parameters
+    ----------
+    instance : Instance
+        The problem.
+    reference : Reference
+        The proved interval of its optimum.
+    theta : (p,) array
+        The answer; NaN if there is none.
 
     Returns
     -------
     tuple of (float, float)
-        Relative distance of the objective from the interval (inf unless a feasible
-        point is proved), and relative violation of the constraints.
+        Distance of the objective from the interval, relative to the loss (inf unless a
+        feasible point is proved), and relative violation of the constraints.
     """
     if not np.all(np.isfinite(theta)):
         return np.inf, np.inf

@@ -226,7 +226,14 @@ def perform(task: Assignment) -> list[Row]:
 
 
 def _prove_interval(task: Assignment, problem_instance: Instance) -> Row:
-    """Prove an instance's interval in a child process.
+    """Prove the interval of an instance's optimum in a child process, within limits.
+
+    Parameters
+    ----------
+    task : Assignment
+        Names the limits on time and memory.
+    problem_instance : Instance
+        The problem.
 
     Returns
     -------

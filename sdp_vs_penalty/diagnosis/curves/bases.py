@@ -53,7 +53,7 @@ class Axis:
 
     @property
     def is_sign(self) -> bool:
-        """Whether the variable is the sign of a velocity, which takes two values only."""
+        """Whether the variable is the sign of a velocity, which is -1 or 1."""
         return self.variable.word == "sign(dq)"
 
     def columns(self, x: Array) -> Array:
@@ -375,6 +375,7 @@ class Variables:
         """
 
         def along(motion: Motion) -> Array:
+            """Return the columns (N, m) at the N samples of a motion, unfiltered."""
             values = [axis.variable.along(motion) for axis in basis.axes]
             return law(np.column_stack(values))
 

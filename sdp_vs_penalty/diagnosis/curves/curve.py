@@ -82,7 +82,9 @@ class Curve(JsonRecord):
         return self.x.reshape(len(self.torque), -1)
 
     def effect(self, robot: Robot) -> MeasuredCurve:
-        """Return the curve as a table effect that can be added to a model of the robot."""
+        """Return the curve as a table effect, which can be added to a model of the
+        robot.
+        """
         # Measured points come first, then those where only the formula has values.
         filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
         return table_effect(

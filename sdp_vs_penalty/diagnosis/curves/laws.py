@@ -132,10 +132,12 @@ def dictionary(axes: Sequence[Axis]) -> list[Law]:
 
 
 def _laws_of_one_variable(axis: Axis) -> list[Law]:
-    """List the candidate laws of one variable x: powers, saturations, exponentials,
-    waves and bumps.
+    """List the candidate laws (formulas with free amplitudes) of a curve over one
+    variable x.
 
-    Non-linear constants b begin with widths from 1 % to three times the largest |x|.
+    They are each function of _FUNCTIONS (powers, sign, root), x + x^2, x + x^2 + x^3,
+    saturations and exponentials of x / b, waves sin(b x + phase), and bumps. Widths b
+    begin at 1 % to three times the largest |x|.
     """
     if axis.is_sign:
         return [_power_law("{x}")]
@@ -162,6 +164,7 @@ def _power_law(*reads: str) -> Law:
     """
 
     def terms(variables: Array, _: Array) -> list[Array]:
+        """Return each function at the points."""
         return [_FUNCTIONS[r](variables[0]) for r in reads]
 
     return Law(terms, reads)
@@ -181,6 +184,7 @@ def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
     """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
+        """Return g(x / b) at the points."""
         return [g(variables[0] / constants[0])]
 
     return Law(terms, (reads,), [(float(b),) for b in widths])
@@ -192,6 +196,7 @@ def _bump_law(axis: Axis) -> Law:
     """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
+        """Return the bump at the points."""
         place, width = constants
         return [np.exp(-(((variables[0] - place) / width) ** 2))]
 
@@ -236,6 +241,7 @@ def _product_law(of_first: str, of_second: str) -> Law:
     """
 
     def terms(variables: Array, _: Array) -> list[Array]:
+        """Return the product at the points."""
         return [
             _FUNCTIONS[of_first](variables[0]) * _FUNCTIONS[of_second](variables[1])
         ]
@@ -317,6 +323,7 @@ def _wave(
     """
 
     def terms(p: Array, b: Array) -> list[Array]:
+        """Return sine and cosine at variables p (v, P) for constants b (c,)."""
         return [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)]
 
     return Law(terms, (f"sin({reads} + {{phase}}){other_factor}",), starts)
@@ -370,7 +377,9 @@ class LawFit:
         return len(self.amplitudes) + len(self.constants)
 
     def torque_at(self, points: Array) -> Array:
-        """Return the law's torque (P,) [N m or N] at points (P, number of variables)."""
+        """Return the torque (P,) [N m or N] of the law at points (P, number of
+        variables).
+        """
         return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
 
 
@@ -403,7 +412,7 @@ def recognise_law(
     """
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        """Return the normal equations of a law's amplitudes, with the curve's splines."""
+        """Return the normal equations of a law approximated by the splines."""
         coefficients = _coefficients_in_splines(f.basis, law, constants)
         return _normal_equations(coefficients, f.columns)
 
@@ -628,7 +637,8 @@ def _refine_law(
     low, high = law.ends
 
     def amplitudes_and_chi2(constants: Array) -> tuple[Array, float]:
-        gram, pull = normal(law, constants[:, None])
+        """Return amplitudes (m,) and the drop of the squared error."""
+        gram, pull = normal(law, constants[:, None])  # one set of constants: S = 1
         amplitudes, chi2 = _solve_amplitudes(gram, pull)
         return amplitudes[0], float(chi2[0])
 
