@@ -57,7 +57,8 @@ class Drift(JointEffect):
         return self.shape["form"] % 2 == 0
 
     def unit_on(self, joint: int) -> str:
-        """Return the unit: of a torque, over seconds for a linear drift."""
+        """Return the parameter's unit: that of a torque (N*m, N) for a settling drift,
+        torque per second for a linear one, which is multiplied by the time."""
         return super().unit_on(joint) + ("" if self.exponential else "/s")
 
     @property
@@ -109,7 +110,8 @@ class Rubbing(JointEffect):
     @property
     @abstractmethod
     def viscous(self) -> bool:
-        """Whether viscous friction changes; otherwise Coulomb friction."""
+        """Whether the effect changes viscous friction, proportional to the velocity;
+        otherwise it changes Coulomb friction, by the velocity's sign."""
 
     def unit_on(self, joint: int) -> str:
         """Return the unit: of a torque, over velocity for viscous friction."""

@@ -384,10 +384,11 @@ class Effect(ABC):
         ]
 
     def same_columns(self, other: Effect) -> bool:
-        """Tell whether two effects have the same columns on every motion.
+        """Tell whether two effects certainly have the same columns on every motion.
 
-        An effect that is made of more than robot, joints and shape constants equals
-        itself only.
+        That holds for the same object, and for effects of one class with the same
+        robot, joints and shape constants. An effect that holds further data, such as a
+        measured table, equals itself only.
 
         Parameters
         ----------
@@ -397,7 +398,7 @@ class Effect(ABC):
         Returns
         -------
         bool
-            True where the columns are certainly the same.
+            True if the columns are certainly the same.
         """
         if self is other:
             return True

@@ -452,18 +452,22 @@ class Split:
 
     def _trained(self, fold: int) -> Model:
         """Return the model with shape constants and reference from a fold's training
-        rows alone.
+        rows.
 
-        These are what :func:`identify` takes from the data besides the parameters. A
-        model that has neither is returned as it is.
+        These are what :func:`identify` takes from the data besides the linear
+        parameters: a shape constant is nonlinear, such as a Stribeck velocity; the
+        reference are parameters about which an effect is linearised. A model that has
+        neither is returned as it is.
         """
         cells = self.phases.training(fold)
         model = self.model
 
         def training(run: int, t: Array) -> NDArray[np.bool_]:
+            """Return (N,) whether a run's rows at instants t are training rows."""
             return np.isin(self.phases.cell(run, t), cells)
 
         def compressed(m: Model) -> Regression:
+            """Return the training rows in a model's columns."""
             return compress_cells(self.runs, m, self.phases).select(cells)
 
         shapes = estimate_shapes(model, self.runs, self.weighting, training)

@@ -574,10 +574,11 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a motor that turns with a combination v = c^T dq of two
     neighbours.
 
-    Differential wrists have such motors (Wang et al. 2019). The friction is dry (law
-    2), with presliding (law 3) or with a Stribeck effect (law 4). Viscous friction is
-    left out: the joints' own viscous friction would absorb all of it but a cross term,
-    which does not determine the ratio.
+    tau = size c g, with g = tanh(v / width) (dry, law 2), Dahl's state z along v
+    (presliding over d, law 3), or tanh(v / width) exp(-(v / vs)^2) (Stribeck, law 4).
+    Law, ratio, d and vs are drawn at random. Differential wrists have such motors (Wang
+    et al. 2019). Viscous friction is left out: the joints' own viscous friction would
+    absorb all of it but a cross term, which does not determine the ratio.
     """
     # First joints of two revolute neighbours; the pair nearest to ``joint`` is taken.
     pairs = [i for i in range(world.arm.n - 1) if world.arm.rotary[i : i + 2].all()]
