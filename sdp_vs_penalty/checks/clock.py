@@ -41,12 +41,12 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     shortest, longest = _STEPS
     factors = {name: UNITS[unit] for name, unit in _UNITS.items()}
@@ -101,12 +101,12 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
@@ -166,12 +166,12 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_same = glance.steps == 0.0
     changes = np.diff(glance.run.q, axis=0)[is_same]
@@ -219,12 +219,12 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     bad = np.concatenate([[False], glance.steps == 0.0])
     same = bool(np.all(np.diff(glance.run.q, axis=0)[bad[1:]] == 0.0))
@@ -247,12 +247,12 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     usual = glance.usual_step
     if not usual:
@@ -284,12 +284,12 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     # Steps longer than this are gaps; packets may come in bursts of many short steps.
     pause = TIMES * max(glance.usual_step, float(np.quantile(glance.steps, 0.97)))
@@ -359,12 +359,12 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_long = glance.steps > max(TIMES * glance.usual_step, 0.02)
     for issue in find_changes_of_rate(glance):

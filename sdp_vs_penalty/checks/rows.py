@@ -29,12 +29,12 @@ def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     channels = {
         "t": glance.run.t[:, None],
@@ -60,12 +60,12 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     number = glance.row_numbers
     first_row_of_number = np.unique(number, return_index=True)[1]
@@ -102,12 +102,12 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_held = np.concatenate(
         [
@@ -230,12 +230,12 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     low = np.array([joint.lower for joint in glance.robot.joints])
     high = np.array([joint.upper for joint in glance.robot.joints])
@@ -266,12 +266,12 @@ def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     if not glance.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
@@ -334,12 +334,12 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     bad = {}
     for name, j, x in glance.channels:
@@ -391,12 +391,12 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     moves = glance.movement.at
     t = glance.run.t
@@ -433,12 +433,12 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     q = glance.run.q[:, glance.moving]
     # Rows whose position is not that of the row before.
