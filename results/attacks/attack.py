@@ -30,10 +30,12 @@ from typing import TextIO
 
 import killing
 import numpy as np
+import pandas
 from hostile_names import raw_controls
 
 from attacks.sound import write_sound_files
 from attacks.whole import broken_outputs
+from sdp_vs_penalty.files import write_text
 
 Rng = np.random.Generator
 #: Seconds that an attack may take.
@@ -224,8 +226,13 @@ def attack_all(
     kinds: Mapping[str, Kind],
     number: int,
     seed: int,
+    out: Path | None = None,
 ) -> int:
-    """So many attacks; a line for each kind, and each failure. How many failed."""
+    """Attack ``number`` times, kind after kind, and return how many attacks failed.
+
+    Prints each failure and a line for each kind. ``out`` is the folder that gets
+    attacks.csv, with the number of attacks and failures of each kind.
+    """
     names = list(kinds)
     n_failed = Counter[str]()
     n_tried = Counter[str]()
@@ -257,6 +264,10 @@ def attack_all(
     for name in names:
         print(f"{name:26} {n_tried[name]:4} tried, {n_failed[name]} failed")
     print(f"{n_tried.total()} attacks, {n_failed.total()} failed")
+    if out is not None:
+        rows = [(name, n_tried[name], n_failed[name]) for name in names]
+        table = pandas.DataFrame(rows, columns=["kind", "tried", "failed"])
+        write_text(out / "attacks.csv", table.to_csv(index=False))
     return n_failed.total()
 
 
@@ -270,9 +281,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", choices=[*tables, "all"], default="all")
     parser.add_argument("--only", help="a part of the names of kinds", default="")
+    parser.add_argument("--out", type=Path, help="folder for attacks.csv")
     options = parser.parse_args()
     kinds: dict[str, Kind] = {}
     for name, table in tables.items():
         if options.kinds in (name, "all"):
             kinds.update({k: kind for k, kind in table.items() if options.only in k})
-    sys.exit(min(attack_all(kinds, options.number, options.seed), 1))
+    n_failed = attack_all(kinds, options.number, options.seed, options.out)
+    sys.exit(min(n_failed, 1))

@@ -27,23 +27,24 @@ def list_candidates(data: WhiteData) -> Library:
     """List all candidates of a search: effects on joints, and other values of own
     constants.
 
-    Every effect of the library is a candidate on each joint or on the robot, with the
-    shape constants that its file declares as starts. Each of the model's own effects is
-    one with other values of its estimated constants. An effect that could not be told
-    from something else in these rows (a ripple of which less than a wave was travelled)
-    is left out.
+    Each effect of the library is a candidate on each joint, or on the robot, with the
+    shape constants that its class declares as starts. Each of the model's own effects
+    is a candidate with other values of its estimated constants. Effects that these rows
+    could not tell from others (a ripple of which less than one wave was travelled) are
+    left out.
 
     Parameters
     ----------
     data
-        The log's rows in units of their noise, with the model attached.
+        White rows (weighted so that the noise is independent with variance 1) with the
+        model.
 
     Returns
     -------
     Library
-        The candidates, with white columns, in batches. A batch holds candidates of the
-        same joints, the same number of coefficients and the same dependence on the
-        current model; each constant of the model's own has a batch for itself.
+        The candidates with white columns, in batches. A batch holds candidates of the
+        same joints and number of coefficients that depend on the current model in the
+        same way; each of the model's own constants has its own batch.
     """
     groups = dict[Hashable, list[tuple[Candidate, dict[int, Array]]]]()
     for form in (*effect_candidates(data), *own_constant_candidates(data)):
@@ -64,21 +65,20 @@ def list_candidates(data: WhiteData) -> Library:
 
 
 def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
-    """Yield every effect of the library on every joint, with each of its starting
+    """Yield each effect of the library on each joint, with each of its starting
     constants.
 
-    Left out are effects that the model has on that joint already (unless the model is
-    held fixed: they may have changed), that need a motor encoder or a temperature that
-    was not logged, that show at standstill only on a joint that never stands, and those
-    that other effects pass for in these rows.
+    Left out are effects that the model has on that joint already (unless it is frozen:
+    they may have changed), effects that need a motor encoder or a temperature that was
+    not logged, effects that show at standstill only, on a joint that never stands, and
+    effects that look like others in these rows.
     """
     rows = data.rows
     model = data.estimate.model
     taken = set[Key]() if data.frozen else _keys_of(model)
     start = min(float(s.motion.t[0]) for s in rows.segments)
-    stands = (
-        np.mean(rows.still > 0.5, axis=0) > STANDS
-    )  # (n,) joints that stand at times
+    # (n,) joints that stand in more than 2 % of the rows.
+    stands = np.mean(rows.still > 0.5, axis=0) > STANDS
     is_shown = _Shown(rows)
     for name, kind in effect_types().items():
         if kind.frozen_only and not data.frozen:
@@ -87,6 +87,7 @@ def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
             continue
         for joint in (None,) if kind.whole_robot else range(rows.n):
             key = name, joint
+            # "holds": an effect that shows at standstill only.
             if key in taken or (kind.at_rest == "holds" and not stands[joint]):
                 continue
             for effect in kind.candidates(model.robot, joint, start):
@@ -95,9 +96,11 @@ def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
 
 
 def _keys_of(model: Model) -> set[Key]:
-    """Return (name, joint from 0, or None for the robot) of the effects of a model.
+    """Return the keys of the effects of a model: (name, joint from 0, or None for the
+    robot).
 
-    Effects that may come several times on a joint are left out: more can be added.
+    Effects that may come several times on a joint are left out, since more can be
+    added.
     """
     out = set[Key]()
     for effect in model.effects:
@@ -116,8 +119,8 @@ class _Shown:
     """
 
     def __init__(self, rows: SegmentedRuns) -> None:
-        """Note what the rows hold: temperatures, motor encoders, and each joint's
-        coverage.
+        """Collect what the rows show: temperatures, motor encoders, and the range of
+        states that each joint covers.
         """
         motions = [s.motion for s in rows.segments]
         self.has_temperature = all(m.temperature is not None for m in motions)
@@ -125,8 +128,10 @@ class _Shown:
         self.coverage = [rows.seen(joint) for joint in range(rows.n)]
 
     def __call__(self, effect: Effect) -> bool:
-        """Return whether the rows can show the effect; ``looks_like`` is asked for a
-        size of 0.
+        """Return whether the rows can show the effect, and tell it from others.
+
+        ``looks_like`` gives a reason for doubt: what else would look the same in the
+        covered range. The size 0 stands for an effect whose size is not known yet.
         """
         if effect.needs_temperature and not self.has_temperature:
             return False

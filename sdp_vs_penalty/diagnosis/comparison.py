@@ -134,9 +134,11 @@ class Comparison(Record):
         """The upper end of the relative error's 95 % interval, by leaving out one stretch
         of a second of the judged motion after another; unknown without the signals."""
         signals = self.signals
-        seconds, n_rows = signals.seconds, len(signals.t)
+        n_rows = len(signals.t)
+        seconds = signals.seconds
         if seconds is None:
             return None
+        # (M,) number of the stretch of _STRETCH seconds that each row belongs to.
         stretch = (np.arange(n_rows) * (seconds / n_rows) / _STRETCH).astype(np.intp)
         errors = np.bincount(stretch, np.sum(signals.residual**2, axis=1))
         torques = np.bincount(stretch, np.sum(signals.measured**2, axis=1))
@@ -205,8 +207,11 @@ class Comparison(Record):
             What a diagnosis says is missing.
         forward
             What a forward simulation shows.
+        has_open_finding
+            Whether the model lacks an effect that a diagnosis found.
         """
-        links = self.estimate.model.rigid_indices[::10]
+        # Each link has ten parameters in theta, its mass first.
+        mass_indices = self.estimate.model.rigid_indices[::10]
         return judge(
             rmse=self.rmse,
             r2=self.r2,
@@ -216,8 +221,8 @@ class Comparison(Record):
             new_share=self.new_motion_share,
             outside=max(self.outside.values(), default=0.0),
             certificate=self.estimate.certificate,
-            masses=self.estimate.theta[links],
-            nominal=self.estimate.nominal[links],
+            masses=self.estimate.theta[mass_indices],
+            nominal=self.estimate.nominal[mass_indices],
             judged_on=self.runs,
             missing=missing,
             forward=forward,
@@ -283,7 +288,7 @@ class Comparison(Record):
         return axes
 
     def _summary(self) -> Summary:
-        """Return the headline, and rows of label and text for the printed summary."""
+        """Return the printed summary: a headline, and rows of label and text."""
 
         def in_words(values: Array) -> str:
             return ", ".join(f"{x:.3g}" for x in values)
@@ -299,12 +304,16 @@ class Comparison(Record):
 
     @property
     def noise(self) -> tuple[Array | None, str]:
-        """Noise floor (n,) [N m or N], or None, and its source."""
+        """The noise floor (n,) [N m or N], None if it is not known, and the name of its
+        source.
+        """
         return self.noise_floor, self.noise_source
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a table with one row a joint (from 1): error, noise floor, their
-        ratio, R2.
+        """Return a table (data frame) with one row for each joint (from 1).
+
+        Columns: RMS error, noise floor, their ratio, and R2; NaN where the noise is not
+        known.
         """
         import pandas
 
@@ -379,8 +388,9 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
     """Return the upper end of the 95 % interval of a relative error [%], by the
     jackknife.
 
-    The relative error is 100 sqrt(sum errors / sum torques). Each stretch of time is
-    left out in turn.
+    The relative error is e = 100 sqrt(sum errors / sum torques). It is computed K
+    times, each time without one of K stretches of time; its variance is (K - 1) / K
+    times the sum of squared deviations of these values from their mean.
 
     Parameters
     ----------
@@ -392,7 +402,7 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
     Returns
     -------
     float or None
-        Infinite for fewer than three stretches; None without any torque.
+        [%]; infinite for fewer than three stretches; None without any torque.
     """
     if not np.sum(torques) > 0.0:
         return None
@@ -461,8 +471,9 @@ class Comparisons(list[Comparison]):
     """
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a table with one row a model and joint (from 1): rmse, r2,
-        noise_floor.
+        """Return a table (data frame) with one row for each model and joint (from 1).
+
+        Columns: rmse, r2 and noise_floor (NaN if it is not known).
         """
         import pandas
 
@@ -481,16 +492,30 @@ class Comparisons(list[Comparison]):
         return pandas.DataFrame(rows).set_index(["model", "joint"])
 
     def plot(self, axes: Any = None) -> Any:
-        """Plot the errors of all models joint by joint, beside the noise floor; return
-        the axes.
+        """Plot the RMS errors of all models joint by joint, with the noise floor.
 
-        Raises InputError without matplotlib (extra [plot]).
+        Parameters
+        ----------
+        axes
+            Axes of matplotlib to draw in; default: new ones.
+
+        Returns
+        -------
+        matplotlib axes
+            The axes drawn in.
+
+        Raises
+        ------
+        InputError
+            matplotlib is missing (extra [plot]).
         """
         errors = {c.name: c.rmse for c in self}
         return plot_errors(axes, errors, self[0].noise_floor)
 
     def __repr__(self) -> str:
-        """Show the headline of each model, of the first four."""
+        """Return the single comparison's text, or the headlines of the first four
+        models, which fit a terminal.
+        """
         if len(self) == 1:
             return repr(self[0])
         headlines = [f"  {c.name}: {c.verdict.headline}" for c in self[:4]]
@@ -561,9 +586,21 @@ def compare_filtered(
     runs: FilteredRuns,
     noise_from: Source | None = None,
 ) -> Comparisons:
-    """Compare models on runs that are filtered already, and possible for the robot.
+    """Compare models on filtered runs that were checked to be possible for the robot.
 
-    See :func:`compare` for the arguments.
+    Parameters
+    ----------
+    models
+        Models by name.
+    runs
+        Filtered runs to judge on.
+    noise_from
+        Recordings of which the runs are windows, for the noise floor.
+
+    Returns
+    -------
+    Comparisons
+        One comparison for each model.
     """
     first = next(iter(models.values()))
     settings = runs.settings
@@ -592,13 +629,20 @@ def compare_filtered(
 
 
 def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, str]:
-    """Return the noise floor (n,) [N m or N], or None, beside which models are judged,
-    and its source.
+    """Return the noise floor (n,) [N m or N] that models are judged by, and its source.
 
-    It depends only on the first model's problem and on the recordings, so that every
-    command shows the same one. A floor that the model keeps is used if it was measured
-    in the same recordings, or if it comes from repetition and these recordings do not
-    repeat: it is the same arm behind the same filters.
+    It depends only on the first model's problem and on the recordings, so that all
+    commands show the same one. The floor stored with the model is used if it was
+    measured in the same recordings. It is also used if it comes from repetition and
+    these recordings do not repeat, since it is the same arm behind the same filters.
+    None if it is not known.
+
+    Parameters
+    ----------
+    first
+        The first model.
+    shown
+        The filtered recordings.
     """
     stored = _kept_noise(first, shown.settings)
     if stored is not None and stored.data_hash == shown.measurements.data_hash:
@@ -610,10 +654,11 @@ def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, st
 
 
 def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
-    """Return the noise floor that a model keeps of its own recordings, or None.
+    """Return the noise floor stored with a model, from the recordings it was identified
+    from.
 
-    None also where its filters differ from ``settings``: the floor is that behind
-    filters.
+    None if the model stores none, or if its filters differ from ``settings``, behind
+    which a floor holds only.
     """
     if model.preprocessing != settings or model.provenance.get("noise") is None:
         return None
@@ -621,10 +666,21 @@ def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
 
 
 def noise_floor(model: Estimate, recordings: Measurements) -> tuple[Array | None, str]:
-    """Return the noise floor that :func:`compare` judges a model beside, and its
-    source.
+    """Return the noise floor by which :func:`compare` judges a model, and its source.
 
-    The floor is (n,) in N m or N, or None.
+    Parameters
+    ----------
+    model
+        The model, which names the filters.
+    recordings
+        The recordings, with their repetitions if there are any.
+
+    Returns
+    -------
+    (n,) array or None
+        Floor of each joint [N m or N]; None if it is not known.
+    str
+        Source: repetition, a spectrum, or the residual.
     """
     _, with_joint_torque = driven(model, recordings)
     return _noise_floor(model, FilteredRuns.of(with_joint_torque, model.preprocessing))
@@ -644,7 +700,16 @@ def _compare_one(
 ) -> Comparison:
     """Compute the errors of one model on filtered runs.
 
-    floor : noise floor (n,) [N m or N], or None, and its source.
+    Parameters
+    ----------
+    name
+        Name of the model.
+    model
+        The model of joint torque.
+    runs
+        The filtered runs.
+    floor
+        Noise floor (n,) [N m or N], None if it is not known, and its source.
     """
     signals, outside_shares = _predict_runs(model, runs)
     statistics = _ErrorStatistics.of(signals)
@@ -723,7 +788,8 @@ class _ErrorStatistics:
         """Compute the statistics of measured and modelled torque, chunk by chunk of
         rows.
         """
-        # Views of consecutive rows; all sums are over rows, (n,) each.
+        # Chunks are views of consecutive rows, so that long logs need little memory; all
+        # sums are over rows, (n,) each.
         chunks = [chunk for _, chunk in iter_chunks(signals.measured)]
         modelled_chunks = iter_chunks(signals.modelled)
         squares = sum(
@@ -743,8 +809,14 @@ class _ErrorStatistics:
 
 
 def predicted(rows: Rows, theta: Array) -> Array:
-    """Return the modelled torque (M, n) of filtered rows [N m or N].
+    """Return the modelled torque (M, n) of filtered rows [N m or N], regressor times
+    theta.
 
-    theta (p,) : parameters; the columns have passed the same filter as the torque.
+    Parameters
+    ----------
+    rows
+        M rows; the columns of each joint passed the same filter as the torque.
+    theta
+        (p,) parameters in SI units.
     """
     return np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])

@@ -115,10 +115,29 @@ def diagnose_runs(
     gain_uncertainty: float | None = None,
     rules: Rules = ALL_RULES,
 ) -> Diagnosis:
-    """Run the method on filtered recordings, one function a step.
+    """Run all steps of a diagnosis on filtered recordings.
 
-    Rows and candidates are computed once for the same ``runs``, whatever the rules. See
-    :func:`diagnose` for the options.
+    The steps are: search, delays, errors on data left out, unexplained torque, rivals,
+    measured curves, conclusion. Rows and candidates are stored in ``runs``, so that a
+    second call with other rules computes only the steps.
+
+    Parameters
+    ----------
+    runs
+        The recordings and the model.
+    seed
+        Seed of the random draws for the band of a curve.
+    progress
+        Called with a short text at each step.
+    gain_uncertainty
+        Relative standard deviation of the torque channels' gains; default: the model's.
+    rules
+        Optional rules of the search that apply.
+
+    Returns
+    -------
+    Diagnosis
+        Findings and verdict.
     """
     progress("noise, and columns of all candidates")
     finished_search = search(runs.white_data, runs.candidates, rules, progress)
@@ -150,9 +169,16 @@ def diagnose_runs(
 
 
 def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:
-    """Return a factor (n, e) of the covariance of the torque channels' gains.
+    """Return a factor (n, e) of the covariance G G' of the torque channels' relative
+    gains.
 
-    ``gain_uncertainty`` is a relative standard deviation; None: the model's own.
+    Parameters
+    ----------
+    model
+        The model of n joints.
+    gain_uncertainty
+        Relative standard deviation of each gain, independent of the others; None: the
+        factor that the model has.
     """
     if gain_uncertainty is None:
         return model.uncertainty.gain_errors
@@ -176,7 +202,7 @@ class DiagnosisRuns:
     frozen: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InputError where recordings have not the model's number of joints."""
+        """Raise InputError if a recording has another number of joints than the model."""
         named = {
             "measurements": self.measurements,
             "test run": self.test,
@@ -188,8 +214,11 @@ class DiagnosisRuns:
 
     @cached_property
     def _driven(self) -> tuple[Estimate, Measurements]:
-        """The model and the measurements with torque computed by the drives, where it
-        has some.
+        """The model without its drives, and the measurements with the torque at the
+        joints.
+
+        If the model has drives, their model computes that torque from the motor
+        currents; else both are unchanged.
         """
         return driven(self.model, self.measurements)
 
@@ -210,7 +239,9 @@ class DiagnosisRuns:
 
     @property
     def subsample_remark(self) -> str | None:
-        """A remark where only windows of the measurements are searched, else None."""
+        """A sentence for the user if only windows of long measurements are searched,
+        else None.
+        """
         return subsample_sentence(
             self.searched,
             self._driven[1],
@@ -236,9 +267,7 @@ class DiagnosisRuns:
 
     @property
     def noise_rows(self) -> SegmentedRuns | None:
-        """The filtered rows in which the noise is measured; None for the searched
-        rows.
-        """
+        """The filtered rows in which the noise is measured; None: in the searched rows."""
         if self.noise_from is None:
             return None
         return with_estimate(
@@ -258,18 +287,17 @@ class DiagnosisRuns:
         return diagnosis_rows(self._test_windows, self.estimate, self.settings)
 
     def _windows(self, runs: Measurements) -> Measurements:
-        """Return the windows of recordings, with torque computed by the model's
-        drives.
-        """
+        """Return windows of long recordings, with the torque at the joints."""
         return window_subsample(driven(self.model, runs)[1], self.settings)
 
     @cached_property
     def new_motion_share(self) -> float | None:
-        """Share of the test run's motion that is in no recording used before; None if
-        unknown.
+        """Share (0 to 1) of the test run's motion that no recording used for the model
+        contains.
 
-        Used are the searched recordings and, for a model held fixed, those it was
-        identified from.
+        Those are the searched recordings and, for a frozen model, those it was
+        identified from. None if there is no test run, or if the motion of those is not
+        recorded.
         """
         if self._test_windows is None:
             return None

@@ -59,19 +59,29 @@ class _Group:
 
     @property
     def margin(self) -> float:
-        """The difference in deviance within which a rival explains as much."""
+        """Difference in deviance [no unit] within which a rival explains as much as the
+        group.
+
+        It is 6 (odds of 20 to 1) times the number of rows that count as one, plus 4 %
+        of what the group explains.
+        """
         return EVIDENCE_TO_DISTINGUISH * self.worth + LAW_TOLERANCE * self.drop
 
     def is_rival(self, other: ScoredEffect) -> bool:
-        """Return whether these rows do not tell another effect from the group."""
+        """Return whether these rows cannot tell another effect from the group.
+
+        The other effect pays for its additional coefficients, one unit of deviance each
+        (times the number of correlated rows that count as one), and may then explain
+        less by at most :attr:`margin`.
+        """
         more = max(other.freedom - self.freedom, 0.0) * self.worth
         return other.drop - more > self.drop - self.margin
 
 
 def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Explanation:
-    """Return the findings, each with the rivals that no data tell from it.
+    """Find the rivals of each finding: effects that all data confuse with it.
 
-    Neither the searched rows nor the data left out do.
+    A rival fits the searched rows as well, and predicts the data left out as well.
 
     Parameters
     ----------
@@ -110,7 +120,7 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
 
 
 def _one_a_candidate(rivals: Sequence[ScoredEffect]) -> tuple[ScoredEffect, ...]:
-    """Keep the first rival of each candidate (effect and joint), in order."""
+    """Keep the first rival of each key (effect and joint), in order."""
     by_key = {r.key: r for r in reversed(rivals)}
     return tuple(reversed(by_key.values()))
 
@@ -121,10 +131,21 @@ def _predicts_as_well(
     group: _Group,
     rival: int,
 ) -> bool:
-    """Return whether a rival predicts data left out as well as the group it replaces.
+    """Return whether a rival predicts data left out as well as the group that it
+    replaces.
 
-    rival : its number among the effects of ``held_out``. The sum of log errors may rise
-    by less than 1 %.
+    The sum of the joints' log errors may rise by less than MINOR (1 %).
+
+    Parameters
+    ----------
+    explanation
+        All constants and findings; their numbers in ``held_out`` come first.
+    held_out
+        Errors on data left out of any selection of effects, by number.
+    group
+        The findings that the rival replaces.
+    rival
+        Number of the rival among the effects of ``held_out``.
     """
     replaced = {t.text for t in group.terms}
     before = range(len(explanation.terms))
@@ -135,7 +156,9 @@ def _predicts_as_well(
 
 
 def _groups(search: Search) -> list[_Group]:
-    """List each finding alone, and all findings of one effect on several joints
+    """List the groups of findings that one candidate may replace.
+
+    They are each finding alone, and all findings of one effect on several joints
     together.
     """
     terms = search.terms
@@ -153,9 +176,16 @@ def _judge_group(
     full: WhiteFit,
     terms: tuple[ScoredEffect, ...],
 ) -> _Group:
-    """Compute what a group of findings explains beside all others.
+    """Compute what a group of findings explains beside all other findings.
 
-    ``full`` is a fit with all columns, which are used again.
+    Parameters
+    ----------
+    search
+        The search with all findings.
+    full
+        A fit with all findings, whose columns are used again.
+    terms
+        The findings of the group.
     """
     others = [t for t in search.terms if t not in terms]
     terms_beside = search.nuisances.with_law_misfits(others)
@@ -180,7 +210,10 @@ def _judge_group(
 
 
 def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
-    """List the candidates that the searched rows do not tell from a group."""
+    """List the candidates that the searched rows cannot tell from a group of findings.
+
+    The shape constants of promising candidates are refined before they are judged.
+    """
     judge = partial(search.evidence_of, group.fit)
     out = []
     for form in _promising(search, group):
@@ -191,11 +224,11 @@ def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
 
 
 def _promising(search: Search, group: _Group) -> list[Candidate]:
-    """List the best form of each law that explains at least half of what the group
-    does.
+    """List the candidates that explain at least half of what the group explains.
 
-    At most MAX_CANDIDATES_REFINED, the best first. Half (_PROMISING), since constants
-    stand on a coarse grid and are refined afterwards.
+    There are at most MAX_CANDIDATES_REFINED, the best first, with one set of shape
+    constants for each law. Half (_PROMISING) is enough, since constants lie on a coarse
+    grid and are refined afterwards.
     """
     best = dict[Hashable, tuple[float, Candidate]]()
     for batch in search.library.batches:
@@ -234,9 +267,10 @@ def _that_may_stand(
     group: _Group,
     batch: Batch,
 ) -> list[int]:
-    """List the numbers of the batch's candidates that may replace the group.
+    """List the numbers (in the batch) of the candidates that may replace the group.
 
-    They are not present already, and may join the other findings.
+    Left out are effects that are among the findings already, and those that may not be
+    combined with the other findings.
     """
     present = {t.key for t in search.terms}
     picked = [t.form for t in group.others]

@@ -175,20 +175,24 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     unrepeated = _unrepeated_rows(data, residual)
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
-        # The noise may be larger than was thought; its median does not see an event.
-        steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
+        # The noise may be larger than estimated. A scale from the median corrects that,
+        # and is not changed by an event.
+        is_known = white[:, j] != 0.0
+        steady = white[:, j] / max(robust_scale(white[is_known, j]), 1.0)
         degrees = float(noise.degrees[j])
         is_outlier = local_excess(steady, rows.pieces[j], rows.n, degrees)
         suspect = unrepeated[:, j]
         if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            # A push of a second stands out in N m rather than in what is white.
-            torque = residual[:, j] * (white[:, j] != 0.0)
+            # A push of a second stands out of the torque in N m rather than out of the
+            # whitened one, in which slow changes are small.
+            torque = residual[:, j] * is_known
             lone = _lone_rows(data, torque, j, slow)
             lone |= _lone_rows(data, white[:, j], j, slow)
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
             is_outlier &= lone
             suspect = suspect & (lone | ~slow)
+        # Outliers in many rows are an error of the model, and no events.
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
         out[:, j] |= suspect
@@ -369,7 +373,8 @@ def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
         longest = max((len(p) for p in pieces), default=0)
         series = [searched_torque[p, j] for p in pieces if 2 * len(p) > longest]
         frequencies = spectral_lines(series, rows.rate, rows.n)
-        # What the low-pass folds has no flat surroundings.
+        # Above the cut-off the low-passed spectrum is not flat around a frequency, as
+        # the test of a line assumes.
         lines = [f for f in frequencies if f < rows.cutoff]
         if lines:
             out[j] = lines
@@ -426,5 +431,6 @@ def spectral_lines(
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
     is_line = (excess > limit) & (frequency > lowest)
+    # One line spreads over some bins: the largest of 7 counts.
     peaks = is_line & (excess >= scipy.ndimage.maximum_filter1d(excess, 7))
     return [float(f) for f in frequency[peaks]]

@@ -39,17 +39,19 @@ class Explanation:
 
     @property
     def estimate(self) -> Estimate:
-        """The model, with re-estimated constants, beside the findings."""
+        """The model with re-estimated constants, beside which the findings are judged."""
         return self.search.data.estimate
 
     @property
     def shapes(self) -> tuple[ShapeEstimate, ...]:
-        """The re-estimated constants with their values before and after."""
+        """The re-estimated shape constants (such as a Stribeck velocity), with the
+        values before and after.
+        """
         return tuple(changed_constants(self.constants, self.first.model))
 
     @property
     def terms(self) -> list[ScoredEffect]:
-        """The constants, then the findings."""
+        """All effects of the explanation: re-estimated constants first, then findings."""
         return [*self.constants, *self.search.terms]
 
 
@@ -59,26 +61,27 @@ def explain(
     constants: Sequence[ScoredEffect],
     findings: Sequence[ScoredEffect],
 ) -> Explanation:
-    """Judge findings beside the model with re-estimated constants.
+    """Judge findings beside the model with re-estimated shape constants.
 
-    Findings that the rows contradict there (J <= 0) are dropped. Where columns refer to
-    the model's torque, they are computed anew after each drop, until none is dropped.
+    Findings with evidence J <= 0 are dropped, since the rows contradict them. Columns
+    that are computed from the model's torque (of a gain or a delay) are computed anew
+    after each drop, until none is dropped.
 
     Parameters
     ----------
     search
-        The search that has found them.
+        The search that has found the effects.
     first
-        The model as it was given.
+        The model before any constant was re-estimated.
     constants
-        Candidates that replace the model's own effects.
+        Candidates that replace the model's own effects, with other constants.
     findings
-        The effects.
+        The effects found.
 
     Returns
     -------
     Explanation
-        Those that stay.
+        The model with the effects that remain.
     """
     model = first
     if constants:
@@ -101,7 +104,16 @@ def explain(
 
 
 def explain_in_order(search: Search, first: Estimate) -> Explanation:
-    """Return all that a search has found, the findings with most evidence first."""
+    """Explain the torque by all that a search has found, sorted by evidence, highest
+    first.
+
+    Parameters
+    ----------
+    search
+        The finished search.
+    first
+        The model before any constant was re-estimated.
+    """
     constants = [t for t in search.terms if t.form.replaces_own_constant]
     findings = [t for t in search.terms if not t.form.replaces_own_constant]
     out = explain(search, first, constants, findings)
@@ -111,11 +123,19 @@ def explain_in_order(search: Search, first: Estimate) -> Explanation:
 
 
 def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
-    """Return the errors on data left out, for any selection of constants and findings.
+    """Return an object that computes errors on data left out for any selection of
+    effects.
 
-    They are judged on the test run. Without one, on three folds by the phase of the
-    motion: what selects a model has to leave much out (Shao 1993). The model is fitted
-    as `add` fits it.
+    Effects are numbered: re-estimated constants first, then findings. Errors are those
+    of the test run. Without one, they are those of three folds by the phase of the
+    motion: what selects a model has to leave much out (Shao 1993).
+
+    Parameters
+    ----------
+    explanation
+        The model with constants and findings.
+    judge
+        The data left out.
     """
     # The given model's constants: those re-estimated are among the effects to choose.
     estimate = replace(explanation.first, theta=explanation.estimate.theta)
@@ -130,10 +150,19 @@ def drop_harmful(
 ) -> Explanation:
     """Drop constants and findings that raise the error on data left out.
 
-    The harm of one is what it adds to the sum of the joints' log errors, beside all
-    others. The most harmful one is dropped while it does 1 % or more. Where the noise
-    is unknown, each one has to lower the sum by 1 % to stay, since evidence against a
-    guessed noise proves nothing.
+    The harm of an effect is what it adds to the sum of the joints' log errors, beside
+    all others. The most harmful effect is dropped while its harm is 1 % or more. If the
+    noise is unknown, an effect has to lower the sum by 1 % to stay, since evidence
+    against a guessed noise proves nothing.
+
+    Parameters
+    ----------
+    explanation
+        The model with constants and findings.
+    held_out
+        Errors on data left out, with the effects in the explanation's order.
+    search
+        The search, for fitting again what remains.
     """
     terms = explanation.terms
     n_own = len(explanation.constants)
@@ -168,9 +197,17 @@ class Ladder:
         held_out: HeldOut,
         judged: Sequence[ScoredEffect],
     ) -> Ladder:
-        """Return the ladder of an explanation.
+        """Make the ladder of an explanation: the order in which its effects are added.
 
-        judged : all effects that ``held_out`` knows, in its order.
+        Parameters
+        ----------
+        explanation
+            The effects that remain.
+        held_out
+            Errors on data left out of any selection of the judged effects.
+        judged
+            All effects that ``held_out`` knows, in its order; some may have been
+            dropped since.
         """
         place = {t.text: k for k, t in enumerate(judged)}
         offered = tuple(place[t.text] for t in explanation.terms)
@@ -178,26 +215,38 @@ class Ladder:
 
     @property
     def errors(self) -> Array:
-        """(findings + 1, n) errors [N m or N]: without any finding, then with one more
-        each.
+        """(F + 1, n) RMS errors on data left out with the first 0, 1, ... F findings [N
+        m or N].
 
-        All re-estimated constants are included from the begin.
+        All rows include the re-estimated constants.
         """
         steps = range(self.n_own, len(self.offered) + 1)
         return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
 
     def errors_without(self, k: int) -> Array:
-        """Return errors (n,) with all but the one at place k of those offered."""
+        """Return the errors (n,) with all offered effects except the one at place k [N
+        m or N].
+        """
         others = [i for i in self.offered if i != self.offered[k]]
         return self.held_out.errors(others)
 
     def harmful_together(self, is_sure: Sequence[bool]) -> list[bool]:
-        """Return, for each constant and each finding, whether it does harm beside the
+        """Return for each constant and each finding whether it does harm beside the
         certain ones.
 
-        is_sure : for each finding, whether it is certain; constants count as certain.
-        Harm is a higher sum of log errors, or one joint's error above 1.05 times that
-        without any.
+        Harm is a higher sum of the joints' log errors, or an error of one joint above
+        1.05 times that without any effect.
+
+        Parameters
+        ----------
+        is_sure
+            Whether each finding is certain; re-estimated constants all count as
+            certain.
+
+        Returns
+        -------
+        list of bool
+            Constants first, then findings; False for findings that are not certain.
         """
         certain = list(self.offered[: self.n_own])
         findings = self.offered[self.n_own :]

@@ -95,8 +95,9 @@ class Rated(JsonRecord):
     def rating(self) -> Rating:
         """ "confident", "near-tie" or "weak".
 
-        A near-tie is weak for one reason only: another effect fits as well. Its torque
-        is present; what is open is its name.
+        A finding whose only remark is that another effect fits as well is a near-tie:
+        its torque is there, and only the effect's name is open. All other doubts make
+        it weak.
         """
         if self.confidence == "confident":
             return "confident"
@@ -118,10 +119,11 @@ class Rated(JsonRecord):
 
 
 def is_law_of(name: str, other: str) -> bool:
-    """Return whether two effects are laws of one effect: equal, or one refines the
-    other.
+    """Return whether two effects, given by name, are laws (formulas) of one physical
+    effect.
 
-    ``name`` and ``other`` are names of effects.
+    They are if the names are equal, or if one effect declares that it refines the
+    other, as Stribeck friction refines Coulomb friction.
     """
     if name == other:
         return True
@@ -188,7 +190,9 @@ class Finding(Rated):
 
     @property
     def splits_sentence(self) -> str:
-        """How many splits of one run show it; "" where none were compared."""
+        """A sentence on how many splits of the run show the finding; "" if none were
+        compared.
+        """
         if not self.n_splits:
             return ""
         return (
@@ -197,7 +201,7 @@ class Finding(Rated):
 
     @property
     def size_text(self) -> str:
-        """The size with its 95 % interval."""
+        """The size with its 95 % interval, such as "3.123 ± 0.49 N m (95 %)"."""
         return format_size(self.size, self.std, self.unit)
 
     def to_dict(self) -> dict[str, Any]:
@@ -213,10 +217,11 @@ class Finding(Rated):
 
     @property
     def effect_is_certain(self) -> bool:
-        """Whether the effect is present, only its law or size perhaps open.
+        """Whether the effect is certainly present, though its formula or size may be
+        open.
 
-        True for a confident finding, and for a near-tie whose rivals are all laws of
-        the same effect.
+        True for a confident finding, and for a near-tie whose rivals are all formulas
+        of the same physical effect.
         """
         if self.rating == "near-tie":
             return all(is_law_of(name, self.effect) for name in self._rival_effects)
@@ -224,12 +229,14 @@ class Finding(Rated):
 
     @property
     def _rival_effects(self) -> list[str]:
-        """Names of the effects that fit as well, without joints and constants."""
+        """Names of the effects that fit as well, such as "backlash" for
+        "backlash:3@w=0.01".
+        """
         return [re.split("[:@]", name)[0] for name in self.rivals_without_curve]
 
     @property
     def on_the_arm(self) -> str:
-        """What it is on the arm, in one sentence with its size."""
+        """A sentence on what the effect is mechanically on the arm, with its size."""
         fitted = FittedEffect(
             name=self.effect,
             joints=self.joints,
@@ -242,13 +249,19 @@ class Finding(Rated):
 
     @property
     def seen_against(self) -> str:
-        """What its torque is drawn against, by the name of a cause; "" where no one
-        signal shows it."""
+        """Name of the quantity against which charts draw the effect's torque, such as
+        "velocity"; "" if no single signal shows it.
+        """
         return SEEN_AGAINST.get(self.effect, "")
 
     @property
     def physics(self) -> str:
-        """What the effect is, in a sentence or two, without its size and its rivals."""
+        """The physics of the effect in a sentence or two, without its size and its
+        rivals.
+
+        ``explanation`` has the size in its first sentence and the rivals in its last
+        one.
+        """
         text = self.explanation.partition(". ")[2]
         return text.partition(" Indistinguishable in these data from")[0]
 
@@ -261,11 +274,14 @@ class Finding(Rated):
 
     @property
     def undecided(self) -> str | None:
-        """What a new recording has to decide, as `excite --separate` takes it.
+        """The effects that a new recording has to tell apart, as `excite --separate`
+        takes them.
 
-        It is the finding and its first rival; or a weak finding alone, which may not be
-        present at all. None for a confident finding without rivals, beside a measured
-        curve, and where the gears' temperature has to differ and not the motion
+        They are the finding and its first rival, such as "backlash:3,spring:3", or a
+        weak finding alone, which may not be present at all.
+
+        None if nothing is open (a confident finding without rivals), if a measured
+        curve is the rival, or if a motion cannot decide
         (:attr:`cool_down_instruction`).
         """
         if CURVE in self.indistinguishable_from or self.cool_down_instruction:
@@ -273,13 +289,13 @@ class Finding(Rated):
         if not self.joints or not self.indistinguishable_from:
             return self.text if self.confidence == "weak" else None
         rival = self.indistinguishable_from[0]
-        if ":" not in rival:  # without joints of its own it acts on the finding's
+        if ":" not in rival:  # a rival without joints acts on those of the finding
             rival = f"{rival}:{self.joints[0]}"
         return f"{self.text},{rival}"
 
     def telling_run(self, model: str, number: int) -> str:
-        """Return the command that designs a recording to decide what is open, or an
-        instruction.
+        """Return the command that designs a recording by which an open question is
+        decided.
 
         Parameters
         ----------
@@ -291,8 +307,8 @@ class Finding(Rated):
         Returns
         -------
         str
-            The command, the instruction to let the gears cool down, or "" where nothing
-            is open.
+            The command; or, if no motion can decide, the instruction to let the gears
+            cool down; or "" if nothing is open.
         """
         if self.undecided is None:
             instruction = self.cool_down_instruction
@@ -316,14 +332,12 @@ class Finding(Rated):
         """
         if self.joints:
             return self.joints[0]
-        before = np.maximum(self.held_out_rmse_before, 1e-300)
+        before = np.maximum(self.held_out_rmse_before, 1e-300)  # never divide by 0
         return int(np.argmin(self.held_out_rmse_after / before)) + 1
 
     def explained_share(self, j: int) -> float:
-        """Return the share of joint j's error variance on data left out that the
-        finding removes.
-
-        j counts from 0.
+        """Return the share of joint j's (from 0) error variance that the finding
+        removes, on data left out: 1 - (RMSE after / RMSE before)^2, at least 0.
         """
         before = self.held_out_rmse_before[j]
         after = self.held_out_rmse_after[j]
@@ -332,10 +346,15 @@ class Finding(Rated):
         return max(0.0, 1.0 - float(after / before) ** 2)
 
     def gain_sentence(self, diagnosis: Diagnosis) -> str:
-        """Say how adding the finding changes its joint's error on data left out.
+        """Say how adding the finding changes its joint's RMS error on data left out.
 
-        Findings before it in the list are added already. Errors are in multiples of the
-        noise where that is known.
+        The findings before it in the list are added already. If the noise is known,
+        errors are in multiples of it, with N m in brackets.
+
+        Parameters
+        ----------
+        diagnosis
+            The diagnosis of the finding, for the noise and units.
         """
         j = self.main_joint - 1
         before = float(self.held_out_rmse_before[j])
@@ -356,11 +375,12 @@ class Finding(Rated):
 
     @property
     def cool_down_instruction(self) -> str:
-        """How to tell an effect of temperature from its rival over time, else "".
+        """How to tell an effect of temperature from a rival that changes with time;
+        else "".
 
         No motion separates the two, but a recording after the gears have cooled down
-        does. Whether an effect follows the clock is asked of its class: a search tries
-        the ones that may follow either by temperature only.
+        does. A search tries only the temperature for effects that may follow either, so
+        that such a rival makes the finding one of temperature.
         """
         types = effect_types()
         rivals = [types[name] for name in self._rival_effects]
@@ -491,7 +511,9 @@ class Diagnosis(Record, JsonRecord):
         )
 
     def _refuse_unknown(self, numbers: Sequence[float]) -> None:
-        """Raise InputError where a number is not that of a finding, from 1."""
+        """Raise InputError if one of the numbers is not that of a finding, counted from
+        1.
+        """
         n_findings = len(self.effects)
         for number in numbers:
             if number not in range(1, n_findings + 1):
@@ -501,11 +523,13 @@ class Diagnosis(Record, JsonRecord):
                 )
 
     def with_judged_errors(self, before: Array, after: Array) -> Diagnosis:
-        """Return the diagnosis with errors on the test run that the final models have.
+        """Replace the errors of the search on the test run by those of the final
+        models.
 
         The search fits by least squares; `compare` and `add` fit by the model's own
-        method, and print slightly other numbers. The errors of the search stay for weak
-        findings, and where the certain findings do not come first in the list.
+        method, and print slightly different numbers. The search's errors stay for weak
+        findings, and if the certain findings do not come first in the list, for all but
+        the first error.
 
         Parameters
         ----------
@@ -517,7 +541,7 @@ class Diagnosis(Record, JsonRecord):
         Returns
         -------
         Diagnosis
-            With these errors.
+            With these errors; unchanged if it re-estimates constants of the model.
         """
         if self.retuned:
             return self
@@ -565,7 +589,7 @@ class Diagnosis(Record, JsonRecord):
         return self._count("weak")
 
     def _count(self, rating: Rating) -> int:
-        """Count the findings of one rating."""
+        """Count the findings of one rating: "confident", "near-tie" or "weak"."""
         return sum(f.rating == rating for f in self.effects)
 
     @fact("times the noise", name="error on data left out")
@@ -586,10 +610,11 @@ class Diagnosis(Record, JsonRecord):
         return self.noise_floor
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a table with one row a finding.
+        """Return a table (data frame) with one row for each finding.
 
         Columns: effect, joints, size with half its 95 % interval, unit, rating,
-        evidence, and the error on data left out of its main joint, before and after.
+        evidence, and the RMS error of its main joint on data left out, before and after
+        adding it.
         """
         import pandas
 
@@ -615,14 +640,16 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def sure(self) -> tuple[Finding | Retune, ...]:
-        """Findings and re-estimated constants whose torque is certain: what to add."""
+        """The re-estimated constants and findings whose torque is certain: what should
+        be added.
+        """
         candidates: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
         return tuple(f for f in candidates if f.torque_is_certain)
 
     @property
     def texts(self) -> list[str]:
-        """Every finding and re-estimated constant in its written form, as `add` takes
-        it.
+        """All findings and re-estimated constants as texts that `add` takes, such as
+        "backlash:3@w=0.01".
         """
         return [
             *(f.text for f in self.effects),
@@ -631,17 +658,17 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def noise_known(self) -> bool:
-        """Whether the noise was measured apart from the error, if only within a factor
-        of two.
+        """Whether the noise was measured separately from the model's error.
 
-        False where it was taken from the residual itself.
+        From repetitions it is exact, from a spectrum within a factor of two. False if
+        it was taken from the residual itself.
         """
         return self.noise_source != RESIDUAL
 
     @property
     def headline(self) -> str:
-        """One or two sentences: what is missing, and which isolated disturbances there
-        were.
+        """One or two sentences: what is missing, how well the noise is known, and the
+        number of isolated disturbances.
         """
         text = self._missing
         if self.noise_source == SPECTRUM:
@@ -688,7 +715,11 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def _nothing(self) -> str:
-        """The sentence for a diagnosis without findings where the noise is known."""
+        """The headline of a diagnosis without findings if the noise is known.
+
+        It names the joint with the largest error over noise, and joints with torque
+        that no effect explains.
+        """
         over = self.held_out_over_noise
         if over is None or not len(over):
             return "Nothing is missing that these measurements could show."
@@ -731,8 +762,8 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def joints_above_noise(self) -> list[int]:
-        """Joints (from 1) whose error with everything found is above ABOVE_NOISE noise
-        floors.
+        """Joints (from 1) whose error, with all findings added, exceeds ABOVE_NOISE
+        times the noise floor; empty if the noise is not known.
         """
         over = self.held_out_over_noise
         if over is None:
@@ -741,8 +772,8 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def left_sentence(self) -> str:
-        """A sentence with the error on data left out of each joint, with everything
-        found.
+        """A sentence with the RMS error of each joint on data left out, with all
+        findings added.
         """
         start = "Error on data left out, with everything found"
         facts = self.facts()
@@ -761,8 +792,8 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def unexplained_sentence(self) -> str:
-        """A clause on the torque that no effect explains, with joints and size; ""
-        without any.
+        """A clause on the torque that no effect explains, with joints and RMS; "" if
+        there is none.
         """
         if self.verdict != "unknown_effect":
             return ""
@@ -804,7 +835,9 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def sure_text(self) -> str:
-        """The findings in :attr:`sure`, in words: which ratings they have."""
+        """Words for the findings in :attr:`sure`, such as "the confident findings and
+        the near-ties".
+        """
         kinds = {f.rating for f in self.sure}
         names = {
             "confident": "the confident findings",
@@ -859,7 +892,7 @@ class Diagnosis(Record, JsonRecord):
 
 
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:
-    """Count findings by rating, in words: "2 confident, 1 near-tie and 1 weak"."""
+    """Count findings by rating, in words, such as "2 confident, 1 near-tie and 1 weak"."""
     ratings = [f.rating for f in findings]
     counts = [
         f"{ratings.count(kind)} {kind}" for kind in get_args(Rating) if kind in ratings
@@ -868,7 +901,10 @@ def rating_counts(findings: Sequence[Finding | Retune]) -> str:
 
 
 def named_on_joints(findings: Sequence[Finding | Retune]) -> str:
-    """Name effects in words, each with all joints that it was found on."""
+    """Name the effects of findings in words, each once with all of its joints.
+
+    For example "backlash on joints 2 and 3; payload".
+    """
     joints_by_effect: dict[str, set[int]] = {}
     for finding in findings:
         joints_by_effect.setdefault(finding.effect, set()).update(finding.joints)
@@ -897,16 +933,16 @@ def load_diagnosis(path: str | Path) -> Diagnosis:
     Raises
     ------
     InputError
-        The file is none, lacks a field, or has another format.
+        The file is no findings.json, lacks a field, or has another format.
     """
     return read_json(path, "findings.json", "verdict", _diagnosis_of)
 
 
 def _diagnosis_of(data: Mapping[str, Any]) -> Diagnosis:
-    # The first versions did not name the format.
     """Make a diagnosis of the content of a findings.json, after a check of its
     format.
     """
+    # Files of the first version (1) do not name their format.
     require_format(data, FINDINGS_FORMAT, unmarked=1)
     return Diagnosis.from_dict(data)
 
@@ -951,8 +987,10 @@ class Retune(Rated):
         return f"{s.effect}:{self.joint}@{s.shape}={s.after:.6g}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON; std is null where the data bound the constant on one side
-        only.
+        """Return plain JSON of one level: the constant's fields beside those of the
+        report.
+
+        std is null if it is infinite: the data bound the constant on one side only.
         """
         fields = super().to_dict()
         # The estimate's fields stand beside those of the report, not within.
@@ -961,9 +999,10 @@ class Retune(Rated):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Restore a re-estimated constant from what :meth:`to_dict` wrote.
+        """Restore a re-estimated constant from the JSON of :meth:`to_dict`.
 
-        Older files do not say whether it lies at the end of its range.
+        Older files lack "at_end" (whether the value lies at the end of its range):
+        False then.
         """
         return super().from_dict(
             {

@@ -22,26 +22,25 @@ from sdp_vs_penalty.robot.arrays import Array
 def refer_columns_to_current_model(
     search: Search, progress: Progress = no_progress
 ) -> Search:
-    """Search again with columns computed from the torque that the findings have
+    """Continue a search with columns computed from the torque that the findings have
     changed.
 
-    A delay or a filter acts on all of the torque, also on what the findings make. Its
-    columns are therefore computed from the model re-fitted beside the findings, plus
-    the findings' torque. The search goes on with these columns, and columns are
-    computed again, until the findings are ones that it has had before: a Gauss-Newton
-    iteration.
+    A delay or a filter acts on all torque, also on that of the findings. Its columns
+    are therefore computed from the torque of the model, refitted beside the findings,
+    plus the findings' torque. Search and columns alternate (a Gauss-Newton iteration)
+    until a set of findings comes back.
 
     Parameters
     ----------
     search
         A finished search.
     progress
-        Is called with a short text whenever an effect is added.
+        Called with a short text whenever an effect is added.
 
     Returns
     -------
     Search
-        The continued search; the same one where neither a finding nor the model delays
+        The continued search; the given one if neither a finding nor the model delays
         torque.
     """
     known_sets = list[set[Key]]()
@@ -61,13 +60,19 @@ def refer_columns_to_current_model(
 
 
 def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
-    """Continue a search without delays if a delay shows once the findings' torque is
-    included.
+    """Search for delays once more, in columns that include the findings' torque.
 
     A causal filter beside pre-sliding friction, for example, does not show in the
-    torque of a model whose friction jumps at a reversal: the torque that it delays is
-    the findings'. Returns the given search where no delaying candidate has enough
-    evidence.
+    torque of a model whose friction jumps at a reversal: it delays the torque of the
+    findings.
+
+    Parameters
+    ----------
+    search
+        A search whose findings contain no delay. It is returned if no delaying
+        candidate has enough evidence.
+    progress
+        Called with a short text whenever an effect is added.
     """
     referred = refer_once(search)
     referred.library = search.library.only(_delays, referred.data)
@@ -79,8 +84,9 @@ def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
 
 
 def _is_delay(effect: Effect) -> bool:
-    """Return whether an effect delays torque: its columns are a memory of the joint
-    torque.
+    """Return whether an effect delays torque.
+
+    Its columns are computed from the joint torque, and depend on the torque's past.
     """
     return effect.needs_torque and effect.has_memory
 
@@ -91,10 +97,11 @@ def _delays(form: Candidate) -> bool:
 
 
 def delays_torque(search: Search) -> bool:
-    """Return whether a finding, or an effect of the model, delays the findings' torque.
+    """Return whether a finding, or an effect of the model, delays the torque of
+    findings.
 
-    False without findings: then all delayed torque is the model's own, which its
-    columns hold already.
+    False without findings: all delayed torque is then the model's own, whose columns
+    contain the delay already.
     """
     effects = [t.form.effect for t in search.terms]
     effects += search.data.estimate.model.effects
@@ -103,12 +110,12 @@ def delays_torque(search: Search) -> bool:
 
 
 def refer_once(search: Search) -> Search:
-    """Return the search with columns computed from the torque of model and findings
+    """Recompute the search's columns once, from the torque of model and findings
     together.
 
-    Parameters of both are fitted again by least squares, side by side: the model fitted
-    without the findings has absorbed a part of their torque. For backlash in a gear, 14
-    % of its size went missing without this step.
+    The parameters of both are first fitted together by least squares, since a model
+    fitted without the findings has absorbed a part of their torque. Without this step
+    14 % of the size of a backlash went missing.
     """
     data = search.data
     theta, _ = least_squares_refit(data, [t.form.effect for t in search.terms])

@@ -44,7 +44,12 @@ def has_open_finding(diagnosis: Diagnosis, estimate: Estimate) -> bool:
 def still_missing(diagnosis: Diagnosis, estimate: Estimate) -> str:
     """Say in a sentence which findings of a diagnosis a model does not have.
 
-    The diagnosis is one of this model, or of one that it grew from.
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis of this model, or of one that it was extended from.
+    estimate
+        The model.
     """
     if not diagnosis.effects:
         return diagnosis.headline

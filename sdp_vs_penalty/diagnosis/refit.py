@@ -15,29 +15,31 @@ from sdp_vs_penalty.robot.arrays import Array
 def least_squares_refit(
     data: WhiteData, effects: Sequence[Effect]
 ) -> tuple[Array, Array]:
-    """Fit the model and effects beside it by weighted least squares, without
+    """Fit the model and more effects together by weighted least squares, without
     constraints.
 
-    Each joint is weighted by its residual, in three rounds. Plausible sizes are priors.
-    Combinations of parameters that the rows do not determine keep the model's values.
+    Each joint's rows are divided by the RMS of its residual, which is updated three
+    times. Plausible sizes of the parameters are priors. Combinations of parameters that
+    the rows do not determine keep the model's values.
 
     Parameters
     ----------
     data
-        White rows with the model.
+        White rows (weighted so that the noise is independent with variance 1), with the
+        model.
     effects
-        The effects beside it.
+        The effects beside it, with k parameters.
 
     Returns
     -------
     (p + k,) array
-        Parameters in SI units, the model's first.
+        Parameters in SI units, the model's first; a frozen model has p = 0.
     (M, n) array
-        The torque that they leave [N m or N], not white.
+        The residual torque [N m or N], not whitened.
     """
     columns_of_effects = [spread_columns(data.rows, e) for e in effects]
     columns = np.concatenate([data.raw, *columns_of_effects], axis=2)
-    n, _, p = columns.shape
+    n, _, p = columns.shape  # joints, rows, parameters
     own_effects = () if data.frozen else data.estimate.model.effects
     torque = data.rows.residual if data.frozen else data.rows.torque
     first = np.zeros(p)
@@ -51,29 +53,47 @@ def least_squares_refit(
     triangles = []
     for j in range(n):
         white = data.white(columns[j], j)
-        triangles.append(_triangle_of(white, data.y[j] - white @ first))
+        triangles.append(_compress_rows(white, data.y[j] - white @ first))
     smallest_variance = 1.0 if data.noise_is_known else 1e-12
     level = np.ones(n)
     for _ in range(3):
         step = _weighted_step(triangles, level, prior, -prior @ first)
-        squares = np.array([_left(x, step) for x in triangles])
+        squares = np.array([_squared_error(x, step) for x in triangles])
         variance = squares / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(variance, smallest_variance))
     theta = first + step
     return theta, np.asarray(torque - (columns @ theta).T)
 
 
-def _triangle_of(columns: Array, target: Array) -> Array:
-    """Return the triangular factor (at most p + 1 square) of columns (M, p) and target
-    (M,).
+def _compress_rows(columns: Array, target: Array) -> Array:
+    """Compress a least-squares problem of M rows to at most p + 1 rows by a QR
+    decomposition.
+
+    Parameters
+    ----------
+    columns
+        (M, p) regressor.
+    target
+        (M,) right side.
+
+    Returns
+    -------
+    (p + 1, p + 1) array
+        Triangular factor of [columns, target]: its last column is the target's.
     """
     columns_and_target = np.column_stack([columns, target])
     return np.asarray(np.linalg.qr(columns_and_target, mode="r"))
 
 
-def _left(triangle: Array, step: Array) -> float:
-    """Return the squared error of a target, the triangle's last column, after a step
-    (p,).
+def _squared_error(triangle: Array, step: Array) -> float:
+    """Return the squared error |b - A step|^2 of a compressed problem [A, b].
+
+    Parameters
+    ----------
+    triangle
+        (r, p + 1) the matrix [A, b] of :func:`_compress_rows`.
+    step
+        (p,) change of the parameters.
     """
     return float(np.sum((triangle[:, -1] - triangle[:, :-1] @ step) ** 2))
 
@@ -84,11 +104,22 @@ def _weighted_step(
     prior: Array,
     prior_target: Array,
 ) -> Array:
-    """Return the least squares step (p,) over all joints' rows and the prior.
+    """Solve the least squares of all joints' rows and the prior for a step of the
+    parameters.
 
-    triangles : of each joint, as :func:`_triangle_of` makes them; level (n,) : by which
-    each joint's rows are divided; prior (p, p), prior_target (p,) : rows of what is
-    known beforehand. Undetermined directions have a step of zero.
+    Parameters
+    ----------
+    triangles
+        Compressed problem of each joint, [A, b] as :func:`_compress_rows` makes it.
+    level
+        (n,) RMS residual by which each joint's rows are divided.
+    prior, prior_target
+        (p, p) and (p,) rows of the prior knowledge.
+
+    Returns
+    -------
+    (p,) array
+        The step; zero in directions that no row determines.
     """
     weighted = [x / v for x, v in zip(triangles, level, strict=True)]
     A = np.vstack([*(x[:, :-1] for x in weighted), prior])

@@ -21,20 +21,25 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 
 
 def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
-    """Return a diagnosis whose findings have the sizes and intervals of a model.
+    """Replace the sizes and intervals of a diagnosis's findings by those of a model.
 
-    ``model`` was made by adding them; findings that it does not have stay as they are.
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+    model
+        A model that was made by adding its findings; one that it lacks stays unchanged.
     """
     sized = tuple(size_in_model(finding, model) for finding in diagnosis.effects)
     return replace(diagnosis, effects=sized)
 
 
 def size_in_model(finding: Finding, model: Estimate) -> Finding:
-    """Return a finding with the size, interval and constants that a model has for its
-    effect.
+    """Replace a finding's size, interval and constants by those that a model has.
 
-    A confident finding becomes weak if its size is less than two standard deviations
-    from zero there. Unchanged where the model lacks the effect or knows no interval.
+    A confident finding becomes weak if its size there is less than two standard
+    deviations from zero. The finding is returned unchanged if the model lacks its
+    effect or has no finite covariance for it.
     """
     held = effect_of(finding, model)
     if held is None:
@@ -71,11 +76,11 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
 def effect_of(
     finding: Finding, model: Estimate
 ) -> tuple[Effect, NDArray[np.intp]] | None:
-    """Return the effect of a model that a finding is about, with its indices in theta.
+    """Return the model's effect that a finding is about, with its indices in theta.
 
-    It has the finding's name, joints and law. Of several, the one with most equal shape
-    constants counts, and of equal ones the last, which was added last. None where the
-    model has none.
+    It has the finding's name, joints and formula (law). Of several such effects the one
+    with most equal shape constants is returned, and of equal ones the last, which was
+    added last. None if the model has no such effect.
     """
     joints = tuple(j - 1 for j in finding.joints)
     held = None
@@ -94,8 +99,8 @@ def effect_of(
 
 
 def _has_same_law(effect: Effect, finding: Finding) -> bool:
-    """Return whether effect and finding agree in constants with few choices, such as a
-    law.
+    """Return whether an effect and a finding have the same law: equal values of all
+    shape constants that only take a few given values.
     """
     laws = [name for name, constant in effect.shapes.items() if constant.choices]
     return all(

@@ -50,11 +50,12 @@ class Remainder:
 
 
 def unexplained_error(search: Search) -> Remainder:
-    """Return the torque that all findings leave beyond the noise, while joints slide.
+    """Judge the torque that model and findings leave beyond the noise, while joints
+    slide.
 
-    A joint counts as unexplained if this raises its error by a tenth (a variance 1.2
-    times the noise's), and if chance would show such a variance in less than 1 of 1000
-    cases, given how few repetitions show the noise.
+    A joint counts as unexplained if this torque raises its error by a tenth (to 1.2
+    times the noise's variance), and if chance would show such a variance in less than 1
+    of 1000 cases, given how few repetitions show the noise.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ def unexplained_error(search: Search) -> Remainder:
     Returns
     -------
     Remainder
-        What is left, by joint.
+        Joints, sizes and outliers.
     """
     data = search.data
     fit = search.fit
@@ -102,13 +103,16 @@ def remainder(
     """
     rows = data.rows
     noise = data.noise
-    white = (fit.residual * fit.level[:, None]).T
+    # The fit divides each joint's rows by a level, which is undone here.
+    white = (fit.residual * fit.level[:, None]).T  # (M, n)
     is_measured = rows.keep & (white != 0.0) & (noise.worth > 0.5)
     keep = is_measured & (rows.still <= STILL) & ~outlier_rows
     slides = keep & (rows.slow <= SLOW)
+    # (M, n) share of a row's noise that the fit has absorbed.
     leverage = np.sum(fit.basis**2, axis=2).T
 
     def mean(squares: Array, which: NDArray[np.bool_]) -> Array:
+        """Average squares (M, n) over rows, without bias by the fitted parameters."""
         degrees = np.maximum((which * (1.0 - leverage)).sum(axis=0), 1.0)
         return np.asarray((which * squares).sum(axis=0) / degrees)
 
@@ -117,7 +121,7 @@ def remainder(
     floor = noise.floor
     rise = (1.0 + MIN_ERROR_RISE) ** 2
     raised = np.flatnonzero((squares > rise * floor**2) & data.noise_is_known)
-    if raised.size:  # not all encoders are fine
+    if raised.size:  # the torque of encoder steps counts as noise, too
         floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
         raised = raised[squares[raised] > rise * floor[raised] ** 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -134,12 +138,20 @@ def remainder(
 
 
 def _smallest_variance(noise: Noise, rise: float) -> Array:
-    """Return (n,) variances over the noise's from which an excess cannot be chance.
+    """Return the variances (n,), over the noise's, from which an excess cannot be
+    chance.
 
-    rise : the variance ratio that matters (1.1^2). Where repetitions show the noise,
-    the ratio is raised by what chance makes of so few degrees of freedom. Where only a
-    spectrum shows it, the noise is known within a factor SPECTRUM_NOISE_FACTOR, which
-    is squared.
+    Where repetitions show the noise, ``rise`` is divided by the 0.1 % quantile of a
+    chi-squared distribution over its degrees of freedom. Where only a spectrum shows
+    it, the noise is known within a factor SPECTRUM_NOISE_FACTOR, whose square
+    multiplies ``rise``.
+
+    Parameters
+    ----------
+    noise
+        The noise with its source and degrees of freedom (n,).
+    rise
+        Variance ratio that matters: 1.1^2.
     """
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         degrees = noise.degrees

@@ -588,17 +588,18 @@ def _orders(
     count = 0
     turn = 2.0 * np.pi
     for q, error, _ in full:
-        # What is slow in time goes: a moving mean over 101 samples (or all of a short
-        # segment).
+        # Slow changes in time are removed: the moving mean over 101 samples (or over all
+        # of a short segment).
         width = min(101, len(error))
         slow = np.convolve(error, np.ones(width) / width, mode="same")
+        # The last modulo is for angles that rounding puts at a full turn.
         bin_of_row = np.floor((q % turn) / turn * bins).astype(np.intp) % bins
         sum_by_bin = np.bincount(bin_of_row, error - slow, bins)
         spectrum += np.fft.fft(sum_by_bin)
         count += len(q)
-    # Eight bins a wave show it well.
+    # A wave needs eight bins, so that orders up to an eighth of the bins are shown.
     amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
-    amplitude[0] = 0.0
+    amplitude[0] = 0.0  # an offset is no wave
     surroundings = scipy.ndimage.median_filter(amplitude, 31)
     ratio = amplitude / np.maximum(surroundings, 1e-300)
     is_maximum = amplitude == scipy.ndimage.maximum_filter(amplitude, 3)

@@ -88,7 +88,8 @@ class Measured:
         robot = self.table.robot
         before = self.before
         after = float(self.errors[self.joint])
-        share = (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
+        energy_beyond_noise = max(before**2 - floor**2, 1e-300)
+        share = (before**2 - after**2) / energy_beyond_noise
         points = self.variables.points_near_motion(f.basis)
         grid = f.basis.evaluate(*points.T)
         half_width = confidence_band(f, grid, seed)
@@ -471,7 +472,7 @@ def _tabulate(
         measured=measured,
     )
     # Which points of the whole grid the motion has come near, in any fold.
-    known = variables.is_near_motion(f.basis, variables.keep)
+    is_measured = variables.is_near_motion(f.basis, variables.keep)
     by_fold = []
     for k, coefficients in enumerate(columns.without_fold(fold, P)):
         values_of_fold = grid @ coefficients
@@ -480,7 +481,7 @@ def _tabulate(
             met_by_others = variables.is_near_motion(
                 f.basis, variables.keep & (fold != k)
             )
-            is_known = met_by_others[known]
+            is_known = met_by_others[is_measured]
         varies = np.diff(points[is_known], axis=0).any(axis=0)
         if not varies.all():  # a single value of a variable is no table: no torque
             is_known[:] = True
