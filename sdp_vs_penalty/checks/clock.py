@@ -194,8 +194,11 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _spaced_evenly(run: Measurements, step: float) -> Measurements:
-    """Return the run with evenly spaced stamps between two gaps; step [s] : resolution
-    of the clock."""
+    """Return the run with time stamps spaced evenly between gaps.
+
+    A gap is a step longer than three times the clock's resolution ``step`` [s], and
+    than three times almost all other steps (their 97 % quantile).
+    """
     steps = np.diff(run.t)
     pause = TIMES * max(step, float(np.quantile(steps, 0.97)))
     edges = np.flatnonzero(steps > pause) + 1

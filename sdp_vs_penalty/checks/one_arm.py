@@ -666,30 +666,33 @@ def compare_runs(
 
 
 def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """Yield an issue where two stretches of one log are not of one arm: a load was
+    """Yield an issue if the log begins with one arm and ends with another: a load was
     picked up, or the file holds the logs of two arms.
 
-    The two stretches are compared as two runs are. Each has torque offsets of its own,
-    so that a mere step in a torque is no difference.
+    The log is cut at the likeliest row, and both stretches are compared as two runs.
+    Each has separate torque offsets, so that a mere step of a torque makes no
+    difference. Nothing is judged if a joint has a law or a drift that the model lacks,
+    if there are too few rows, or if the arm does not explain the torques at all.
 
     Parameters
     ----------
     log : Likelihood
         Rows of the run.
     repair : LogTransform
-        What is repaired in all runs.
+        The repair that all runs have in common.
 
     Returns
     -------
     iterator of Issue
-        At the instant that parts the log.
+        At most one, at the instant of the cut.
     """
-    # Drifts and steps (events at an instant or over the log) would hide the change.
-    laws = tuple(event for event in repair.events if not isinstance(event.at, float))
-    repair = replace(repair, events=laws)
-    # Each of the two stretches has PARTS parts of its own that are left out in turn.
-    too_few = log.data.count < 4 * c.PARTS
-    if laws or too_few or log.spare_share <= 0.0:
+    # A step of a torque (an event at an instant) would hide the change: it is no longer
+    # corrected. Laws and drifts remain.
+    others = tuple(event for event in repair.events if not isinstance(event.at, float))
+    repair = replace(repair, events=others)
+    # Each of the two stretches needs PARTS parts, to be left out in turn.
+    has_too_few_rows = log.data.count < 4 * c.PARTS
+    if others or has_too_few_rows or log.spare_share <= 0.0:
         return
     if log.fit(repair).mean_unexplained_share > c.UNRELATED:
         return

@@ -509,7 +509,8 @@ def _skips(
 
 
 def _with_time(run: Measurements, added: Array) -> Measurements:
-    """Return the run with time ``added`` (N - 1,) [s] put between its rows."""
+    """Return the run with ``added`` (N - 1,) seconds inserted after its rows; 0 leaves
+    the step from a row to the next as it is."""
     return with_time_steps(
         run,
         added > 0.0,

@@ -70,20 +70,22 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         ar: Array,
         count: int,
     ) -> scipy.sparse.csr_array:
-        """Return the sparse matrix that whitens a series: each row minus its prediction
-        by an autoregression.
+        """Return the sparse matrix W that whitens a series x (count,).
+
+        (W x)_i = x_i - sum_k a_k x_(i-k): each row minus its prediction by an
+        autoregression from the ORDER rows before it. The last matrix is cached.
 
         Parameters
         ----------
-        ar : array
-            Coefficients of the autoregression.
+        ar : (ORDER,) array
+            Coefficients a_1, a_2 ... of the autoregression.
         count : int
             Number of rows of the series.
 
         Returns
         -------
         (count, count) sparse array
-            The map; rows without enough past are zero.
+            W; its rows are zero where a piece has fewer than ORDER rows before.
         """
         key = ar.tobytes(), count
         if self._last is None or self._last[0] != key:

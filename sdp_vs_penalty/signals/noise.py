@@ -273,9 +273,10 @@ class _RepeatedRows:
     """D differences of the residuals of n joints between rows with the same motion.
 
     difference (D, n) : noise, scaled to the variance of one residual [N m or N]; both
-    (D, 2) : the rows at the two instants; pieces : uninterrupted differences; stuck
-    (D, n) : where no law of friction says what torque holds the joint; share : of the
-    differences that are independent of the others; rates (n, M, 2) : rate_features.
+    (D, 2) : the rows at the two instants; earlier_rows (D,) : the first of the two;
+    pieces : uninterrupted differences; stuck (D, n) : whether no law of friction says
+    what torque holds the joint; independent_share : of the differences; rates (n, M, 2)
+    : squared rates of torque and velocity, from :func:`rate_features`.
     """
 
     def __init__(
@@ -290,18 +291,21 @@ class _RepeatedRows:
         self.n_rows = len(runs.t)
         self.difference = differences(runs, repeats)
         self.both = pairs(repeats)
-        self.index, later = self.both.T
+        self.earlier_rows, later_rows = self.both.T
         self.pieces = Pieces(consecutive(repeats))
         # A joint that stands still does so again when the motion repeats, and friction
         # may hold another torque: this is no noise of the sensor.
         no_law = runs.unexplained_standstill_torque[1]
-        self.stuck = no_law[self.index] | no_law[later]
-        n_new = new_differences(self.both, self.n_rows)
-        self.share = min(1.0, n_new / len(self.index))
+        self.stuck = no_law[self.earlier_rows] | no_law[later_rows]
+        n_independent = new_differences(self.both, self.n_rows)
+        self.independent_share = min(1.0, n_independent / len(self.earlier_rows))
         self.rates = rate_features(runs)
-        self._gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
+        # Seconds from the earlier to the later instant of each difference, (D,).
+        gaps = [repeat.later - runs.t[repeat.rows] for repeat in repeats]
+        self._gap = np.concatenate(gaps)
         self._phase = phases(self.both, self.n_rows)
-        self._reach = max(1, round(SAME_PHASE * runs.rate))
+        # Number of rows within which two phases of the motion count as the same.
+        self._rows_of_same_phase = max(1, round(SAME_PHASE * runs.rate))
 
     def joint(self, j: int, rates_shown: Array) -> _JointNoise:
         """Measure the noise of joint j (from 0) from its D differences.
@@ -313,7 +317,7 @@ class _RepeatedRows:
         rates_shown : (M, 2) squared rates (:func:`rate_features`) of the rows for which
         the profile is returned.
         """
-        rates = self.rates[j][self.index]
+        rates = self.rates[j][self.earlier_rows]
         drift = self._drift(j)
         pieces = _without_rows(self.pieces, self.stuck[:, j])
         left, good = _without_events(
@@ -343,7 +347,7 @@ class _RepeatedRows:
             floor=float(np.sqrt(squares / n_free) * mean_profile),
             ar=ar,
             sigma=float(deviation * np.sqrt(n_used / n_free)),
-            degrees=float(max(self.share * degrees - rank, 1.0)),
+            degrees=float(max(self.independent_share * degrees - rank, 1.0)),
             suspect=suspect,
             profile=noise_profile(white, rates, rates_shown),
         )
@@ -356,8 +360,8 @@ class _RepeatedRows:
         rate that is constant (3 columns) or changes linearly (3 more). A difference
         holds the rate times the time between its two instants.
         """
-        t = self.runs.t[self.index]
-        dq = self.runs.dq[self.index, j]
+        t = self.runs.t[self.earlier_rows]
+        dq = self.runs.dq[self.earlier_rows, j]
         laws = np.column_stack(
             [
                 np.ones_like(t),
@@ -376,7 +380,7 @@ class _RepeatedRows:
 
         These are noise that the motion amplifies, and no single events.
         """
-        return recurring(self.both, self._phase, self._reach, marked)
+        return recurring(self.both, self._phase, self._rows_of_same_phase, marked)
 
 
 def _carried(

@@ -410,24 +410,27 @@ def rotated_windows(
     pause: float,
     shortest: float,
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """Return the windows of another split of a run, whose tested stretches of the
-    motion lie ``offset`` later; training is all that keeps off them.
+    """Return another split of a run, in which testing lies ``offset`` later in the
+    motion.
+
+    The rest of the motion is for training, except for a pause on either side of the
+    tested stretches.
 
     Parameters
     ----------
-    tested : sequence of (float, float)
+    tested : sequence of (begin, end)
         Stretches of the motion's clock that the first split tests on [s].
     clock : MotionClock
-        Of the run, whose start is its own first instant.
+        The run's clock, which starts at the run's first instant.
     span : float
-        How long the run lasts [s].
+        Duration of the run [s].
     offset : float
-        By which they are moved along the clock [s]; past its end they go on at its
-        beginning.
+        By how much the stretches are moved along the clock [s]; what passes its end
+        continues at its beginning.
     pause : float
-        Between training and testing [s].
+        Time left out between training and testing [s].
     shortest : float
-        Windows below this length are left out [s].
+        Windows shorter than this are left out [s].
 
     Returns
     -------

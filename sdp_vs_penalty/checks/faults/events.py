@@ -54,12 +54,7 @@ class Beside(Transformation):
             Repairs to fit arms to, with all corrections of ``now``.
         """
         yield from _laws(log, now, fit)
-        ramp = LogEvent(0).shape(log.data.motion.t)  # (M, 1), the same for any joint
-        mask = log.torque_mask(now)[:, :, None]
-        falls = fit.log_falls_by_columns(mask * ramp)[:, 0] * log.moving
-        j = int(np.argmax(falls))
-        if falls[j] > 0.0:
-            yield now.with_event(LogEvent(j))
+        yield from _likeliest_drift(log, now, fit)
         yield from _likeliest_step(log, now, fit)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
@@ -104,6 +99,22 @@ def _laws(
     best_law = np.argmax(falls_of_laws, axis=0)  # (n,) place in ``names``
     for j in np.flatnonzero(fit.is_poorly_explained).tolist():
         yield now.with_event(LogEvent(j, names[best_law[j]]))
+
+
+def _likeliest_drift(
+    log: Likelihood,
+    now: LogTransform,
+    fit: ArmFit,
+) -> Iterator[LogTransform]:
+    """Yield the linear drift of one joint's torque that lowers the joint's squared
+    residual most, of all moving joints; nothing where no drift lowers it."""
+    drift = LogEvent(joint=0)  # without an instant; its ramp is that of any joint
+    ramp = drift.shape(log.data.motion.t)  # (M, 1)
+    mask = log.torque_mask(now)[:, :, None]
+    falls = fit.log_falls_by_columns(mask * ramp)[:, 0] * log.moving  # (n,)
+    j = int(np.argmax(falls))
+    if falls[j] > 0.0:
+        yield now.with_event(LogEvent(j))
 
 
 def _likeliest_step(
