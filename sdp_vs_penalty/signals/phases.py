@@ -214,31 +214,35 @@ class PhaseFolds:
     def tested(self, fold: int) -> list[int]:
         """List the cells on which a fold tests.
 
+        A cell is a stretch of a motion's clock between two borders of folds or guards.
+
         Parameters
         ----------
         fold : int
-            Index of the fold.
+            Number of the fold, from 0.
 
         Returns
         -------
         list of int
-            Cells.
+            Numbers of the cells, from 0.
         """
         return np.flatnonzero(self._seconds_to_stretch(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
-        """List the cells on which a fold trains: those farther than the guard from the
+        """List the cells on which a fold trains: those farther than the guard from
         tested ones.
+
+        A cell is a stretch of a motion's clock between two borders of folds or guards.
 
         Parameters
         ----------
         fold : int
-            Index of the fold.
+            Number of the fold, from 0.
 
         Returns
         -------
         list of int
-            Cells.
+            Numbers of the cells, from 0.
         """
         return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 

@@ -220,19 +220,25 @@ class RunFilter:
         part: Stretch,
         at: NDArray[np.int64],
     ) -> tuple[Motion, Motion]:
-        """Compute the motion as far around samples as the low-passes of columns look.
+        """Compute the filtered motion around some samples, for the columns of a model.
+
+        The motion reaches as far beyond the samples as the low-passes of the columns
+        look.
 
         Parameters
         ----------
-        part
-            The log.
-        at
-            (M,) ascending samples.
+        part : Stretch
+            The log, without gaps.
+        at : (M,) array of int
+            Ascending samples of the log, which become rows.
 
         Returns
         -------
-        tuple of Motion
-            On the column grid, and on that of smooth columns.
+        fine : Motion
+            On the column grid, every ``stride``-th sample.
+        smooth : Motion
+            On the coarser grid of columns without jumps, every ``smooth_stride``-th
+            sample.
         """
         reach = self.stride * self.coarse.half
         smooth_reach = self.smooth_stride * self.smooth.half

@@ -531,6 +531,7 @@ def window_subsample(
     allowed = MAX_ROWS / (2.0 * settings.torque_cutoff)  # [s]
     if sum(spans) <= allowed:
         return measurements
+    # All runs are cut into slots of equal length, of which some are taken.
     slots = []
     for run, span in zip(runs, spans, strict=True):
         n_slots = max(1, int(span * _WINDOWS / allowed))

@@ -275,7 +275,10 @@ class _Fit:
         self.against = draw.chart({}, "Error of the joint against a signal")
 
     def zoom(self, event: Any) -> None:
-        """Select the time span that was dragged in the chart."""
+        """Select the time span that was dragged in the chart.
+
+        ``asked_span`` returns False for an event that is about no span.
+        """
         span = charts.asked_span(event.args)
         if not isinstance(span, bool) and span != self.view.span:
             self.view.select(span=span)
