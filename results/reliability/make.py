@@ -1,9 +1,8 @@
 """Make this folder again: python results/reliability/make.py
 
 SDP_VS_PENALTY_DATA names the folder of the measurements. Each command goes on where it
-was stopped: arms and worlds that are in its tables are not judged again. The committed
-tables hold the first worlds of each seed, in the order in which they are drawn, and not
-all of the small arms: the runs were stopped."""
+was stopped: arms and worlds that are in its tables are not judged again. The
+claims about worlds are those of results/check_worlds, which is made first."""
 
 import os
 from pathlib import Path
@@ -13,8 +12,9 @@ from sdp_vs_penalty.paper.provenance import make_folder
 HERE = Path(__file__).parent
 DATA = os.environ.get("SDP_VS_PENALTY_DATA", ".")
 #: Arms of two and three joints, by the sample of corruptions that each is given.
-SMALL = {0: range(960, 973), 1: range(973, 986), 2: range(986, 1012)}
-REAL = "panda,tx40,ur10,emps"
+SMALL = {3: range(1040, 1058)}
+REAL = "panda,tx40,ur10,emps,ur10e"
+WORLDS = HERE.parent / "check_worlds" / "worlds_claims.csv"
 
 
 def corruptions(folder: str, arms: str, every: int, part: int) -> list[str]:
@@ -22,12 +22,6 @@ def corruptions(folder: str, arms: str, every: int, part: int) -> list[str]:
     sample = ["--every", str(every), "--part", str(part)]
     out = ["--out", str(HERE / folder)]
     return ["results/corruptions", "--data", DATA, "--arms", arms, *sample, *out]
-
-
-def worlds(seed: int) -> list[str]:
-    """Arguments of the bench of simulated worlds."""
-    drawn = ["--cases", "20", "--seed", str(seed)]
-    return ["results/check_worlds/check_worlds.py", *drawn, "--out", str(HERE)]
 
 
 def names(numbers: range) -> str:
@@ -39,13 +33,12 @@ COMMANDS = [
     ["results/reliability/check_real.py", "--data", DATA, "--out", str(HERE)],
     *(corruptions("small", names(arms), 6, part) for part, arms in SMALL.items()),
     corruptions("real", REAL, 10, 3),
-    *(worlds(seed) for seed in (26200, 26201)),
     [
         "results/reliability/reliability.py",
         str(HERE / "real_claims.csv"),
         str(HERE / "small" / "corruptions_claims.csv"),
         str(HERE / "real" / "corruptions_claims.csv"),
-        str(HERE / "worlds_claims.csv"),
+        str(WORLDS),
         "--out",
         str(HERE),
     ],

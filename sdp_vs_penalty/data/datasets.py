@@ -113,18 +113,21 @@ def converted(name: str, folder: str | Path) -> dict[str, Measurements]:
 def to_joints(measurements: Measurements, transmission: Transmission) -> Measurements:
     """Convert runs that were logged at the motors to the joint side.
 
+    With the motors' positions q_m = A q + b: q = A^-1 (q_m - b) and tau = A^T tau_m.
+    Channels that the transmission declares as logged at the joints stay on that side.
+
     Parameters
     ----------
     measurements : Measurements
         Positions and torques of motors [rad, N m], (N, n) each.
     transmission : Transmission
-        The motors' positions q_m = A q + b.
+        A (n, n), b (n,), and for each channel whether it was logged at the motor or at
+        the joint.
 
     Returns
     -------
     Measurements
-        q = A^-1 (q_m - b) and tau = A^T tau_m, by channel as the transmission says
-        where it was logged.
+        The runs at the joints; temperatures and other groups stay as they are.
 
     Raises
     ------

@@ -158,13 +158,17 @@ def _one(
     number: int,
     usable: bool,
 ) -> Measurements:
-    """Make the measurements of one source, number ``number`` (from 1) of those that a
-    caller passes.
+    """Make the measurements of one source.
 
-    The parameters are those of :func:`as_measurements`.
+    part : a path, Measurements, or a mapping or DataFrame of columns. joints : expected
+    number of joints. names : the robot's joint names in order. what : how messages call
+    the argument. number : of the source (from 1) among those that a caller passes, for
+    its name. usable : refuse a run with a clock that does not ascend, or numbers that
+    are not finite.
     """
     word = "sample"
     label = None
+    # Measurements, a path, or columns by name.
     if isinstance(part, Measurements):
         run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
@@ -192,6 +196,7 @@ def _one(
         run_read = without_traces(without_held(header.read(columns), names))
         if joints is not None and run_read.n != joints:
             raise other_robot(run_read.n, joints, what, names=names or ())
+    # Each run is checked, unless the caller reports faults by itself.
     for run in run_read.runs() if usable else ():
         check_usable(label or run.names[0], run, word)
     return run_read
@@ -424,8 +429,8 @@ def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements
 
 
 def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
-    """List the robot's joints that no joint of the file is: none has the name, or ends
-    with it."""
+    """List the robot's joints that the file does not have: no name of the file ends
+    with theirs."""
     return [name for name in names if not any(x.endswith(name) for x in there)]
 
 

@@ -121,9 +121,10 @@ class Measurements(Shown):
         return len(self.t)
 
     def _summary(self) -> Summary:
-        """Return the title and rows that are printed for the object: runs, lengths,
-        rate, columns."""
+        """Return the title and the rows that are printed for the object: names and
+        lengths [s] of the runs, sampling rate [Hz], and columns."""
         runs = self.runs()
+        # Length of each run [s], and the sampling rate from the median step of all.
         lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
         with np.errstate(invalid="ignore"):
             steps = np.concatenate(
@@ -165,8 +166,8 @@ class Measurements(Shown):
 
     @cached_property
     def _runs(self) -> list[Measurements]:
-        """The single runs of measurements with several; views where the runs follow one
-        another."""
+        """The single runs of measurements with several. They are views if ``run`` (N,),
+        the index of each sample's run, ascends; otherwise copies."""
         run = self.run
         assert run is not None
         if all(np.all(np.diff(part) >= 0) for _, part in iter_chunks(run, overlap=1)):

@@ -162,8 +162,8 @@ def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
 
 
 def _place(run: Measurements, k: int) -> str:
-    """Name sample k (from 0) of a run as the user finds it: by its row in a CSV file,
-    whose header is row 1."""
+    """Name sample k (from 0) of a run as the user finds it: "run.csv: row 7" in a CSV
+    file, whose header is row 1, else "run.npz: sample 6"."""
     name = run.names[0]
     return (
         f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"

@@ -102,8 +102,8 @@ class AppendableArray:
             self._pieces = [rows[:0]]
 
     def array(self) -> NDArray[Any]:
-        """Return all rows, in memory or mapped read-only from the file; ends the
-        appending."""
+        """Return all rows as one array, and end the appending. The array is in memory,
+        or mapped read-only from the temporary file if it is large."""
         if self._file is None:
             is_one_piece = len(self._pieces) == 1
             return self._pieces[0] if is_one_piece else np.concatenate(self._pieces)

@@ -174,7 +174,9 @@ def _read_effects(
 
 
 def _refuse_duplicates(estimate: Estimate, new: Sequence[Effect]) -> None:
-    """Raise InputError if a model already has one of the effects on one of its joints."""
+    """Raise InputError if a model already has one of the new effects on one of its
+    joints.
+    """
     # A model refuses an effect that comes twice.
     Model(estimate.robot, (*estimate.model.effects, *new))
 
@@ -414,6 +416,8 @@ def _add_frozen(
     fit = _fit_new_effects(estimate, new, runs, seed, progress)
     theta = np.concatenate([estimate.theta, fit.theta])
     problem = estimate.problem
+    # Which of the new parameters the data determine, beside the model's record of its
+    # own.
     base = base_rows(problem, fit.model_of_new)
     sources = parameter_sources(
         fit.task,
@@ -439,6 +443,7 @@ def _add_frozen(
         "versions": versions(),
         "verdict": None,  # that of the smaller model is not this one's
     }
+    # Motion that the model or the new effects were fitted to; None if one is unknown.
     known_motion = estimate.training_motion
     new_motion = record_motion(runs)
     training_motion = None
@@ -509,6 +514,7 @@ def _fit_new_effects(
         effects=(*estimate.model.effects, *new),
         reference=None,
     )
+    # The reference: parameters from which torque for such columns is computed.
     known = estimate.model.reference
     if known is None:
         known = estimate.theta
@@ -596,8 +602,11 @@ def all_given(effect: Effect) -> bool:
 
     Needed are the constants that a search may vary, and the start t0 of a clock.
     """
-    clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-    return _given_constants(effect) >= clock.union(effect.searched)
+    starts_of_clock = {
+        key for key, shape in effect.shapes.items() if shape.role == "clock"
+    }
+    needed = starts_of_clock.union(effect.searched)
+    return needed <= _given_constants(effect)
 
 
 def estimate_constants(

@@ -78,11 +78,18 @@ class States:
         """
 
         def filtered(name: str) -> Array:
+            """Return a low-passed signal (M, n) of all segments."""
             parts = [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
             return np.concatenate(parts)
 
-        q, dq, ddq, torque = map(filtered, ("q", "dq", "ddq", "torque"))
-        return cls(rows, q, dq, ddq, torque, rows.t)
+        return cls(
+            rows=rows,
+            q=filtered("q"),
+            dq=filtered("dq"),
+            ddq=filtered("ddq"),
+            torque=filtered("torque"),
+            t=rows.t,
+        )
 
     def others(self, joint: int) -> list[int]:
         """List the numbers (from 0) of all joints except ``joint``."""
@@ -279,7 +286,7 @@ def _sine_and_cosine(q: Array) -> tuple[Array, Array]:
 
 
 def _stack_columns(parts: Sequence[Array], rows: int) -> Array:
-    """Stack arrays (M,) as the columns of one array (M, k); (M, 0) for an empty list."""
+    """Stack arrays (M,) as the columns of one array (M, k); an empty list gives (M, 0)."""
     return np.column_stack(parts) if parts else np.zeros((rows, 0))
 
 
@@ -419,10 +426,10 @@ class CauseShares:
         Their shares beyond the model are within _SAME_SHARE (2 %) of its share. The one
         that explains most of the whole error comes first.
         """
-        likelihood = {
-            name: self._weight(name, self.beyond_model) for name in self.names
-        }
-        best = max(self.names, key=likelihood.__getitem__)
+        # The likeliest cause explains most beyond the model. Causes in other joints have
+        # lower weights, since they are many.
+        weights = {name: self._weight(name, self.beyond_model) for name in self.names}
+        best = max(self.names, key=weights.__getitem__)
         smallest_share = self.beyond_model[best] - _SAME_SHARE
         tied = [best]
         for name in self.names:
@@ -493,31 +500,33 @@ class SplitError:
         return max(0.0, 1.0 - float(np.sum(self.beyond_model**2)) / energy)
 
     def explained_shares(self, alternatives: Sequence[Array]) -> tuple[float, float]:
-        """Return the shares that a cause explains on data left out: of the error, and
-        beyond.
+        """Return the shares of an error that a cause explains on data left out.
 
-        A model that was fitted to these rows has absorbed a part of what it lacks.
-        Columns are therefore tried on the error itself, and on the part beyond the
-        model; the larger share counts for the error.
+        A model that was fitted to these rows has absorbed a part of what it lacks. The
+        cause's columns are therefore fitted to the error itself, and to the part of it
+        beyond the model (that no other parameters of the model could make). The larger
+        share counts for the error.
 
         Parameters
         ----------
         alternatives
-            Several sets of columns (M, k) of the cause, of which the best counts.
+            Several sets of columns (M, k) of the cause; the best set counts.
 
         Returns
         -------
-        (float, float)
-            Share of the error's variance, and share of the variance beyond the model.
+        float
+            Share of the error's variance, 0 to 1.
+        float
+            Share of the variance of the part beyond the model.
         """
         of_error = of_beyond = 0.0
         for columns in alternatives:
-            columns_left = self._without_model(columns)
-            # Of a column that the model makes itself only rounding is left.
+            columns_beyond = self._without_model(columns)
+            # Of a column that the model itself can make only rounding remains.
             energy = np.sum(columns**2, axis=0)
-            is_visible = np.sum(columns_left**2, axis=0) > _ABSORBED * energy
+            is_visible = np.sum(columns_beyond**2, axis=0) > _ABSORBED * energy
             share_beyond = held_out_share(
-                columns_left[:, is_visible],
+                columns_beyond[:, is_visible],
                 self.beyond_model,
                 self.fold,
             )

@@ -291,6 +291,7 @@ class Comparison(Record):
         """Return the printed summary: a headline, and rows of label and text."""
 
         def in_words(values: Array) -> str:
+            """Write the numbers of all joints."""
             return ", ".join(f"{x:.3g}" for x in values)
 
         verdict = self.verdict
@@ -336,10 +337,23 @@ class Comparison(Record):
         data: Mapping[str, Any],
         estimate: Estimate,
     ) -> Self:
-        """Restore a comparison from what :meth:`to_dict` wrote, without its signals."""
+        """Restore a comparison from the JSON of :meth:`to_dict`.
+
+        Parameters
+        ----------
+        data
+            The JSON. A noise floor of nulls stands for an unknown one.
+        estimate
+            The model.
+
+        Returns
+        -------
+        Comparison
+            Its signals are empty, since the JSON does not contain them.
+        """
         floor = data["noise_floor"]
         known = bool(floor) and floor[0] is not None
-        none = np.zeros((0, len(data["rmse"])))
+        no_rows = np.zeros((0, len(data["rmse"])))
         return cls(
             name=data["model"],
             estimate=estimate,
@@ -350,7 +364,7 @@ class Comparison(Record):
             noise_source=data["verdict"]["noise_source"],
             relative_error_percent=float(data["relative_error_percent"]),
             band_hz=float(data["band_hz"]),
-            signals=Signals(np.zeros(0), none, none, none, none),
+            signals=Signals(np.zeros(0), no_rows, no_rows, no_rows, no_rows),
             runs=tuple(data["verdict"]["judged_on"]),
             new_motion_share=data["new_motion_share"],
             outside=dict(data["outside"]),
@@ -657,8 +671,17 @@ def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
     """Return the noise floor stored with a model, from the recordings it was identified
     from.
 
-    None if the model stores none, or if its filters differ from ``settings``, behind
-    which a floor holds only.
+    Parameters
+    ----------
+    model
+        The model.
+    settings
+        Filters of the recordings that are judged. A floor is that behind filters.
+
+    Returns
+    -------
+    NoiseFloor or None
+        None if the model stores none, or if its filters differ from ``settings``.
     """
     if model.preprocessing != settings or model.provenance.get("noise") is None:
         return None

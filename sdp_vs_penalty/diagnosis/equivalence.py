@@ -14,7 +14,7 @@ A finding is confident only if no rival passes both.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -43,52 +43,56 @@ _PROMISING = 0.5
 class _Group:
     """One or several findings that one candidate may replace.
 
-    terms : the findings; others : all other findings; fit : of the model with the
-    others; drop : fall of the deviance by the terms; squares : of the weighted torque
-    that they explain; freedom : effective number of coefficients and constants; worth :
-    number of correlated rows that count as one.
+    terms : the findings; others : all other findings; fit : the fit of the model with
+    the others; deviance_drop : drop of the deviance by the terms; squares : sum of
+    squares of the weighted torque that they explain; freedom : effective number of
+    coefficients and constants; rows_worth_one : number of correlated rows that count as
+    one.
     """
 
     terms: tuple[ScoredEffect, ...]
     others: tuple[ScoredEffect, ...]
     fit: WhiteFit
-    drop: float
+    deviance_drop: float
     squares: float
     freedom: float
-    worth: float
+    rows_worth_one: float
 
     @property
-    def margin(self) -> float:
-        """Difference in deviance [no unit] within which a rival explains as much as the
-        group.
+    def deviance_margin(self) -> float:
+        """The shortfall in deviance below which a rival counts as equally good.
 
-        It is 6 (odds of 20 to 1) times the number of rows that count as one, plus 4 %
-        of what the group explains.
+        margin = 6 v + 4 % dD: an evidence of 6 (odds of 20 to 1), times the number v of
+        correlated rows that count as one, plus the accuracy of laws (LAW_TOLERANCE),
+        times the deviance drop dD of the findings to replace.
         """
-        return EVIDENCE_TO_DISTINGUISH * self.worth + LAW_TOLERANCE * self.drop
+        smallest_difference = EVIDENCE_TO_DISTINGUISH * self.rows_worth_one
+        return smallest_difference + LAW_TOLERANCE * self.deviance_drop
 
     def is_rival(self, other: ScoredEffect) -> bool:
-        """Return whether these rows cannot tell another effect from the group.
+        """Return whether another effect explains these rows as well as the group.
 
-        The other effect pays for its additional coefficients, one unit of deviance each
-        (times the number of correlated rows that count as one), and may then explain
-        less by at most :attr:`margin`.
+        Its deviance drop has to come within ``deviance_margin`` of the group's. From it
+        the drop that chance brings is subtracted: v for each coefficient that the other
+        effect has more, where v correlated rows count as one.
         """
-        more = max(other.freedom - self.freedom, 0.0) * self.worth
-        return other.drop - more > self.drop - self.margin
+        n_more = max(other.freedom - self.freedom, 0.0)
+        drop_by_chance = n_more * self.rows_worth_one
+        return other.drop - drop_by_chance > self.deviance_drop - self.deviance_margin
 
 
 def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Explanation:
-    """Find the rivals of each finding: effects that all data confuse with it.
+    """Add to each finding its rivals: the effects that explain the data as well.
 
-    A rival fits the searched rows as well, and predicts the data left out as well.
+    A rival has to explain the searched rows as well as the finding, and to predict the
+    data left out as well.
 
     Parameters
     ----------
     explanation
         The findings beside the model.
     judge
-        The data left out.
+        The data left out: a test run, or folds of the training run.
 
     Returns
     -------
@@ -101,13 +105,14 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
         pairs += [(group, rival) for rival in _rivals_on_rows(search, group)]
     if not pairs:
         return explanation
-    # On data left out effects have numbers: the explanation's first, then the rivals.
+    # ``held_out`` addresses effects by number: first the findings, then the rivals.
     all_terms = [*explanation.terms, *(rival for _, rival in pairs)]
     effects = [t.form.effect for t in all_terms]
     estimate = replace(explanation.first, theta=explanation.estimate.theta)
     held_out = judge.held_out_errors(search.data.rows, effects, estimate)
     rivals_by_term = {t: list(t.rivals) for t in search.terms}
-    for number, (group, rival) in enumerate(pairs, start=len(explanation.terms)):
+    first_rival = len(explanation.terms)
+    for number, (group, rival) in enumerate(pairs, start=first_rival):
         if _predicts_as_well(explanation, held_out, group, number):
             for term in group.terms:
                 rivals_by_term[term].append(rival)
@@ -120,8 +125,8 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
 
 
 def _one_a_candidate(rivals: Sequence[ScoredEffect]) -> tuple[ScoredEffect, ...]:
-    """Keep the first rival of each key (effect and joint), in order."""
-    by_key = {r.key: r for r in reversed(rivals)}
+    """Keep one rival of each key (effect, joint): the first of those with that key."""
+    by_key = {r.key: r for r in reversed(rivals)}  # of equal keys the last one stays
     return tuple(reversed(by_key.values()))
 
 
@@ -158,8 +163,8 @@ def _predicts_as_well(
 def _groups(search: Search) -> list[_Group]:
     """List the groups of findings that one candidate may replace.
 
-    They are each finding alone, and all findings of one effect on several joints
-    together.
+    Each finding is a group by itself. All findings of one effect on several joints are
+    a further group: one delay of the robot, say, may replace delays of the joints.
     """
     terms = search.terms
     terms_by_effect = dict[str, list[ScoredEffect]]()
@@ -192,51 +197,76 @@ def _judge_group(
     fit = search.score.fit(terms_beside, full)
     judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
     after = search.score.fit([*terms_beside, *terms], full)
-    # The residual with the terms, weighted as that without them.
+    # The residual with the terms, in the same weights as that without them.
     residual_after = after.residual * (after.level / fit.level)[:, None]
     squares = float(np.sum(fit.residual**2) - np.sum(residual_after**2))
-    drop = judged[0].drop
+    deviance_drop = judged[0].drop
     if len(terms) > 1:
-        drop = float(fit.deviance(fit.rss) - fit.deviance(after.rss))
+        deviance_drop = float(fit.deviance(fit.rss) - fit.deviance(after.rss))
     return _Group(
         terms=terms,
         others=tuple(others),
         fit=fit,
-        drop=drop,
+        deviance_drop=deviance_drop,
         squares=squares,
         freedom=sum(t.freedom for t in judged),
-        worth=max(t.rows_worth_one for t in judged),
+        rows_worth_one=max(t.rows_worth_one for t in judged),
     )
 
 
 def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
-    """List the candidates that the searched rows cannot tell from a group of findings.
+    """List the candidates that explain the searched rows as well as a group.
 
-    The shape constants of promising candidates are refined before they are judged.
+    Continuous shape constants of each promising candidate are refined first. A single
+    finding may have a rival on another joint: masses that are fitted again turn a gain
+    of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. Such a
+    rival has to explain the finding's torque, and not its own joint's.
     """
     judge = partial(search.evidence_of, group.fit)
     out = []
-    for form in _promising(search, group):
+    for form in _promising(search, group, _acts_there):
         rival = refine_constants(judge, judge(form))
         if group.is_rival(rival):
+            out.append(rival)
+    if len(group.terms) > 1:
+        return out
+    for form in _promising(search, group, _acts_elsewhere):
+        rival = refine_constants(judge, judge(form))
+        if group.is_rival(rival) and _explains_the_same(search, group, rival):
             out.append(rival)
     return out
 
 
-def _promising(search: Search, group: _Group) -> list[Candidate]:
-    """List the candidates that explain at least half of what the group explains.
+def _explains_the_same(search: Search, group: _Group, rival: ScoredEffect) -> bool:
+    """Return whether a single finding has nothing to add beside a rival."""
+    (term,) = group.terms
+    others = search.nuisances.with_law_misfits(group.others)
+    beside_rival = search.score.fit([*others, rival], group.fit)
+    added = search.score.evidence_of(beside_rival, term.form, term.columns)
+    return added.drop < group.deviance_margin
 
-    There are at most MAX_CANDIDATES_REFINED, the best first, with one set of shape
-    constants for each law. Half (_PROMISING) is enough, since constants lie on a coarse
-    grid and are refined afterwards.
+
+def _promising(
+    search: Search,
+    group: _Group,
+    may_rival: Callable[[_Group, Batch], bool],
+) -> list[Candidate]:
+    """List the candidates that explain at least half of what a group of findings does.
+
+    Half (_PROMISING) is enough here, since the candidates' shape constants stand on a
+    coarse grid and are refined afterwards. Of each law (effect, joint and discrete
+    constants) the best grid point is listed; at most MAX_CANDIDATES_REFINED in all, the
+    best first. Only batches that ``may_rival`` accepts are asked; other values of the
+    model's own constants are no rivals.
     """
+    # By law: the share of the group's squares, and the best candidate so far.
     best = dict[Hashable, tuple[float, Candidate]]()
     for batch in search.library.batches:
-        if not _may_do_the_same(group, batch):
+        if batch.forms[0].replaces_own_constant or not may_rival(group, batch):
             continue
         explained, _ = search.score.explained(group.fit, batch)
         shares = explained / max(group.squares, 1e-300)
-        for f in _that_may_stand(search, group, batch):
+        for f in _list_possible_replacements(search, group, batch):
             form = batch.forms[f]
             share = float(shares[f])
             largest_share, _ = best.get(form.discrete_choice, (_PROMISING, form))
@@ -246,35 +276,35 @@ def _promising(search: Search, group: _Group) -> list[Candidate]:
     return [form for _, form in ranked[:MAX_CANDIDATES_REFINED]]
 
 
-def _may_do_the_same(group: _Group, batch: Batch) -> bool:
-    """Return whether a batch's candidates may make a group's torque beside the model.
-
-    A single finding may have a rival on any joint: masses that are fitted again turn a
-    gain of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. For
-    several findings all their joints are needed. Other values of the model's own
-    constants are no rivals.
-    """
-    if batch.forms[0].replaces_own_constant:
-        return False
-    if len(group.terms) == 1:
-        return True
+def _acts_there(group: _Group, batch: Batch) -> bool:
+    """Return whether candidates act on a joint of a single finding, or on all joints of
+    several findings."""
     joints = frozenset[int]().union(*(t.joints for t in group.terms))
-    return joints <= {*batch.joints}
+    if len(group.terms) > 1:
+        return joints <= {*batch.joints}
+    return not joints.isdisjoint(batch.joints)
 
 
-def _that_may_stand(
+def _acts_elsewhere(group: _Group, batch: Batch) -> bool:
+    """Return whether candidates act on no joint of a single finding."""
+    return not _acts_there(group, batch)
+
+
+def _list_possible_replacements(
     search: Search,
     group: _Group,
     batch: Batch,
 ) -> list[int]:
-    """List the numbers (in the batch) of the candidates that may replace the group.
+    """List the numbers, within the batch, of candidates that may replace the group.
 
-    Left out are effects that are among the findings already, and those that may not be
-    combined with the other findings.
+    A candidate may if it is not among the findings, and may be added to the model with
+    the other findings.
     """
     present = {t.key for t in search.terms}
     picked = [t.form for t in group.others]
-    free = may_join(batch.forms, picked, search.data.estimate.model)
+    is_allowed = may_join(batch.forms, picked, search.data.estimate.model)
     return [
-        f for f, form in enumerate(batch.forms) if free[f] and form.key not in present
+        f
+        for f, form in enumerate(batch.forms)
+        if is_allowed[f] and form.key not in present
     ]

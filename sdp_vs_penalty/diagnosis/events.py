@@ -153,16 +153,17 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     """Flag the rows with isolated disturbances, in which the residual is an outlier.
 
-    A disturbance stands out of all windows in the same state of motion, or of the other
-    repetitions of the motion. An outlier that all repetitions show is an error of the
-    model, and is not flagged.
+    An outlier is a window of rows with too much energy for the noise. It is a
+    disturbance only if no other window in the same state of motion, and no other
+    repetition of the motion, shows the like: what repeats is an error of the model.
+    Rows in which a repetition differs from the others are suspect in any case.
 
     Parameters
     ----------
     data
         White rows (weighted so that the noise is independent with variance 1).
     white
-        (M, n) whitened residual.
+        (M, n) whitened residual; 0 where there is none.
     residual
         (M, n) residual [N m or N].
 
@@ -187,10 +188,13 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             # A push of a second stands out of the torque in N m rather than out of the
             # whitened one, in which slow changes are small.
             torque = residual[:, j] * is_known
+            # Alone among the windows of its state of motion, in N m or whitened; or far
+            # above all windows while the joint moves fast.
             lone = _lone_rows(data, torque, j, slow)
             lone |= _lone_rows(data, white[:, j], j, slow)
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
             is_outlier &= lone
+            # Repetitions also differ while a joint is slow, by friction.
             suspect = suspect & (lone | ~slow)
         # Outliers in many rows are an error of the model, and no events.
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():

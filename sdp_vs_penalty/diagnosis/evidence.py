@@ -54,71 +54,89 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
-    """A candidate beside a fit, and what may move with it.
+class _Trial:
+    """A candidate effect that is tried as an addition to a fit.
 
-    to_beat : the fit that the candidate has to improve on. fit : the fit that it is
-    added to (without the present value, where the candidate is another value of a
-    constant of the model's own). T (n joints, M rows, K) : what that fit's columns
-    leave of the candidate's k white columns, which come first, and of further columns
-    that may move with it. known (K,) : standard deviations of all coefficients about
-    zero, known beforehand.
+    form : the candidate. fit : the fit that it is added to. fit_to_beat : the fit that
+    it has to improve on; it is ``fit`` unless the candidate replaces the value of one
+    of the model's shape constants (``fit`` then lacks that effect's column). T (n
+    joints, M rows, K) : columns of torque, weighted, less what ``fit`` explains of
+    them: first the candidate's k columns, then K - k derivatives of torque by shape
+    constants of the model, which may change together with it. prior_std (K,) : prior
+    standard deviations of the K coefficients about zero.
     """
 
     form: Candidate
-    to_beat: WhiteFit
+    fit_to_beat: WhiteFit
     fit: WhiteFit
     T: Array
-    known: Array
+    prior_std: Array
 
     @property
     def k(self) -> int:
-        """The number of coefficients of the candidate itself."""
+        """The number of the candidate's coefficients: the first k of the K columns."""
         return self.form.n_coefficients
 
     @cached_property
     def gram(self) -> Array:
-        """(K, K) the products T'T over all joints and rows."""
+        """(K, K) the Gram matrix T'T of the columns T (n joints, M rows, K)."""
         flat = self.T.reshape(-1, self.T.shape[2])
         return np.asarray(flat.T @ flat)
 
     @cached_property
     def information(self) -> Array:
-        """(K, K) the information matrix T'T + diag(known^-2), with the prior on the
-        coefficients.
+        """(K, K) the information matrix T'T + diag(prior_std^-2) of the coefficients.
+
+        T'T comes from the rows, the diagonal from the prior on the coefficients.
         """
-        return np.asarray(self.gram + np.diag(self.known**-2.0))
+        return np.asarray(self.gram + np.diag(self.prior_std**-2.0))
 
     @cached_property
-    def pull(self) -> Array:
-        """(K,) the products T'r with the residual r of the fit."""
+    def products_with_residual(self) -> Array:
+        """(K,) the products T'r of the columns T with the fit's residual r."""
         flat = self.T.reshape(-1, self.T.shape[2])
         return np.asarray(flat.T @ self.fit.residual.ravel())
 
     @cached_property
     def nonnegative(self) -> NDArray[np.bool_]:
-        """(K,) flags: which coefficients must not be negative; none of the further
-        columns.
+        """(K,) flags: which coefficients must not be negative.
+
+        The candidate declares them for its k coefficients (a friction's size, say).
+        Changes of the model's shape constants, the other K - k, may have any sign.
         """
-        moving = np.zeros(self.T.shape[2] - self.k, bool)
-        return np.append(self.form.nonnegative, moving)
+        without_sign = np.zeros(self.T.shape[2] - self.k, bool)
+        return np.append(self.form.nonnegative, without_sign)
 
     @cached_property
     def beta(self) -> Array:
-        """(K,) the coefficients that maximise the posterior, with the sign constraints."""
-        return bounded_least_squares(self.information, self.pull, self.nonnegative)
+        """(K,) the coefficients of the columns T with the highest posterior probability.
+
+        They minimise b'(T'T + diag(prior_std^-2)) b / 2 - (T'r)'b for the fit's
+        residual r, subject to the sign constraints ``nonnegative``.
+        """
+        return bounded_least_squares(
+            self.information, self.products_with_residual, self.nonnegative
+        )
 
     def deviance_drop_to(self, before: WhiteFit, beta: Array) -> float:
-        """Return the drop of the deviance from the fit ``before`` to this fit plus T
-        beta.
+        """Return the drop of the deviance when the torque T beta joins the fit.
 
-        The deviance is -2 log L, plus (beta / known)^2 for the prior. beta (K,) are
-        coefficients.
+        drop = D(before) - D(fit + T beta) - sum (beta / prior_std)^2, where D = -2 log
+        L is the deviance, and the last term is that of the prior.
+
+        Parameters
+        ----------
+        before
+            The fit from which the drop is counted.
+        beta
+            (K,) coefficients of the columns T.
         """
         residual = self.fit.residual - self.T @ beta
-        after = self.fit.deviance(np.sum(residual**2, axis=1) * self.fit.level**2)
-        prior = np.sum((beta / self.known) ** 2)
-        return float(self.fit.deviance(before.rss) - after - prior)
+        # Rows are divided by their joint's level: the squares are scaled back.
+        rss = np.sum(residual**2, axis=1) * self.fit.level**2
+        deviance_after = self.fit.deviance(rss)
+        prior = np.sum((beta / self.prior_std) ** 2)
+        return float(self.fit.deviance(before.rss) - deviance_after - prior)
 
 
 class EvidenceScorer(WhiteFitter):
@@ -165,14 +183,21 @@ class EvidenceScorer(WhiteFitter):
         form: Candidate,
         columns: dict[int, Array],
     ) -> ScoredEffect:
-        """Score a candidate beside a fit, with the model's own shape constants fixed or
-        free.
+        """Score a candidate effect as an addition to a fit.
 
-        The candidate is scored twice: with these constants as they are, and with those
-        on its joints free to first order, each at the price of one parameter. The
-        higher evidence counts. ``columns`` are its white columns, (M, k) by joint. A
-        candidate that is another value of an own constant replaces the present value's
-        columns.
+        The candidate is scored twice: with the model's shape constants (such as a
+        Stribeck velocity) as they are, and with those on its joints free to first
+        order, each at the price of one parameter. The higher evidence J counts.
+
+        Parameters
+        ----------
+        fit
+            The fit of the model and the effects chosen so far.
+        form
+            The candidate. If it is another value of one of the model's shape constants,
+            it replaces the columns of the present value, and is scored once.
+        columns
+            Its white columns (noise of variance 1), (M, k) by joint from 0.
 
         Returns
         -------
@@ -180,31 +205,45 @@ class EvidenceScorer(WhiteFitter):
             The candidate with evidence, coefficients and explained squares.
         """
         fit_without = self.without(fit, form)
-        T, known = self.partial_out(fit_without, form, columns)
-        beside = _Beside(form, fit, fit_without, T, known)
-        term = self._score(beside, columns)
+        T, prior_std = self.partial_out(fit_without, form, columns)
+        trial = _Trial(form, fit, fit_without, T, prior_std)
+        term = self._score(trial, columns)
         if form.replaces_own_constant or not self.rules.free_constants:
             return term
-        moved = self.score_with_free_constants(beside, columns)
-        if moved is None:
+        with_free_constants = self.score_with_free_constants(trial, columns)
+        if with_free_constants is None:
             return term
-        return max(term, moved, key=lambda t: t.evidence_with_worth_of(term))
+        return max(
+            term, with_free_constants, key=lambda t: t.evidence_with_worth_of(term)
+        )
 
     def score_with_free_constants(
         self,
-        beside: _Beside,
+        trial: _Trial,
         columns: dict[int, Array],
     ) -> ScoredEffect | None:
-        """Score a candidate while the model's own shape constants on its joints may
-        move.
+        """Score a candidate while the model's shape constants on its joints may change.
 
-        They move to first order (their derivatives are added as columns), each at the
-        price of one parameter. The model's constants were fitted without the candidate,
-        and may have absorbed a part of its torque. None where no such constant exists.
+        These constants (such as a Stribeck velocity) were fitted without the candidate,
+        and may have absorbed a part of its torque. They change to first order: the
+        derivatives of torque by them are added as columns to T.
+
+        Parameters
+        ----------
+        trial
+            The candidate, tried with fixed constants of the model.
+        columns
+            The candidate's white columns, (M, k) by joint from 0.
+
+        Returns
+        -------
+        ScoredEffect or None
+            The scored candidate; None if the model has no such constant on its joints,
+            or if the fit absorbs the candidate's columns.
         """
-        fit = beside.to_beat
+        fit = trial.fit_to_beat
         columns_in_fit = set(fit.columns_kept)
-        T = beside.T
+        T = trial.T
         for key, derivatives in self.data.constant_derivatives.items():
             _, joint = key
             is_present = columns_in_fit.issuperset(fit.design.columns_of_model[key])
@@ -214,97 +253,124 @@ class EvidenceScorer(WhiteFitter):
                 scaled = fit.scaled({joint: derivatives})
                 fit.derivatives_left[key] = fit.residual_of(scaled)
             T = np.concatenate([T, fit.derivatives_left[key]], axis=2)
-        n_moving = T.shape[2] - beside.k
-        if not n_moving or not T[:, :, : beside.k].any():
+        n_constants = T.shape[2] - trial.k
+        if not n_constants or not T[:, :, : trial.k].any():
             return None
-        known = np.append(beside.known, np.ones(n_moving))
-        return self._score(_Beside(beside.form, fit, fit, T, known), columns)
+        # Derivatives are per standard deviation of their constant: prior N(0, 1).
+        prior_std = np.append(trial.prior_std, np.ones(n_constants))
+        with_constants = replace(
+            trial,
+            fit=fit,
+            T=T,
+            prior_std=prior_std,
+        )
+        return self._score(with_constants, columns)
 
     def _score(
         self,
-        beside: _Beside,
+        trial: _Trial,
         columns: dict[int, Array],
     ) -> ScoredEffect:
-        """Compute the evidence J = dD / v - price of a candidate beside a fit.
+        """Compute the evidence J = dD / v - price of a candidate that is added to a fit.
 
         dD is the drop of the deviance, v the number of correlated rows that count as
-        one, and the price is (k + s) log(N / v) + 2 log P for its k coefficients and s
-        shape constants and for the choice among P candidates and laws. Without any
-        visible column, J is minus infinity.
+        one. price = (k + s) log(N / v) + 2 log P is for its k coefficients and s shape
+        constants, and for the choice among P candidates and laws. J is minus infinity
+        if the fit absorbs all of the candidate's columns.
+
+        Parameters
+        ----------
+        trial
+            The candidate with its columns T (n, M, K) of which the fit is subtracted.
+        columns
+            Its white columns, (M, k) by joint from 0, before that subtraction.
+
+        Returns
+        -------
+        ScoredEffect
+            The candidate with dD, v, price, coefficients and explained squares.
         """
-        form = beside.form
-        fit = beside.fit
-        k = beside.k
+        form = trial.form
+        fit = trial.fit
+        k = trial.k
         without_evidence = ScoredEffect(form, columns, beta=np.zeros(k))
-        if not np.any(beside.gram[:k]):
+        if not np.any(trial.gram[:k]):
             return without_evidence
-        T = beside.T
-        residual = fit.residual - T @ beside.beta
-        inverse = np.asarray(np.linalg.inv(with_ridge(beside.information)))
-        torque = T[:, :, :k] @ beside.beta[:k]
+        T = trial.T
+        residual = fit.residual - T @ trial.beta
+        inverse = np.asarray(np.linalg.inv(with_ridge(trial.information)))
+        torque = T[:, :, :k] @ trial.beta[:k]
         if form.replaces_own_constant:
-            # It differs from the present value by what the fit with that leaves of it.
-            T = beside.to_beat.residual_of(beside.to_beat.scaled(columns))
+            # The rows tell the new value from the present one only by what the fit
+            # with the present value leaves of the new column: v is computed from that.
+            T = trial.fit_to_beat.residual_of(trial.fit_to_beat.scaled(columns))
             energy = float(np.sum(T**2))
-            if not DEPENDENT**2 * float(np.sum(beside.T**2)) < energy:
+            # "not ... <" also refuses NaN.
+            if not DEPENDENT**2 * float(np.sum(trial.T**2)) < energy:
                 return without_evidence
             inverse = np.array([[1.0 / energy]])
             torque = T[:, :, 0]
             residual = residual - torque * float(np.sum(torque * residual)) / energy
-        count = float(fit.degrees[list(columns)].mean())
+        rows_per_joint = float(fit.degrees[list(columns)].mean())
         v = self.rows_worth_one(
             T,
             residual,
             inverse,
-            beside.T.shape[2],
+            trial.T.shape[2],
         )
         if self.rules.coarsening:
-            v += count / COARSENING_ROWS
-        n_independent = max(count * len(columns) / v, 3.0)
-        freedom = self.freedom(beside)
+            v += rows_per_joint / COARSENING_ROWS
+        # Three at least: the price per parameter, its logarithm, stays above one.
+        n_independent = max(rows_per_joint * len(columns) / v, 3.0)
+        freedom = self.freedom(trial)
         price = self.parameter_price(freedom, n_independent)
         price += self.selection_price(fit, form)
         return replace(
             without_evidence,
-            drop=self.deviance_drop(beside),
+            drop=self.deviance_drop(trial),
             rows_worth_one=v,
             price=price,
             freedom=freedom,
-            beta=beside.beta[:k],
+            beta=trial.beta[:k],
             squares=np.sum((torque * fit.level[:, None]) ** 2, axis=1),
         )
 
     @staticmethod
-    def deviance_drop(beside: _Beside) -> float:
+    def deviance_drop(trial: _Trial) -> float:
         """Return the drop dD of the deviance that is due to the candidate.
 
-        Where further constants may move, the drop that these would bring without the
-        candidate is subtracted: it is not the candidate's merit.
+        dD = D(fit to beat) - D(fit with the candidate), where the deviance D is -2 log
+        L plus the squared coefficients in units of their prior deviations. The first k
+        of the K coefficients are the candidate's. The others, if any, change shape
+        constants of the model; the drop that they bring without the candidate is
+        subtracted.
         """
-        drop = beside.deviance_drop_to(beside.to_beat, beside.beta)
-        k = beside.k
-        if k < len(beside.beta):
-            information = beside.information[k:, k:]
-            moved_alone = np.linalg.solve(information, beside.pull[k:])
-            without = np.append(np.zeros(k), moved_alone)
-            drop -= beside.deviance_drop_to(beside.fit, without)
+        drop = trial.deviance_drop_to(trial.fit_to_beat, trial.beta)
+        k = trial.k
+        has_free_constants = k < len(trial.beta)
+        if has_free_constants:
+            constants_only = np.linalg.solve(
+                trial.information[k:, k:], trial.products_with_residual[k:]
+            )
+            beta_without_candidate = np.append(np.zeros(k), constants_only)
+            drop -= trial.deviance_drop_to(trial.fit, beta_without_candidate)
         return drop
 
     @staticmethod
-    def freedom(beside: _Beside) -> float:
-        """Return the effective number of parameters of a candidate, k + s.
+    def freedom(trial: _Trial) -> float:
+        """Return the effective number of parameters k + s of a candidate.
 
-        k is the trace of (T'T + prior)^-1 T'T, where T are the candidate's columns
-        beside the fit: a coefficient counts 1 if the rows determine it and 0 if only
-        the prior does. Coefficients that a sign constraint holds at zero do not count.
-        s is the number of continuous shape constants.
+        k = trace((T'T + diag(prior_std^-2))^-1 T'T) for the columns T that the fit
+        leaves: a coefficient counts 1 if the rows determine it and 0 if only the prior
+        does. Coefficients that a sign constraint holds at zero do not count. s is the
+        number of the candidate's continuous shape constants.
         """
-        free = np.flatnonzero((beside.beta != 0.0) | ~beside.nonnegative)
-        part = np.ix_(free, free)
-        solved = np.linalg.solve(
-            with_ridge(beside.information[part]), beside.gram[part]
-        )
-        return float(np.trace(solved)) + beside.form.n_constants
+        is_held_at_zero = trial.nonnegative & (trial.beta == 0.0)
+        free = np.flatnonzero(~is_held_at_zero)
+        among_free = np.ix_(free, free)
+        information = with_ridge(trial.information[among_free])
+        determined = np.linalg.solve(information, trial.gram[among_free])
+        return float(np.trace(determined)) + trial.form.n_constants
 
     @staticmethod
     def parameter_price(freedom: float, n_independent: float) -> float:
@@ -316,27 +382,35 @@ class EvidenceScorer(WhiteFitter):
         return float(freedom * np.log(n_independent))
 
     def selection_price(self, fit: WhiteFit, form: Candidate) -> float:
-        """Return 2 log P, the price of choosing among many, as in the extended BIC.
+        """Return 2 log P, the price of choosing among P candidates (extended BIC).
 
-        P is the number of candidates times the number of laws of this one.
+        P is the number of candidates that compete, times the number of laws (discrete
+        variants of the effect) of the candidate ``form``. ``fit`` holds the effects
+        chosen so far.
         """
         candidates = self.n_competing_candidates(fit, form)
         return float(2.0 * np.log(candidates * self.laws.get(form.key, 1)))
 
     def n_competing_candidates(self, fit: WhiteFit, form: Candidate) -> float:
-        """Return the number of candidates among which this one was chosen.
+        """Return the number of candidates with which the candidate ``form`` competes.
 
-        Joints of one arm are similar. Once effects are in the fit, half of the prior
-        probability therefore goes to the same effects on other joints: such a candidate
-        competes with twice the number of joints' candidates of its effect, any other
-        candidate with twice the number of all.
+        Joints of one arm are similar. Once ``fit`` holds effects, half of the prior
+        probability goes to the same effects on other joints, half to all candidates. A
+        candidate whose effect is in the fit on another joint therefore competes with
+        twice the number of candidates of its effect; any other one with twice the
+        number of all.
         """
-        keys = fit.design.keys
-        effects_in_fit = {keys[i] for i in fit.columns_kept if i in keys}
+        key_of_column = fit.design.key_of_column
+        effects_in_fit = {
+            key_of_column[i] for i in fit.columns_kept if i in key_of_column
+        }
         if not effects_in_fit or not self.rules.joints_alike:
             return float(self.n_candidates)
         name, joint = form.key
-        if any(other == name and j != joint for other, j in effects_in_fit):
+        is_on_other_joint = any(
+            other == name and j != joint for other, j in effects_in_fit
+        )
+        if is_on_other_joint:
             return 2.0 * self.laws_by_effect[name]
         return 2.0 * self.n_candidates
 
@@ -350,23 +424,24 @@ class EvidenceScorer(WhiteFitter):
         """Return v, the number of correlated rows that carry the evidence of one
         independent row.
 
-        v = tr(A^-1 S) / freedom, at least 1, where S sums the outer products of the
-        score T'r over clusters of rows (the middle of the sandwich covariance). Of the
-        two ways to cluster rows, by time and by phase of the motion, the larger v
+        v = tr(A^-1 S) / freedom, at least 1. S = sum of u u' over clusters of rows,
+        with u = T'r summed within the cluster (the middle of the sandwich covariance).
+        Rows are clustered in two ways, by time and by phase of the motion; the larger v
         counts.
 
         Parameters
         ----------
         T
-            (n, M, K) columns beside the fit.
+            (n, M, K) weighted columns, less what the fit explains of them.
         residual
-            (n, M) residual with the candidate.
+            (n, M) weighted residual r of the fit with the candidate.
         inverse
             (K, K) A^-1, the inverse information matrix.
         freedom
             Effective number of coefficients.
         """
-        scores = np.sum(T * residual[:, :, None], axis=0)[: len(self.data.clusters[0])]
+        n_rows_of_log = len(self.data.clusters[0])  # rows of priors follow behind
+        scores = np.sum(T * residual[:, :, None], axis=0)[:n_rows_of_log]  # (rows, K)
         sums = cluster_sums(self.data.clusters, scores)
         # tr(A^-1 sum u u') = sum of u' A^-1 u over the clusters' sums u.
         traces = [float(np.sum((u @ inverse) * u)) for u in sums]
@@ -378,18 +453,18 @@ class EvidenceScorer(WhiteFitter):
         form: Candidate,
         columns: dict[int, Array],
     ) -> tuple[Array, Array]:
-        """Return what a fit leaves of a candidate's weighted columns, and the prior of
-        its sizes.
+        """Subtract from a candidate's columns what the fit explains of them.
 
         Columns of which the fit's columns absorb all but 0.1 % (ABSORBED) are set to
-        zero.
+        zero. ``columns`` are the white columns of the candidate ``form``, (M, k) by
+        joint from 0.
 
         Returns
         -------
         (n, M, k) array
-            The columns, orthogonal to the fit's.
+            The weighted columns, orthogonal to the fit's.
         (k,) array
-            Standard deviations of their coefficients about zero.
+            Prior standard deviations of their coefficients about zero.
         """
         scaled = fit.scaled(columns)
         energy = np.sum([np.sum(z**2, axis=0) for z in scaled.values()], axis=0)
@@ -404,13 +479,21 @@ class EvidenceScorer(WhiteFitter):
         joints: Sequence[int],
         energy: Array,
     ) -> Array:
-        """Return standard deviations (..., k) of coefficients about zero, before any
-        measurement.
+        """Return prior standard deviations (..., k) of coefficients about zero.
 
-        They are what the effects declare as plausible (``plausible``). Where an effect
-        declares nothing (NaN), it is assumed to make no more torque than its joints
-        have: the RMS torque of ``joints`` over the RMS of the column. energy (..., k)
-        holds the squares of the weighted columns.
+        An effect is assumed to make no more torque than its joints have, unless it
+        declares a plausible size: std = RMS torque of the joints / RMS of the column.
+
+        Parameters
+        ----------
+        fit
+            The fit whose weighted torque is compared with.
+        plausible
+            (..., k) standard deviations that the effects declare; NaN: not declared.
+        joints
+            The joints (from 0) on which the effects act.
+        energy
+            (..., k) sums of squares of the weighted columns.
         """
         energy_of_torque = float(np.sum(fit.target[joints] ** 2))
         as_large_as_torque = np.sqrt(energy_of_torque / np.maximum(energy, 1e-200))
@@ -419,15 +502,16 @@ class EvidenceScorer(WhiteFitter):
     # Many candidates at once.
 
     def absorbed(self, fit: WhiteFit, batch: Batch) -> Array:
-        """Return (F,) shares of each candidate's squares that the fit's columns absorb.
+        """Return the share (F,) of each candidate's torque that the fit can explain.
 
-        A candidate without any torque counts as absorbed: 1.
+        It is |Q'Z|^2 / |Z|^2 for the fit's orthonormal columns Q and the candidate's
+        weighted columns Z, from 0 to 1; 1 for a candidate without any torque.
         """
-        G, _, raw = self._products(fit, batch)
-        energy = np.trace(raw, axis1=1, axis2=2)
+        along_fit, _, gram = self._products(fit, batch)
+        energy = np.trace(gram, axis1=1, axis2=2)
         share = np.ones(len(energy))
         np.divide(
-            np.sum(G**2, axis=(0, 2)),
+            np.sum(along_fit**2, axis=(0, 2)),
             energy,
             out=share,
             where=energy > 0.0,
@@ -436,44 +520,50 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def _products(fit: WhiteFit, batch: Batch) -> tuple[Array, Array, Array]:
-        """Return the products of a batch's F candidates of k weighted columns each.
+        """Multiply the columns Z of a batch's F candidates with a fit's columns.
+
+        Z has k columns for each candidate, weighted by each joint's residual as the
+        fit's rows are.
 
         Returns
         -------
         (r, F, k) array
-            With the fit's r orthonormal columns.
+            Q'Z with the fit's r orthonormal columns Q.
         (F, k) array
-            With the fit's residual.
+            Z'r with the fit's residual r.
         (F, k, k) array
-            Of each candidate's columns with each other.
+            Z'Z of each candidate.
         """
         F = len(batch.forms)
         k = batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
-        # By joint: its weight, A'Z (p, F k) and Z'y (F k,).
+        # By joint: its weight, A'Z (p, F k) and Z'y (F k,), with the design's columns
+        # A and the torque y.
         by_joint = list(zip(weights, fit.design.products_with(batch), strict=True))
-        cross = sum(w * AZ for w, (AZ, _) in by_joint)
-        pull = sum(w * Zy for w, (_, Zy) in by_joint) - fit.theta @ cross
-        raw = np.tensordot(weights, batch.grams, axes=1)
-        along = np.reshape(fit.whitener.T @ cross, (-1, F, k))
-        return along, np.reshape(pull, (F, k)), raw
+        AZ_sum = sum(w * AZ for w, (AZ, _) in by_joint)
+        Zy_sum = sum(w * Zy for w, (_, Zy) in by_joint)
+        Zr = Zy_sum - fit.theta @ AZ_sum  # the residual is r = y - A theta
+        QZ = fit.whitener.T @ AZ_sum
+        ZZ = np.tensordot(weights, batch.grams, axes=1)
+        return np.reshape(QZ, (-1, F, k)), np.reshape(Zr, (F, k)), ZZ
 
     def screened(self, fit: WhiteFit, batch: Batch) -> Array:
         """Return a cheap score (F,) of a batch's candidates: drop - k log N.
 
         drop is the fall of the weighted squared error, k the effective number of
-        coefficients and N the number of rows of the batch's joints. A candidate that
-        replaces one of the model's own constants starts without the present one, whose
-        part is subtracted.
+        coefficients and N the number of rows of the batch's joints. Candidates that
+        replace one of the model's shape constants are added to the fit without the
+        present value; what that value explained is subtracted from the drop.
         """
         fit_without = self.without(fit, batch.forms[0])
         n_rows = float(fit_without.degrees[list(batch.joints)].sum())
-        price = np.log(max(n_rows, 3.0))
+        price_per_coefficient = np.log(max(n_rows, 3.0))  # 3: the price is above one
         drop, n_determined = self.explained(fit_without, batch)
-        if fit_without is not fit:
+        replaces_constant = fit_without is not fit
+        if replaces_constant:
             rise = (fit_without.rss - fit.rss) / fit_without.level**2
             drop = drop - float(np.sum(rise))
-        return np.asarray(drop - n_determined * price)
+        return np.asarray(drop - n_determined * price_per_coefficient)
 
     def explained(
         self,
@@ -481,6 +571,9 @@ class EvidenceScorer(WhiteFitter):
         batch: Batch,
     ) -> tuple[Array, Array]:
         """Return how much each candidate of a batch lowers the weighted squared error.
+
+        The F candidates of a batch have the same number of coefficients, and are added
+        to ``fit`` one at a time.
 
         Returns
         -------
@@ -494,66 +587,69 @@ class EvidenceScorer(WhiteFitter):
         return self._drop_of_columns(fit, batch)
 
     def _drop_of_one_column(self, fit: WhiteFit, batch: Batch) -> Array:
-        """Return the drop (F,) of the weighted squared error by candidates with one
-        column.
+        """Return the drop (F,) of the squared error by candidates with one column each.
 
-        It is (z'r)^2 / z'z for what the fit leaves of the column z. Zero if that is
-        less than ABSORBED of the column, or if its coefficient had the wrong sign.
+        drop = (z'r)^2 / z'z for the residual r and for what the fit leaves of the
+        candidate's column z. It is 0 if that is less than 0.1 % (ABSORBED) of the
+        column, or if the coefficient z'r / z'z violates the effect's sign.
         """
-        G, pull, raw = self._products(fit, batch)
-        energy = raw[:, 0, 0]
-        energy_left = energy - np.sum(G[:, :, 0] ** 2, axis=0)
+        along_fit, products_with_residual, gram = self._products(fit, batch)
+        zr = products_with_residual[:, 0]
+        energy = gram[:, 0, 0]
+        energy_left = energy - np.sum(along_fit[:, :, 0] ** 2, axis=0)
         is_visible = ABSORBED * energy < energy_left
-        has_wrong_sign = batch.signed & (pull[:, 0] < 0.0)
+        has_wrong_sign = batch.signed & (zr < 0.0)
         counts = is_visible & ~has_wrong_sign
         divisor = np.where(counts, energy_left, 1.0)
-        return np.where(counts, pull[:, 0] ** 2 / divisor, 0.0)
+        return np.where(counts, zr**2 / divisor, 0.0)
 
     def _drop_of_columns(
         self,
         fit: WhiteFit,
         batch: Batch,
     ) -> tuple[Array, Array]:
-        """Return the drop of the weighted squared error by candidates with several
-        columns.
+        """Return the drop of the squared error by candidates with k > 1 columns each.
 
-        Coefficients have the prior of :meth:`prior`; columns that the fit absorbs are
-        ignored, and sign constraints hold.
+        With D = Z'Z - (Q'Z)'Q'Z, what the fit's orthonormal columns Q leave of a
+        candidate's Gram matrix, and its residual r, the coefficients are beta = A^-1
+        Z'r with A = D + diag(prior_std^-2), or the constrained minimiser where beta
+        violates a sign. drop = 2 beta'Z'r - beta'A beta. Columns that the fit absorbs
+        are ignored.
 
         Returns
         -------
         (F,) array
             The drop of the weighted squared error.
         (F,) array
-            The effective number of coefficients.
+            The effective number of coefficients, trace(A^-1 D).
         """
-        G, pull, raw = self._products(fit, batch)
-        G = G.transpose(1, 2, 0)  # (F, k, r)
-        D = raw - G @ G.transpose(0, 2, 1)  # (F, k, k): what the fit leaves of Z'Z
-        energy = np.diagonal(raw, axis1=1, axis2=2)
+        along_fit, Zr, ZZ = self._products(fit, batch)
+        ZQ = along_fit.transpose(1, 2, 0)  # (F, k, r)
+        D = ZZ - ZQ @ ZQ.transpose(0, 2, 1)  # (F, k, k)
+        energy = np.diagonal(ZZ, axis1=1, axis2=2)
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D = D * is_visible[:, :, None] * is_visible[:, None, :]
-        pull = pull * is_visible
-        known = self.prior(
+        Zr = Zr * is_visible
+        prior_std = self.prior(
             fit,
             batch.plausible,
             list(batch.joints),
             energy,
         )
-        k = pull.shape[1]
-        A = with_ridge(D + np.eye(k) * known[:, :, None] ** -2.0)
+        k = Zr.shape[1]
+        A = with_ridge(D + np.eye(k) * prior_std[:, :, None] ** -2.0)
         inverse = np.linalg.inv(A)
-        beta = (inverse @ pull[:, :, None])[:, :, 0]
+        beta = (inverse @ Zr[:, :, None])[:, :, 0]
         nonnegative = np.array([f.nonnegative for f in batch.forms])
-        is_below = np.any(nonnegative & (beta < 0.0), axis=1)
-        for f in np.flatnonzero(is_below).tolist():
+        has_wrong_sign = np.any(nonnegative & (beta < 0.0), axis=1)
+        for f in np.flatnonzero(has_wrong_sign).tolist():
             beta[f] = bounded_least_squares(
                 A[f],
-                pull[f],
+                Zr[f],
                 nonnegative[f],
             )
-        # For each candidate: beta'A beta, and the trace of A^-1 D.
+        # For each candidate f: beta'A beta, and the trace of A^-1 D.
         squares = np.einsum("fa,fab,fb->f", beta, A, beta)
         freedom = np.einsum("fab,fba->f", inverse, D)
-        drop = 2.0 * np.sum(beta * pull, axis=1) - squares
+        drop = 2.0 * np.sum(beta * Zr, axis=1) - squares
         return drop, freedom

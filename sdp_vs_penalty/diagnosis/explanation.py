@@ -220,6 +220,7 @@ class Ladder:
 
         All rows include the re-estimated constants.
         """
+        # ``offered`` lists the n_own re-estimated constants, then the findings.
         steps = range(self.n_own, len(self.offered) + 1)
         return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
 

@@ -64,9 +64,9 @@ REASONS: Mapping[str, str] = {
 
 
 #: Reasons that leave open whether a torque is there. All others leave open which of
-#: several effects makes how much of it: on 10 arms of another author's simulator
-#: findings without these reasons keep .97 of what all findings gain on fresh motion, and
-#: .85 where those that something else looks like are left out.
+#: several effects makes how much of it: on 28 arms of another author's simulator
+#: findings without these reasons keep .976 of the mean log gain of all findings on fresh
+#: motion (95 %: .960 to .988), and confident findings alone .59.
 TORQUE_IS_OPEN = (
     "small",
     "not_held_out",
@@ -382,7 +382,7 @@ class Finding(Rated):
         does. A search tries only the temperature for effects that may follow either, so
         that such a rival makes the finding one of temperature.
         """
-        types = effect_types()
+        types = effect_types()  # classes of effects by name
         rivals = [types[name] for name in self._rival_effects]
         is_rival_over_time = any(rival.follows_clock for rival in rivals)
         if types[self.effect].follows_clock or not is_rival_over_time:
@@ -554,8 +554,9 @@ class Diagnosis(Record, JsonRecord):
         n_certain = len([f for f in findings if f.torque_is_certain])
         are_first = all(f.torque_is_certain for f in findings[:n_certain])
         if n_certain and are_first and not self.curves:
-            last = findings[n_certain - 1]
-            findings[n_certain - 1] = replace(last, held_out_rmse_after=after)
+            # The error after the last certain finding is also that before the next one.
+            last_certain = findings[n_certain - 1]
+            findings[n_certain - 1] = replace(last_certain, held_out_rmse_after=after)
             if n_certain < len(findings):
                 first_weak = findings[n_certain]
                 findings[n_certain] = replace(first_weak, held_out_rmse_before=after)
@@ -851,6 +852,7 @@ class Diagnosis(Record, JsonRecord):
         """Return the headline, and rows of label and text for the printed summary."""
 
         def in_words(values: Array) -> str:
+            """Write the numbers of all joints."""
             return ", ".join(f"{x:.3g}" for x in values)
 
         rows = [("next", self.advice)]

@@ -43,7 +43,7 @@ def refer_columns_to_current_model(
         The continued search; the given one if neither a finding nor the model delays
         torque.
     """
-    known_sets = list[set[Key]]()
+    known_sets = list[set[Key]]()  # (effect, joint) of the findings of each round
     if search.terms and not delays_torque(search):
         search = look_for_delays(search, progress)
     while delays_torque(search):
@@ -51,8 +51,10 @@ def refer_columns_to_current_model(
         if keys in known_sets:
             break
         known_sets.append(keys)
+        # New columns of the findings, then of all candidates.
         search = refer_once(search)
         search.library = search.library.with_current_columns(search.data)
+        # In new columns some findings have no evidence any more, and others have.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)
@@ -134,24 +136,23 @@ def beside_model(
     estimate: Estimate,
     thetas: Sequence[Array] = (),
 ) -> Search:
-    """Return the search with the same findings, beside another model.
+    """Return the search with the same findings, recomputed beside another model.
 
     Parameters
     ----------
     search
-        The search; its library of candidates is kept with its old columns.
+        The search; its library of candidates keeps the old columns.
     estimate
-        The model to which columns refer from now on.
+        The other model.
     thetas
-        Parameters of each finding, from which its torque is computed. Default: those of
-        the search.
+        Parameters of each finding in SI units. Default: those of the search.
 
     Returns
     -------
     Search
-        A search whose rows, white data and columns belong to the other model. Effects
-        whose torque is part of the reference for columns are listed in
-        ``in_reference``.
+        Its rows and columns belong to the other model. Columns that are computed from a
+        torque (those of a delay) are computed from that of the model and of the
+        findings in ``in_reference``.
     """
     data = search.data
     parameters = thetas or [t.beta for t in search.terms]

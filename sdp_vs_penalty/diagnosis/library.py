@@ -21,14 +21,14 @@ Key = tuple[str, int | None]
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate: an effect on a joint or on the robot, with one set of shape
-    constants.
+    """A candidate of a search: an effect on a joint or robot, with shape constants.
 
     key : effect name and joint (from 0; None for the whole robot), the same for all
-    shape constants. replaces_own_constant : the effect is one that the model has
-    already, with another value of its constant, and stands in that one's place; it
-    explains torque, but is reported as a re-estimated constant and not as a missing
-    effect.
+    values of the shape constants (such as a Stribeck velocity). effect : the effect
+    with one value of each constant. replaces_own_constant : the model has the effect
+    already, and the candidate is another value of its shape constant. Its column
+    replaces the present one; it is reported as a re-estimated constant and not as a
+    missing effect.
     """
 
     key: Key
@@ -55,11 +55,12 @@ class Candidate:
 
     @cached_property
     def discrete_choice(self) -> tuple[Hashable, ...]:
-        """The candidate's key with its discrete choices, such as a law; hashable.
+        """A hashable name of the candidate's law: its key and its discrete constants.
 
-        Two candidates with equal values differ only in continuous constants, which a
-        search refines. A shape constant is discrete if it has no bounds; one that
-        follows the effect's size (a delay's) is none.
+        It is (effect name, joint, values of the discrete constants ...). Two candidates
+        of one law differ only in continuous constants, which a search refines. A shape
+        constant is discrete if it has no bounds; a constant that follows from the
+        effect's size (as a delay's does) is not counted.
         """
         effect = self.effect
         discrete_values = [
@@ -71,43 +72,41 @@ class Candidate:
 
     @cached_property
     def nonnegative(self) -> list[bool]:
-        """(k,) flags: which parameters have a lower bound of zero, such as a friction's
-        size.
-        """
+        """(k,) flags: which parameters must not be negative, such as a friction torque."""
         return [p.lower == 0.0 for p in self.effect.parameters]
 
     @cached_property
     def plausible(self) -> Array:
-        """(k,) standard deviations of the parameters about zero on machines as they are
-        built.
+        """(k,) prior standard deviations of the parameters about zero, in SI units.
 
-        They are in each parameter's SI unit, as the effect declares them; NaN where it
-        declares none.
+        The effect declares how large they plausibly are on real machines; NaN: it
+        declares nothing.
         """
-        known = self.effect.plausible
-        return np.full(self.n_coefficients, np.nan) if known is None else known
+        declared = self.effect.plausible
+        return np.full(self.n_coefficients, np.nan) if declared is None else declared
 
     def refines(self, other: Candidate) -> bool:
-        """Return whether this candidate's effect refines the other's, on the same
-        joint.
+        """Return whether this candidate refines another one on the same joint.
 
-        Presliding hysteresis refines Coulomb friction, for example: it is looked for
-        only where Coulomb friction is present.
+        An effect declares which effects it refines: presliding hysteresis, for example,
+        refines Coulomb friction, and is a candidate only where that is present.
         """
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
     def with_shape(self, **shape: float) -> Candidate:
-        """Return the same candidate with some shape constants (SI units) set to other
-        values.
+        """Return the candidate with other values of some shape constants (SI units).
+
+        Example: ``with_shape(vs=0.1)`` for a Stribeck velocity of 0.1 rad/s. Constants
+        that are not named stay.
         """
         return replace(self, effect=self.effect.with_shape(**shape))
 
     def bounds(self, name: str) -> tuple[float, float] | None:
-        """Return the range (low, high) in which a shape constant is refined, in its SI
-        unit.
+        """Return the range (low, high) in which a shape constant is refined, in SI units.
 
-        None where the constant is not refined. For a constant of the model's own effect
-        the range reaches at least up to the widest value that `identify` tries (TURNS).
+        It is None if the constant is discrete. For a constant of an effect that the
+        model has already, the upper end is at least the widest one that `identify`
+        tries: TURNS are velocities in rad/s or m/s over which friction reverses.
         """
         joint = self.effect.robot.joints[self.effect.joints[0]]
         limits = self.effect.shapes[name].on(joint.kind).bounds
@@ -121,9 +120,9 @@ class Candidate:
 class Batch:
     """F candidates with k coefficients each that change the torque of the same joints.
 
-    whitened_columns (n_joints, M, F k) : their columns on the M rows of each of
-    ``joints`` (from 0), in units of the noise; columns f k to f k + k - 1 belong to
-    candidate f.
+    joints : their numbers from 0. forms : the F candidates. whitened_columns (n_joints,
+    M, F k) : their columns on the M rows of each joint, in units of the noise; columns
+    f k to f k + k - 1 belong to candidate f.
     """
 
     joints: tuple[int, ...]
@@ -132,13 +131,14 @@ class Batch:
 
     @cached_property
     def signed(self) -> NDArray[np.bool_]:
-        """(F,) flags: whether a candidate's first parameter has a lower bound of zero."""
+        """(F,) flags: whether a candidate's first parameter must not be negative."""
         return np.array([f.nonnegative[0] for f in self.forms])
 
     @cached_property
     def plausible(self) -> Array:
-        """(F, k) standard deviations of the parameters about zero; NaN where none is
-        known.
+        """(F, k) prior standard deviations of the parameters about zero (SI units).
+
+        NaN: the effect declares none.
         """
         return np.array([f.plausible for f in self.forms])
 
@@ -158,19 +158,22 @@ class Batch:
         forms: tuple[Candidate, ...],
         white: Sequence[dict[int, Array]],
     ) -> Batch:
-        """Stack candidates into a batch; ``white`` has the (M, k) columns by joint of
-        each.
+        """Stack F candidates into a batch.
+
+        Parameters
+        ----------
+        joints
+            The joints (from 0) whose torque all of them change.
+        forms
+            The F candidates, with k coefficients each.
+        white
+            For each candidate its white columns, (M, k) by joint.
         """
-        return cls(
-            joints,
-            forms,
-            np.stack([np.hstack([z[j] for z in white]) for j in joints]),
-        )
+        columns_by_joint = [np.hstack([z[j] for z in white]) for j in joints]
+        return cls(joints, forms, np.stack(columns_by_joint))
 
     def with_columns_on(self, data: WhiteData) -> Batch:
-        """Return a batch of the same candidates, with their columns on other white
-        rows.
-        """
+        """Compute the same candidates' columns on other white rows; return that batch."""
         white = [white_candidate(data, f) for f in self.forms]
         return Batch.of(self.joints, self.forms, white)
 
@@ -188,18 +191,20 @@ class Batch:
 class Library:
     """All candidates of a search, in batches.
 
-    laws : by candidate key the number of its discrete laws, whatever their continuous
-    constants; a choice among more laws costs more evidence.
+    laws : the number of laws of each candidate, by its key (effect name, joint). Laws
+    are an effect's discrete variants (exponents of Stribeck friction, for example);
+    values of continuous constants do not count. A choice among more laws costs more
+    evidence.
     """
 
     batches: tuple[Batch, ...] = ()
     laws: Mapping[Key, int] = field(default_factory=dict)
 
     def with_current_columns(self, data: WhiteData) -> Library:
-        """Recompute the columns that depend on the current model, for other data.
+        """Recompute on ``data`` the columns that depend on the current model.
 
         These are columns of effects that need the model's torque or links (a gain, load
-        friction); all other columns follow from the motion and stay.
+        friction). All other columns follow from the motion alone and stay.
         """
         batches = [
             b.with_columns_on(data) if depends(b.forms[0].effect) else b
@@ -224,10 +229,11 @@ class Library:
 
 
 def white_candidate(data: WhiteData, form: Candidate) -> dict[int, Array]:
-    """Compute a candidate's white columns, (M, k) by joint whose torque it changes.
+    """Compute a candidate's white columns, (M, k) by joint (from 0) that it acts on.
 
-    ``keep=False``: the filtered columns are not cached, since a library has thousands.
+    White columns are filtered and weighted so that the noise has variance 1.
     """
+    # The filtered columns are not cached (keep): a library has thousands.
     blocks = data.rows.blocks(form.effect, keep=False)
     return {b.joint: data.white(b.columns, b.joint) for b in blocks}
 
@@ -237,35 +243,34 @@ def may_join(
     picked: Sequence[Candidate],
     model: Model,
 ) -> list[bool]:
-    """Return, for each candidate of ``forms``, whether it may be added to those
-    ``picked``.
+    """Return a flag for each candidate of ``forms``: whether it may join the others.
 
-    An effect is added once to a joint, unless it may come several times. An effect that
-    refines another one is allowed only where the plainer one is present, among those
-    picked or in the model.
+    The others are those ``picked`` and the effects of the model. An effect is added to
+    a joint once, unless its class allows several. An effect that refines a simpler one
+    (presliding friction refines Coulomb friction) needs that on the same joint.
     """
     taken = {p.key for p in picked if not p.effect.several}
-    of_model = {(e.name, j) for e in model.effects for j in e.joints}
-    present = {p.key for p in picked} | of_model
+    keys_of_model = {(e.name, j) for e in model.effects for j in e.joints}
+    present = {p.key for p in picked} | keys_of_model
 
     def is_allowed(form: Candidate) -> bool:
+        """Return whether a candidate is not present yet and has what it refines."""
         if form.key in taken:
             return False
         joint = form.key[1]
-        plainer = [(name, joint) for name in form.effect.refines]
-        return not plainer or any(key in present for key in plainer)
+        refined_keys = [(name, joint) for name in form.effect.refines]
+        return not refined_keys or any(key in present for key in refined_keys)
 
     return [is_allowed(f) for f in forms]
 
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """A small error that is tolerated beside the effects, such as an inexact friction
-    law.
+    """A small error that a fit tolerates, such as that of an inexact friction law.
 
-    columns : white, (M, k) by joint (from 0); deviations (k,) : standard deviations
-    about zero that are expected of the coefficients; text : its name, which identifies
-    it.
+    Its coefficients have a prior, so that it can explain a little torque only. columns
+    : white, (M, k) by joint (from 0); deviations (k,) : prior standard deviations of
+    the coefficients about zero; text : its name, which identifies it.
     """
 
     text: str

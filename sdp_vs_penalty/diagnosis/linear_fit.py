@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -20,15 +21,17 @@ DEPENDENT = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class ScoredEffect:
-    """A candidate, scored beside a fit. Two of them are equal only if they are one
-    object.
+    """A candidate effect with its score as an addition to a fit.
 
-    columns : white, (M, k) by joint (from 0); drop : of the deviance; rows_worth_one :
-    number of correlated rows that carry the evidence of one independent row; price : of
-    its parameters and of the choice among candidates; freedom : effective number of
-    coefficients, plus shape constants; beta (k,) : coefficients in SI units; squares
-    (n,) : of the white torque on each joint that nothing else makes; rivals :
-    candidates that fit about as well.
+    Two of them are equal only if they are one object.
+
+    form : the candidate; columns : its white columns (noise of variance 1), (M, k) by
+    joint (from 0); drop : the drop of the deviance that it brings; rows_worth_one :
+    number of correlated rows that carry the evidence of one independent row; price :
+    the evidence that its parameters and the choice among candidates cost; freedom :
+    effective number of coefficients, plus shape constants; beta (k,) : coefficients in
+    SI units; squares (n,) : sum of squares of the white torque on each joint that the
+    effect explains and the fit cannot; rivals : candidates that fit about as well.
     """
 
     form: Candidate
@@ -43,21 +46,27 @@ class ScoredEffect:
 
     @property
     def evidence(self) -> float:
-        """The evidence J: twice the logarithm of the odds that the effect acts."""
+        """The evidence J: twice the logarithm of the odds that the effect acts.
+
+        J = dD / v - price, with the drop dD of the deviance and the number v of
+        correlated rows that count as one.
+        """
         return self.drop / self.rows_worth_one - self.price
 
     def evidence_with_worth_of(self, other: ScoredEffect) -> float:
-        """Return J with the number of rows counted as one that another effect has.
+        """Return the evidence J = dD / v - price with the number v of another effect.
 
-        For comparing two effects that make nearly the same torque: the estimates of
-        that number differ by more than the evidences would with a common one.
+        v is the number of correlated rows that count as one. Two effects that make
+        nearly the same torque are compared with one v: the errors of two estimates of v
+        would decide otherwise.
         """
         return self.drop / other.rows_worth_one - self.price
 
     @property
     def key(self) -> Key:
-        """Effect name and joint (from 0, None for the robot), the same for all shape
-        constants.
+        """Effect name and joint (from 0; None: the whole robot).
+
+        Candidates that differ only in shape constants have the same key.
         """
         return self.form.key
 
@@ -68,7 +77,7 @@ class ScoredEffect:
 
     @property
     def joints(self) -> frozenset[int]:
-        """The joints (from 0) whose torque it changes."""
+        """The joints (from 0) whose torque the effect changes."""
         return frozenset(self.columns)
 
 
@@ -80,26 +89,39 @@ Term = ScoredEffect | Nuisance
 class BasisProducts:
     """Products of candidates' columns with the model's columns and with the torque.
 
-    basis (n joints, M, r) : the model's columns; y (n, M) : white torque; known : what
-    was computed, by batch of candidates.
+    basis (n joints, M, r) : the model's columns; y (n, M) : white torque; computed :
+    the products computed so far, by batch of candidates.
     """
 
     basis: Array
     y: Array
-    known: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
+    computed: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def with_batch(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Return, by joint of a batch, the products B'Z (r, F k) and Z'y (F k,).
+        """Return the products B'Z (r, F k) and Z'y (F k,), one pair a joint of a batch.
 
-        B are the model's columns, Z the batch's white columns, y the torque. They are
-        computed once for each batch.
+        B are the model's r columns, Z the white columns of the batch's F candidates of
+        k coefficients each, y the torque. They are computed once for each batch.
         """
-        if batch not in self.known:
+        if batch not in self.computed:
             pairs = zip(batch.joints, batch.whitened_columns, strict=True)
-            self.known[batch] = [
+            self.computed[batch] = [
                 (self.basis[j].T @ Z, Z.T @ self.y[j]) for j, Z in pairs
             ]
-        return self.known[batch]
+        return self.computed[batch]
+
+
+class ModelBasis(NamedTuple):
+    """A basis of the model's white columns.
+
+    columns B (n joints, M, r) : its vectors; gram (n, r, r) : B'B; columns_by_key :
+    which of the r columns belong to the effect with a key (name, joint); all columns
+    without a key of their own are under None.
+    """
+
+    columns: Array
+    gram: Array
+    columns_by_key: dict[Key | None, list[int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,57 +130,65 @@ class Design:
     products.
 
     A (n joints, M + prior rows, p) : columns of unit length, the model's first; y (n, M
-    + prior rows) : torque, 0 in prior rows; gram (n, p, p), pull (n, p) : A'A and A'y;
+    + prior rows) : torque, 0 in prior rows; gram (n, p, p) : A'A; Ay (n, p) : A'y;
     columns_of_model : numbers of the model's columns, by key of an effect with a shape
-    constant that might be re-estimated, all others under None; at : numbers of each
-    term's columns, by its text; keys : key of the effect that a column belongs to;
-    extra (n,) : how many prior rows each joint counts. A prior row says that a
-    nuisance's coefficient is zero, up to its standard deviation.
+    constant that might be re-estimated, all others under None; columns_by_text :
+    numbers of each term's columns, by its text; key_of_column : key of the effect that
+    a column belongs to; n_prior_rows (n,) : how many prior rows each joint counts. A
+    prior row says that the coefficient of a nuisance (a small tolerated error) is zero,
+    up to its standard deviation.
     """
 
     A: Array
     y: Array
     gram: Array
-    pull: Array
+    Ay: Array
     columns_of_model: Mapping[Key | None, list[int]]
     columns_by_text: dict[str, list[int]]
-    keys: dict[int, Key]
+    key_of_column: dict[int, Key]
     n_prior_rows: Array
     basis_products: BasisProducts
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def holds(self, terms: Sequence[Term]) -> bool:
-        """Return whether the design has columns of all terms."""
+        """Return whether the design has columns of all terms (effects, nuisances)."""
         return all(t.text in self.columns_by_text for t in terms)
 
     def products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Return the products of the design's columns A with a batch's columns Z, by
-        its joints.
+        """Return the products A'Z (p, F k) and Z'y (F k,), one pair a joint of a batch.
 
-        They are A'Z (p, F k) and Z'y (F k,) for the F candidates of k columns each.
-        Products with the model's columns, the first r of A, are shared by all designs;
-        those with the terms' columns are computed once for each batch.
+        A are the design's p columns, Z the white columns of the batch's F candidates of
+        k coefficients each, y the torque. Products with the model's columns, the first
+        r of A, are shared by all designs; those with the terms' columns are computed
+        once for each batch.
         """
         if batch not in self.products:
-            M = batch.whitened_columns.shape[1]
-            known = self.basis_products.with_batch(batch)
-            r = self.basis_products.basis.shape[2]
-            out = []
-            for j, Z, (of_basis, pull) in zip(
-                batch.joints,
-                batch.whitened_columns,
-                known,
-                strict=True,
-            ):
-                products = np.zeros((self.A.shape[2], Z.shape[1]))
-                products[:r] = of_basis
-                # Only terms that act on this joint have columns other than zero.
-                of_terms = self.A[j, :M, r:]
-                acts = of_terms.any(axis=0)
-                products[r:][acts] = of_terms[:, acts].T @ Z
-                out.append((products, pull))
-            self.products[batch] = out
+            self.products[batch] = self._compute_products_with(batch)
         return self.products[batch]
+
+    def _compute_products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
+        """Compute the products that :meth:`products_with` returns and keeps.
+
+        They are A'Z (p, F k) and Z'y (F k,), one pair a joint of the batch.
+        """
+        M = batch.whitened_columns.shape[1]
+        pairs_of_model = self.basis_products.with_batch(batch)
+        r = self.basis_products.basis.shape[2]
+        pairs = []
+        for j, Z, (BZ, Zy) in zip(
+            batch.joints,
+            batch.whitened_columns,
+            pairs_of_model,
+            strict=True,
+        ):
+            AZ = np.zeros((self.A.shape[2], Z.shape[1]))
+            AZ[:r] = BZ
+            # Only terms that act on this joint have columns other than zero.
+            columns_of_terms = self.A[j, :M, r:]
+            acts = columns_of_terms.any(axis=0)
+            AZ[r:][acts] = columns_of_terms[:, acts].T @ Z
+            pairs.append((AZ, Zy))
+        return pairs
 
 
 @dataclass(frozen=True)
@@ -189,12 +219,12 @@ class WhiteFit:
 
     @property
     def target(self) -> Array:
-        """(n, M) the torque in units of each joint's residual."""
+        """(n, M) the torque over the standard deviation of each joint's residual."""
         return np.asarray(self.design.y / self.level[:, None])
 
     @cached_property
     def basis(self) -> Array:
-        """(n, M, r) an orthonormal basis of the fit's weighted columns."""
+        """(n, M, r) an orthonormal basis A W / level of the fit's weighted columns."""
         return np.asarray(self.design.A @ self.whitener / self.level[:, None, None])
 
     def deviance(self, rss: Array) -> Array:
@@ -209,27 +239,40 @@ class WhiteFit:
         return np.asarray(np.sum(by_joint, axis=-1))
 
     def scaled(self, columns: dict[int, Array]) -> dict[int, Array]:
-        """Divide columns (M, k), by joint, by the joint's level, as the fit's rows are."""
+        """Divide white columns, (M, k) by joint, by the level of their joint.
+
+        The level is the standard deviation of the joint's residual; the fit's rows are
+        weighted in the same way.
+        """
         return {j: z / self.level[j] for j, z in columns.items()}
 
     def residual_of(self, scaled: dict[int, Array]) -> Array:
-        """Return (n, M, k): what the fit's columns leave of weighted columns (by
-        joint).
+        """Subtract from weighted columns Z their projection on the fit's columns.
 
-        It is Z - A W W'A'Z, the projection onto what the fit cannot make. The rows of
-        nuisances behind the log's rows are part of it.
+        Returns Z - Q Q'Z (n joints, M + prior rows, k), with the orthonormal basis Q =
+        A W / level of the fit. The prior rows of nuisances (small tolerated errors),
+        behind the log's M rows, are part of it; Z is zero there.
+
+        Parameters
+        ----------
+        scaled
+            Z, (M, k) by joint from 0, divided by the joint's level (:meth:`scaled`).
         """
         A = self.design.A
         W = self.whitener
-        along = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
-        explained = A @ (W @ (W.T @ along)) / self.level[:, None, None]
-        remaining = -explained
+        AZ = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
+        projection = A @ (W @ (W.T @ AZ)) / self.level[:, None, None]
+        remaining = -projection
         for j, z in scaled.items():
             remaining[j, : len(z)] += z
         return np.asarray(remaining)
 
     def energy(self, term: ScoredEffect) -> float:
-        """Return the weighted squares of what the fit leaves of an effect's torque."""
+        """Return the sum of weighted squares of an effect's torque beyond the fit.
+
+        The effect's torque is its columns times beta; the part that the fit's columns
+        can make is subtracted.
+        """
         remaining = self.residual_of(self.scaled(term.columns)) @ term.beta
         return float(np.sum(remaining**2))
 
@@ -245,18 +288,20 @@ class WhiteFitter:
         """Prepare fits to white rows.
 
         ``like`` is another fitter; if its rows are equal, its basis of the model's
-        columns is used again. A joint's variance is at least 1 where the noise is
-        known: white rows are in units of it.
+        columns is used again. The floor is the lowest variance of a joint's residual: 1
+        where the noise was measured, since white rows are in units of it.
         """
         self.data = data
         self.floor = 1.0 if data.noise_is_known else 1e-12
         if like is not None and like.has_rows_of(data):
-            self._basis = like._basis
+            self._model_basis = like._model_basis
             self._basis_products = like._basis_products
 
     def has_rows_of(self, data: WhiteData) -> bool:
-        """Return whether other data have the same columns of the model and the same
-        torque.
+        """Return whether other data have the same rows.
+
+        These are rows with equal columns of the model and equal torque, whose effects
+        with re-estimable shape constants are the same.
         """
         same_effects = list(self.data.own_effects) == list(data.own_effects)
         return (
@@ -266,13 +311,12 @@ class WhiteFitter:
         )
 
     @cached_property
-    def _basis(self) -> tuple[Array, Array, dict[Key | None, list[int]]]:
-        """The model's columns: a basis B (n, M, r), B'B (n, r, r), and each key's place
-        in it.
+    def _model_basis(self) -> ModelBasis:
+        """A basis B (n, M, r) of the model's white columns, with B'B (n, r, r).
 
-        Effects with a shape constant that might be re-estimated keep a column of their
-        own, so that it can be left out; all other columns share an orthonormal basis
-        under the key None.
+        An effect with a shape constant that might be re-estimated keeps its column,
+        scaled to unit length, so that a fit can leave it out. All other columns are
+        replaced by an orthonormal basis, the first vectors of B, under the key None.
         """
         X = self.data.X
         own_effects = self.data.own_effects
@@ -286,14 +330,15 @@ class WhiteFitter:
         columns_by_key: dict[Key | None, list[int]] = {None: list(range(n_shared))}
         for k, key in enumerate(own_effects):
             columns_by_key[key] = [n_shared + k]
-        return B, B.transpose(0, 2, 1) @ B, columns_by_key
+        return ModelBasis(B, B.transpose(0, 2, 1) @ B, columns_by_key)
 
     @cached_property
     def _basis_products(self) -> BasisProducts:
-        """Products of candidates' columns with the model's basis, filled as they are
-        needed.
+        """Products of candidates' columns with the model's basis and the torque.
+
+        They are computed when a batch of candidates is first scored.
         """
-        return BasisProducts(self._basis[0], self.data.y)
+        return BasisProducts(self._model_basis.columns, self.data.y)
 
     def fit(
         self,
@@ -305,11 +350,12 @@ class WhiteFitter:
         Parameters
         ----------
         terms
-            Effects and nuisances beside the model. An effect that is another value of
-            one of the model's constants replaces that column of the model.
+            Effects and nuisances (small tolerated errors) that join the model. An
+            effect that is another value of one of the model's shape constants replaces
+            that column of the model.
         near
-            A fit whose columns are used again if they hold all the terms, and at whose
-            levels the iteration begins.
+            A similar fit. Its columns are used again if they hold all the terms, and
+            the iteration begins at its levels (standard deviations of the residuals).
 
         Returns
         -------
@@ -319,11 +365,8 @@ class WhiteFitter:
         design = None if near is None else near.design
         if design is None or not design.holds(terms):
             design = self._design(terms)
-        replaced = {
-            t.key
-            for t in terms
-            if isinstance(t, ScoredEffect) and t.form.replaces_own_constant
-        }
+        effects = [t for t in terms if isinstance(t, ScoredEffect)]
+        replaced = {t.key for t in effects if t.form.replaces_own_constant}
         columns = [
             i
             for key, its_columns in design.columns_of_model.items()
@@ -335,10 +378,11 @@ class WhiteFitter:
         return self._fitted(design, tuple(columns), level)
 
     def without(self, fit: WhiteFit, form: Candidate) -> WhiteFit:
-        """Return a fit without the column that a candidate replaces, at the same
-        levels.
+        """Return the fit without the model's column that a candidate replaces.
 
-        It is the fit itself where the candidate replaces none of the model's constants.
+        A candidate replaces a column if it is another value of one of the model's shape
+        constants. If it is not, the fit itself is returned. Each joint keeps its level,
+        the standard deviation by which its rows are divided.
         """
         if not form.replaces_own_constant:
             return fit
@@ -349,48 +393,49 @@ class WhiteFitter:
                 fit.design,
                 columns_left,
                 fit.level,
-                rounds=1,
+                rounds=1,  # one round leaves the levels as they are
             )
         return fit.fits_without[form.key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
-        """Assemble the columns of the model and of the terms, with their products.
+        """Assemble the columns A of the model and of the terms, with A'A and A'y.
 
-        A is (n, M + extra rows, p): the model's basis first, then each term's columns
-        scaled to unit length. Only products with a term's columns are computed; the
-        model's are known.
+        A is (n joints, M rows + prior rows, p columns): first the r columns of the
+        model's basis, then the columns of the terms (effects and nuisances), scaled to
+        unit length. The torque y is 0 in the prior rows.
         """
-        B, gram_of_model, model = self._basis
-        n, M, r = B.shape
-        A, at, extra = self._columns_with_priors(terms)
+        model = self._model_basis
+        n, M, r = model.columns.shape
+        A, columns_by_text, n_prior_rows = self._columns_with_priors(terms)
         p = A.shape[2]
         G = np.zeros((n, p, p))
-        G[:, :r, :r] = gram_of_model
+        G[:, :r, :r] = model.gram
         for j in range(n):
-            columns_of_terms = [i for t in terms if j in t.columns for i in at[t.text]]
+            on_joint = [t for t in terms if j in t.columns]
+            columns_of_terms = [i for t in on_joint for i in columns_by_text[t.text]]
             cross = A[j].T @ A[j][:, columns_of_terms]
             G[j][:, columns_of_terms] = cross
             G[j][columns_of_terms] = cross.T
-        # The terms' columns to unit length over all joints; the model's have it.
+        # Scale the terms' columns to unit length over all joints; the model's have it.
         energy = np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)
         scale = np.ones(p)
         scale[r:] = 1.0 / nonzero_or_one(np.sqrt(energy[r:]))
         A[:, :, r:] *= scale[r:]
         G *= scale[:, None] * scale
-        y = np.zeros(A.shape[:2])  # zero in the rows of priors
+        y = np.zeros(A.shape[:2])
         y[:, :M] = self.data.y
-        pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
+        Ay = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
         effects = [t for t in terms if isinstance(t, ScoredEffect)]
-        keys = {i: t.key for t in effects for i in at[t.text]}
+        key_of_column = {i: t.key for t in effects for i in columns_by_text[t.text]}
         return Design(
             A=A,
             y=y,
             gram=G,
-            pull=pull,
-            columns_of_model=model,
-            columns_by_text=at,
-            keys=keys,
-            n_prior_rows=extra,
+            Ay=Ay,
+            columns_of_model=model.columns_by_key,
+            columns_by_text=columns_by_text,
+            key_of_column=key_of_column,
+            n_prior_rows=n_prior_rows,
             basis_products=self._basis_products,
         )
 
@@ -399,9 +444,10 @@ class WhiteFitter:
     ) -> tuple[Array, dict[str, list[int]], Array]:
         """Stack the columns of the model and of the terms, and the priors of nuisances.
 
-        A nuisance's coefficient a has a prior N(0, d^2). It enters as rows a / d = 0
-        behind the M rows of the log, on each joint that the nuisance acts on; several
-        joints share the weight.
+        The coefficient a of a nuisance (a small tolerated error) has a prior N(0, d^2).
+        It enters as a prior row a / d = 0 behind the M rows of the log, on each joint
+        that the nuisance acts on. Each of m such joints gets a / (d sqrt(m)) = 0, so
+        that their squares add up to one prior.
 
         Returns
         -------
@@ -410,12 +456,11 @@ class WhiteFitter:
         dict of str to list of int
             The columns of each term, by its text.
         (n,) array
-            How many prior rows each joint counts: a share of one where several joints
-            share it.
+            How many prior rows each joint counts: 1 / m of each that m joints share.
         """
-        B, _, _ = self._basis
+        B = self._model_basis.columns
         n, M, r = B.shape
-        n_prior_rows, extra = _count_prior_rows(terms, n)
+        n_prior_rows, n_rows_counted = _count_prior_rows(terms, n)
         n_columns = r + sum(_width(t) for t in terms)
         A = np.zeros((n, M + n_prior_rows.max(initial=0), n_columns))
         A[:, :M, :r] = B
@@ -435,7 +480,7 @@ class WhiteFitter:
                     n_joints = len(term.columns)
                     A[j, rows, its_columns] = 1.0 / term.deviations / n_joints**0.5
                     next_row[j] += width
-        return A, columns_by_text, extra
+        return A, columns_by_text, n_rows_counted
 
     def _fitted(
         self,
@@ -444,80 +489,91 @@ class WhiteFitter:
         level: Array,
         rounds: int = 20,
     ) -> WhiteFit:
-        """Estimate coefficients and the joints' levels in turn, until the levels
-        settle.
+        """Estimate the coefficients and the joints' levels in turn, until these settle.
+
+        A joint's level is the standard deviation of its residual; the rows of joint j
+        are weighted by 1 / level_j. theta solves (sum_j A_j'A_j / level_j^2) theta =
+        sum_j A_j'y_j / level_j^2, then level_j^2 = |y_j - A_j theta|^2 / rows.
 
         Parameters
         ----------
         design
-            All columns with their products.
+            All columns A (n joints, rows, p) and the torque y (n, rows).
         columns
-            Which of them take part.
+            Numbers of the columns that take part.
         level
-            (n,) standard deviations of the joints' residuals to begin with.
+            (n,) the levels to begin with.
         rounds
             The most iterations, each of which raises the likelihood (six were needed at
             most on three arms); one leaves the levels as they are.
         """
         columns_kept = np.array(columns, int)
         G = design.gram.take(columns_kept, 1).take(columns_kept, 2)
-        pull = design.pull[:, columns_kept]
+        Ay = design.Ay[:, columns_kept]
         flat_gram = G.reshape(len(G), -1)
         squares_of_torque = np.sum(design.y**2, axis=1)
-        degrees = self.data.count + design.n_prior_rows
+        n_rows = self.data.count + design.n_prior_rows
         for _ in range(rounds):
             L = _triangle((level**-2.0 @ flat_gram).reshape(G.shape[1:]))
-            weighted_pull = level**-2.0 @ pull
+            weighted_Ay = level**-2.0 @ Ay
             theta = scipy.linalg.cho_solve(
                 (L, True),
-                weighted_pull,
+                weighted_Ay,
                 check_finite=False,
             )
-            rss = squares_of_torque - 2.0 * pull @ theta + (G @ theta) @ theta
-            rss = np.maximum(rss, 0.0)
-            last = level
-            level = np.sqrt(np.maximum(rss / degrees, self.floor))
-            if np.all(np.abs(level - last) < 1e-2 * level):
+            rss = squares_of_torque - 2.0 * Ay @ theta + (G @ theta) @ theta
+            rss = np.maximum(rss, 0.0)  # rounding may make it negative
+            level_of_fit = level
+            level = np.sqrt(np.maximum(rss / n_rows, self.floor))
+            if np.all(np.abs(level - level_of_fit) < 1e-2 * level):
                 break
         # With the weighted Gram matrix L L', the columns A L^-T are orthonormal.
-        inverse = scipy.linalg.solve_triangular(
+        L_inverse = scipy.linalg.solve_triangular(
             L,
             np.eye(len(L)),
             lower=True,
             check_finite=False,
         )
-        root = inverse.T
-        # Zero for columns of the design that take no part.
+        # Coefficients are zero for columns of the design that take no part.
         p = design.A.shape[2]
         W = np.zeros((p, len(columns_kept)))
-        W[columns_kept] = root
+        W[columns_kept] = L_inverse.T
         all_theta = np.zeros(p)
         all_theta[columns_kept] = theta
-        residual = (design.y - design.A @ all_theta) / last[:, None]
-        rank_of_joint = flat_gram @ (root @ root.T).ravel() / last**2
+        residual = (design.y - design.A @ all_theta) / level_of_fit[:, None]
+        # The trace of the joint's block of the projection on the fit's columns.
+        covariance = L_inverse.T @ L_inverse
+        rank_of_joint = flat_gram @ covariance.ravel() / level_of_fit**2
         return WhiteFit(
             design=design,
             columns_kept=columns,
             whitener=W,
             theta=all_theta,
-            level=last,
+            level=level_of_fit,
             residual=residual,
-            rss=np.sum(residual**2, axis=1) * last**2,
-            degrees=np.maximum(degrees - rank_of_joint, 1.0),
+            rss=np.sum(residual**2, axis=1) * level_of_fit**2,
+            degrees=np.maximum(n_rows - rank_of_joint, 1.0),
             floor=self.floor,
         )
 
 
 def _width(term: Term) -> int:
-    """Return the number of columns of an effect or a nuisance."""
+    """Return the number k of columns of an effect or a nuisance, equal on all joints."""
     return next(iter(term.columns.values())).shape[1]
 
 
 def _count_prior_rows(terms: Sequence[Term], n: int) -> tuple[NDArray[np.intp], Array]:
-    """Count the rows that hold the nuisances' priors, on each of n joints.
+    """Count the prior rows of nuisances (small tolerated errors) on each of n joints.
 
-    Returns how many rows a joint needs (n,), and how many it counts (n,): several joints
-    of one nuisance share one prior.
+    A nuisance has one prior row a column on each joint that it acts on; m such joints
+    share one prior, so that each counts 1 / m of a row.
+
+    Returns
+    -------
+    (n,) array
+        The number of prior rows that a joint has.
+    (n,) array
+        The number that it counts, in degrees of freedom.
     """
     n_rows = np.zeros(n, np.intp)
     counted = np.zeros(n)
@@ -532,11 +588,12 @@ def _count_prior_rows(terms: Sequence[Term], n: int) -> tuple[NDArray[np.intp], 
 def orthonormal(columns: Array) -> Array:
     """Return an orthonormal basis (N, r) of the column space of ``columns`` (N, p).
 
-    The rank r comes from a pivoted QR of the columns' triangular factor, which is
-    small. The basis is orthogonalised once more: twice is enough (Giraud et al. 2005).
+    The rank r comes from a pivoted QR of the columns' triangular factor R (p, p), which
+    is small. The basis, columns R^-1, is orthogonalised a second time against rounding:
+    twice is enough (Giraud et al. 2005).
     """
     norms = np.linalg.norm(columns, axis=0)
-    unit = columns[:, norms > 1e-12 * norms.max(initial=0.0)]
+    unit = columns[:, norms > 1e-12 * norms.max(initial=0.0)]  # without zero columns
     if not unit.shape[1]:
         return np.zeros((len(columns), 0))
     unit = unit / np.linalg.norm(unit, axis=0)
@@ -550,7 +607,6 @@ def orthonormal(columns: Array) -> Array:
     basis = unit[:, order[:rank]]
     R = triangle[:rank, :rank]
     basis = scipy.linalg.solve_triangular(R, basis.T, trans="T").T
-    # Twice is enough (Giraud et al. 2005).
     R = np.linalg.qr(basis, mode="r")
     basis = scipy.linalg.solve_triangular(R, basis.T, trans="T").T
     return np.ascontiguousarray(basis)
@@ -562,54 +618,58 @@ def _unit(columns: Array) -> Array:
 
 
 def _triangle(gram: Array) -> Array:
-    """Return the lower Cholesky factor (p, p) of a Gram matrix, with a small ridge.
+    """Return the lower Cholesky factor L (p, p) of a Gram matrix, with a small ridge.
 
-    The ridge, DEPENDENT^2 of the diagonal, keeps it positive where one column depends
-    on others.
+    L L' = gram + DEPENDENT^2 diag(gram). The ridge keeps it positive where one column
+    depends on others.
     """
-    return np.asarray(
-        np.linalg.cholesky(
-            gram + np.diag(DEPENDENT**2 * nonzero_or_one(np.diagonal(gram)))
-        )
-    )
+    ridge = DEPENDENT**2 * nonzero_or_one(np.diagonal(gram))
+    return np.asarray(np.linalg.cholesky(gram + np.diag(ridge)))
 
 
 def with_ridge(A: Array) -> Array:
-    """Add 1e-10 of the diagonal to positive matrices (..., k, k), against rounding."""
-    diagonal = np.diagonal(A, axis1=-2, axis2=-1)
-    return np.asarray(A + 1e-10 * (diagonal + 1e-300)[..., None] * np.eye(A.shape[-1]))
+    """Add 1e-10 of the diagonal to positive matrices (..., k, k), against rounding.
+
+    A zero on the diagonal becomes 1e-310, so that the matrix can be inverted.
+    """
+    diagonal = np.diagonal(A, axis1=-2, axis2=-1) + 1e-300
+    return np.asarray(A + 1e-10 * diagonal[..., None] * np.eye(A.shape[-1]))
 
 
 def bounded_least_squares(
     A: Array,
-    pull: Array,
+    Xy: Array,
     nonnegative: NDArray[np.bool_],
 ) -> Array:
-    """Minimise b'A b / 2 - pull'b, with some coefficients not negative.
+    """Minimise b'A b / 2 - (X'y)'b, with some coefficients b not negative.
 
     Parameters
     ----------
     A
-        (k, k) positive matrix.
-    pull
-        (k,) vector.
+        (k, k) positive definite matrix, such as X'X.
+    Xy
+        (k,) the products X'y.
     nonnegative
-        (k,) which coefficients must be at least zero.
+        (k,) flags: which coefficients must be at least zero.
 
     Returns
     -------
     (k,) array
-        The minimiser; by non-negative least squares if the free one violates a sign.
+        The minimiser: A^-1 X'y if it satisfies the signs, otherwise that of
+        non-negative least squares.
     """
-    beta = np.linalg.solve(with_ridge(A), pull)
+    beta = np.linalg.solve(with_ridge(A), Xy)
     if not np.any(beta[nonnegative] < 0.0):
         return np.asarray(beta)
     if len(beta) == 1:
         return np.zeros(1)
-    root = np.linalg.cholesky(with_ridge(A)).T
-    target = np.linalg.solve(root.T, pull)
-
-    solution = scipy.optimize.nnls(np.hstack([root, -root[:, ~nonnegative]]), target)[0]
-    out = solution[: len(nonnegative)].copy()
-    out[~nonnegative] -= solution[len(nonnegative) :]
-    return np.asarray(out)
+    # With A = R'R, minimise |R b - R'^-1 X'y|^2. A coefficient of any sign is the
+    # difference of two that are not negative: R has a second column for it.
+    R = np.linalg.cholesky(with_ridge(A)).T
+    target = np.linalg.solve(R.T, Xy)
+    columns = np.hstack([R, -R[:, ~nonnegative]])
+    solution = scipy.optimize.nnls(columns, target)[0]
+    k = len(nonnegative)
+    beta = solution[:k].copy()
+    beta[~nonnegative] -= solution[k:]
+    return np.asarray(beta)

@@ -47,10 +47,11 @@ def law_misfit_columns(
     effect: Effect,
     beta: Array,
 ) -> dict[int, Array]:
-    """Return the white columns of what an effect's law may get wrong.
+    """Return white columns of torque by which an effect's law may be wrong.
 
-    They are the effect's torque times t, v, |v|, v^2, q, q^2 and q v, and its
-    derivatives by the free shape constants.
+    They are the effect's torque times t, v, |v|, v^2, q, q^2 and q v (time, velocity
+    and position, over their largest magnitudes), and its derivatives by the free shape
+    constants. No law of friction, for example, holds exactly over all velocities.
 
     Parameters
     ----------
@@ -87,16 +88,16 @@ def law_misfit_columns(
 
 
 def _in_units_of_largest(x: Array) -> Array:
-    """Divide x (N,) by its largest magnitude; zeros stay."""
+    """Divide x (N,) by its largest magnitude; an array of zeros stays."""
     return np.asarray(x / nonzero_or_one(np.abs(x).max()))
 
 
 def find_frequencies(data: WhiteData) -> dict[int, list[float]]:
     """Return the frequencies [Hz] of hums, by joint (from 0) that has any.
 
-    A hum is a line in the residual's spectrum. Where no motion repeats, the residual is
-    that of the model refitted to these rows: its present parameters may belong to
-    another recording.
+    A hum is a line in the residual's spectrum. Example: {2: [50.0]}. If no motion
+    repeats, the residual is that of the model refitted to these rows, since its present
+    parameters may belong to another recording.
     """
     rows = data.rows
     residual = rows.residual
@@ -109,10 +110,18 @@ def find_frequencies(data: WhiteData) -> dict[int, list[float]]:
 
 
 def hums(data: WhiteData, frequencies: Mapping[int, Sequence[float]]) -> list[Nuisance]:
-    """Return the waves of each joint's hums as nuisances, with free phase in each run.
+    """Return sine and cosine waves of each joint's hums as nuisances.
 
-    frequencies [Hz] are by joint. The prior lets a wave be as large as the RMS torque
-    that the model leaves.
+    A nuisance is a tolerated error that a fit may explain. Each run has waves of its
+    own, so that the phase is free there. The prior standard deviation of an amplitude
+    is that of the torque that the model leaves.
+
+    Parameters
+    ----------
+    data
+        White rows.
+    frequencies
+        Frequencies [Hz] by joint (from 0).
     """
     rows = data.rows
     out = []
@@ -132,23 +141,27 @@ def hums(data: WhiteData, frequencies: Mapping[int, Sequence[float]]) -> list[Nu
 
 
 def _refined(frequency: float, rows: SegmentedRuns, residual: Array) -> float:
-    """Return the frequency [Hz] near a line at which whole runs have most power.
+    """Return the frequency [Hz] of highest power near a spectral line ``frequency``.
 
-    A line of a short periodogram is known to about 0.1 Hz (_NEAR_LINE); the power of
-    residual (M,) is summed over the runs.
+    The line comes from a short periodogram, which is accurate to about 0.1 Hz
+    (_NEAR_LINE). The power of one joint's residual (M,) over whole runs, summed over
+    the runs, is compared on a grid in that interval.
     """
-    near = frequency + np.linspace(-_NEAR_LINE, _NEAR_LINE, 2 * _NEAR_STEPS + 1)
-    power = np.zeros(len(near))
+    frequencies = frequency + np.linspace(-_NEAR_LINE, _NEAR_LINE, 2 * _NEAR_STEPS + 1)
+    power = np.zeros(len(frequencies))
     for run in np.unique(rows.run):
         is_in_run = rows.run == run
         # One row of the discrete Fourier transform for each frequency.
-        waves = np.exp(-2j * np.pi * np.outer(near, rows.t[is_in_run]))
+        waves = np.exp(-2j * np.pi * np.outer(frequencies, rows.t[is_in_run]))
         power += np.abs(waves @ residual[is_in_run]) ** 2
-    return float(near[np.argmax(power)])
+    return float(frequencies[np.argmax(power)])
 
 
 class Nuisances:
-    """The tolerated errors that stand beside effects in the fits of one search."""
+    """The nuisances of a search: small errors that its fits tolerate beside effects.
+
+    These are errors of effects' laws, errors of the mounting, and hums.
+    """
 
     def __init__(
         self,
@@ -181,11 +194,11 @@ class Nuisances:
         self._misfits: dict[str, list[tuple[int, Array, Array]]] = {}
 
     def with_law_misfits(self, terms: Sequence[ScoredEffect]) -> list[Term]:
-        """Return effects with hums, and with the misfits of those laws that explain
-        much.
+        """Return the effects, the hums, and the misfits of the effects' laws.
 
-        Much: 4 % (LAW_TOLERANCE) of the evidence is more than 6, so that an error of
-        the law could look like another effect.
+        Misfits are nuisances for what a law gets wrong. They are added for an effect if
+        4 % (LAW_TOLERANCE) of its evidence is more than 6: an error of its law could
+        then look like another effect.
         """
         out: list[Term] = [*terms, *self.hums]
         for t in terms:
@@ -198,7 +211,7 @@ class Nuisances:
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> list[Term]:
-        """Return all beside which an effect is judged.
+        """Return what a fit holds when the effect ``term`` is added to it and judged.
 
         These are the other effects, the misfits of their laws, hums, and tolerated
         errors of the mounting.
@@ -211,23 +224,26 @@ class Nuisances:
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> list[Nuisance]:
-        """Return the tolerated errors of the mounting that no effect stands for itself.
+        """Return the tolerated errors of the mounting that no effect explains itself.
 
-        An error is left out if the judged effect or another one is of its name, or is a
+        Such an error is an effect with a small prior. It is left out if the judged
+        effect ``term`` or one of the ``others`` is the same effect, or if ``term`` is a
         special case of it (a tilted base is one of displaced joints).
         """
-        named = {term.form.effect.form_of, term.key[0]}
-        named.update(t.key[0] for t in others)
+        names_of_effects = {term.form.effect.form_of, term.key[0]}
+        names_of_effects.update(t.key[0] for t in others)
         return [
             tolerance
             for name, tolerance in self.mounting_tolerances.items()
-            if name not in named
+            if name not in names_of_effects
         ]
 
     @cached_property
     def mounting_tolerances(self) -> dict[str, Nuisance]:
-        """Effects that every machine has a little of, with their plausible sizes, by
-        name.
+        """The small errors of mounting that every machine has, by the effect's name.
+
+        Each is a nuisance with the effect's columns and its plausible size as prior.
+        Empty if the rule ``mounting_tolerances`` is switched off.
         """
         if not self.rules.mounting_tolerances:
             return {}
@@ -239,10 +255,10 @@ class Nuisances:
 
     @cached_property
     def hums(self) -> list[Nuisance]:
-        """Waves of the torque's spectral lines.
+        """Nuisances with the waves of the torque's spectral lines.
 
-        They are present in every fit, so that no constant of the model is estimated
-        anew to explain a hum.
+        They are part of every fit, so that no shape constant of the model is
+        re-estimated to explain a hum.
         """
         return hums(self.data, self.frequencies)
 
@@ -250,16 +266,17 @@ class Nuisances:
     def frequencies(self) -> dict[int, list[float]]:
         """Frequencies [Hz] of hums, by joint (from 0).
 
-        A search beside another model takes them over.
+        A search that goes on with another model sets them to those of the first one.
         """
         return find_frequencies(self.data) if self.rules.hums_first else {}
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
-        """Return, joint by joint, what an effect's law may get wrong, as nuisances.
+        """Return one nuisance a joint: columns by which an effect's law may be wrong.
 
-        The expected squares are 4 % of those that the effect explains, divided evenly
-        among the columns. None for another value of a constant of the model's own
-        effect.
+        The prior lets all columns of a joint together explain 4 % (LAW_TOLERANCE) of
+        the squares that the effect explains: with E, a column's share of these, and S,
+        the column's squares, its standard deviation is sqrt(E / S). The list is empty
+        for a re-estimated shape constant of the model.
         """
         if term.form.replaces_own_constant or not self.rules.law_misfits:
             return []
@@ -281,7 +298,11 @@ class Nuisances:
         return out
 
     def _squares_beyond_model(self, columns: dict[int, Array]) -> Array:
-        """Return the squares (k,) of what the model leaves of white columns."""
+        """Return the sums of squares (k,) of white columns beyond the model's columns.
+
+        The fit divides rows by its levels; these are undone, so that the squares are in
+        units of the noise variance.
+        """
         remaining = self.bare.residual_of(self.bare.scaled(columns))
         remaining = remaining * self.bare.level[:, None, None]
         return np.maximum(np.sum(remaining**2, axis=(0, 1)), 1e-200)

@@ -88,19 +88,27 @@ def changed_constants(
     Parameters
     ----------
     terms
-        Candidates that replace effects of the model, each on one joint.
+        Findings that replace effects of the model by the same effect, on one joint,
+        with another constant (such as a Stribeck velocity).
     model
         The model with the old values.
+
+    Returns
+    -------
+    list of ShapeEstimate
+        Values in SI units; ``at_end`` tells that the new one lies at the end of its
+        range.
     """
     out = []
     for t in terms:
-        (joint,) = t.joints
+        (joint,) = t.joints  # the model's effects act on one joint each
         new = t.form.effect
         old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
         for key in new.estimated:
             value = new.shape[key]
             if value == old.shape[key]:
                 continue
+            # Ranges are logarithmic; a constant without bounds has none.
             ends = np.log(t.form.bounds(key) or (0.0, np.inf))
             out.append(
                 ShapeEstimate(

@@ -31,19 +31,19 @@ def refine_constants(
     start: ScoredEffect,
     fixed: Set[str] = frozenset(),
 ) -> ScoredEffect:
-    """Refine each continuous shape constant of a candidate in turn.
+    """Refine the continuous shape constants of a candidate, one after the other.
 
-    Constants that are as large as the effect itself (a delay's) are set to its size
-    last.
+    Each one is set to the value with the highest evidence. A constant that is as large
+    as the effect itself (a delay's) is set to the effect's size last.
 
     Parameters
     ----------
     judge
-        Scores a candidate beside a fit.
+        Scores a candidate as an addition to a fit.
     start
-        The candidate with its first constants.
+        The scored candidate with its first constants.
     fixed
-        Names of the constants that stay.
+        Names of the constants that keep their values.
 
     Returns
     -------
@@ -68,44 +68,56 @@ def _follow_size(judge: Judge, best: ScoredEffect, sized: str) -> ScoredEffect:
     """
     for _ in range(_SIZED):
         effect = best.form.effect
+        # Six digits, as in the effect's text on the command line.
         value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
         if effect.shapes[sized].complaint(value):
-            break
+            break  # outside of the constant's range
         best = judge(best.form.with_shape(**{sized: value}))
     return best
 
 
 def _refine_along(judge: Judge, start: ScoredEffect, name: str) -> ScoredEffect:
-    """Refine one shape constant: halve the step three times, then fit a parabola.
+    """Refine one shape constant: climb in steps that halve twice, then fit a parabola.
 
-    The lattice has steps of 1/2, 1/4 and 1/8 of the grid's spacing, and 1/16 of the
-    last step at the parabola's top. A constant without bounds is not refined.
+    The steps are 1/2, 1/4 and 1/8 (STEPS) of the spacing of the grid of starting
+    values. The top of the parabola is rounded to 1/16 of the last step, so that a
+    search meets the same values again. A constant without bounds is not refined.
+
+    Parameters
+    ----------
+    judge
+        Scores a candidate as an addition to a fit.
+    start
+        The scored candidate from which the constant starts.
+    name
+        The constant's name.
     """
     effect = start.form.effect
     shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
     if shape.bounds is None:
         return start
     lattice = _Lattice(judge, start, name)
-    x = 0.0
+    x = 0.0  # position: spacings of the grid from the start
     for step in STEPS:
         x = lattice.climb(x, step)
     # The top of the parabola through the last point and its neighbours.
-    below = lattice.score(x - step)
-    middle = lattice.score(x)
-    above = lattice.score(x + step)
+    below = lattice.evidence(x - step)
+    middle = lattice.evidence(x)
+    above = lattice.evidence(x + step)
     curvature = below - 2.0 * middle + above
     if curvature < 0.0 and np.isfinite(below + above):
         steps_to_top = 0.5 * (below - above) / curvature
         top = x + step * round(16.0 * steps_to_top) / 16.0
-        x = max((x, top), key=lattice.score)
+        x = max((x, top), key=lattice.evidence)
     return lattice.at(x)
 
 
 class _Lattice:
     """Scores of a candidate along one shape constant.
 
-    Positions x count the spacings of the grid from where the constant starts; on a
-    logarithmic scale unless the constant is linear.
+    A position x counts the spacings of the grid of starting values from where the
+    constant starts: value = v0 + x h for a constant on a linear scale, v0 exp(x h) on a
+    logarithmic one.
     """
 
     def __init__(
@@ -114,10 +126,19 @@ class _Lattice:
         start: ScoredEffect,
         name: str,
     ) -> None:
-        """Find the spacing: the smallest one between the constant's starting values.
+        """Find the spacing h: the smallest one between the constant's starting values.
 
-        With a single starting value it is that value's size (linear) or a factor of
-        two.
+        With a single starting value h is that value's magnitude (linear scale), or log
+        2, a factor of two (logarithmic scale).
+
+        Parameters
+        ----------
+        judge
+            Scores a candidate as an addition to a fit.
+        start
+            The scored candidate from which the constant starts, at x = 0.
+        name
+            The constant's name.
         """
         effect = start.form.effect
         joint = effect.joints[0]
@@ -137,44 +158,52 @@ class _Lattice:
             self.spacing = abs(self.origin) + 1e-3
         else:
             self.spacing = float(np.log(2.0))
-        self._terms = {0.0: start}
+        self._scored = {0.0: start}  # by position x
 
     def _scale(self, value: float) -> float:
         """Return the constant on its scale: itself, or its logarithm."""
         return float(value if self.is_linear else np.log(value))
 
     def value(self, x: float) -> float:
-        """Return the constant at x, rounded to six digits as a written effect has
-        them.
+        """Return the constant at position x, rounded to six digits.
+
+        An effect's text on the command line has as many digits.
         """
         scaled = self.origin + x * self.spacing
         value = scaled if self.is_linear else np.exp(scaled)
         return float(f"{value:.6g}")
 
     def at(self, x: float) -> ScoredEffect:
-        """Return the scored candidate at x; beyond the bounds its evidence is minus
+        """Return the scored candidate at position x of the constant.
+
+        Each one is scored once. Beyond the constant's bounds its evidence is minus
         infinity.
         """
-        if x not in self._terms:
+        if x not in self._scored:
             value = self.value(x)
             low, high = self.bounds
             if low <= value <= high:
                 form = self.start.form.with_shape(**{self.name: value})
-                self._terms[x] = self.judge(form)
+                self._scored[x] = self.judge(form)
             else:
-                self._terms[x] = replace(self.start, drop=-np.inf)
-        return self._terms[x]
+                self._scored[x] = replace(self.start, drop=-np.inf)
+        return self._scored[x]
 
     def climb(self, x: float, step: float) -> float:
-        """Return the first local maximum of the evidence from x on, in steps of ``step``."""
+        """Climb from position x to the next local maximum of the evidence; return it.
+
+        Positions x - step and x + step are compared with x until neither is better.
+        """
         while True:
-            best = max((x, x - step, x + step), key=self.score)
+            best = max((x, x - step, x + step), key=self.evidence)
             if best == x:
                 return x
             x = best
 
-    def score(self, x: float) -> float:
-        """Return the evidence at x, with the number of rows counted as one of the
-        start.
+    def evidence(self, x: float) -> float:
+        """Return the evidence J = dD / v - price of the candidate at position x.
+
+        v, the number of correlated rows that count as one, is that of the start at all
+        positions: errors of its estimates would hide the maximum.
         """
         return self.at(x).evidence_with_worth_of(self.start)

@@ -72,8 +72,10 @@ def search(
 class Search:
     """A search for missing effects over one library of candidates.
 
-    After :meth:`run`, ``terms`` are the effects found and ``fit`` is the fit of the
-    model with them; ``bare`` is the fit of the model alone.
+    A candidate is an effect on a joint (or on the robot) with values of its shape
+    constants, such as a Stribeck velocity; its laws are its discrete variants. After
+    :meth:`run`, ``terms`` are the effects found and ``fit`` is the fit of the model
+    with them; ``bare`` is the fit of the model alone.
     """
 
     def __init__(
@@ -85,9 +87,17 @@ class Search:
     ) -> None:
         """Prepare a search that has chosen no effect yet.
 
-        ``like`` is an earlier search, beside another model: if its white rows are
-        equal, the orthonormal basis of the model's columns is taken from there instead
-        of computed.
+        Parameters
+        ----------
+        data
+            The log's rows in units of their noise, with the model's columns on them.
+        library
+            All candidates.
+        rules
+            Which optional rules of the search apply.
+        like
+            An earlier search with another model. If its white rows are equal, its
+            orthonormal basis of the model's columns is used again.
         """
         self.data = data
         self.library = library
@@ -101,9 +111,10 @@ class Search:
         )
         self._columns: dict[str, dict[int, Array]] = {}
         self.terms: list[ScoredEffect] = []
-        #: Candidates that had not enough left once they had joined.
+        #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
-        #: Terms that are part of the torque to which columns refer.
+        #: Effects found whose torque is contained in the torque from which the columns
+        #: of gains and delays are computed.
         self.in_reference = set[Key]()
         self.bare = self.score.fit(())
         self.fit = self.bare
@@ -119,11 +130,11 @@ class Search:
     # What a candidate is worth.
 
     def columns(self, form: Candidate) -> dict[int, Array]:
-        """Return a candidate's white columns, (M rows, k coefficients) by joint (from
-        0).
+        """Return a candidate's white columns, (M rows, k coefficients) by joint from 0.
 
-        They are computed once for each set of shape constants, and kept in ``_columns``
-        under the effect's text.
+        White columns are weighted so that the noise has variance 1. They are computed
+        once for each set of shape constants; the effect's text is the key under which
+        they are kept.
         """
         text = form.effect.text
         if text not in self._columns:
@@ -131,8 +142,10 @@ class Search:
         return self._columns[text]
 
     def evidence_of(self, fit: WhiteFit, form: Candidate) -> ScoredEffect:
-        """Score a candidate beside a fit: its evidence J, coefficients and explained
-        squares.
+        """Score a candidate as an addition to a fit.
+
+        The result holds its evidence J, its coefficients and the squares of torque that
+        it explains.
         """
         return self.score.evidence_of(fit, form, self.columns(form))
 
@@ -141,10 +154,11 @@ class Search:
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> ScoredEffect:
-        """Score a chosen effect again, beside other effects and all nuisances.
+        """Score a chosen effect again, in a fit with other effects and all nuisances.
 
-        Nuisances are columns of small errors that are tolerated: of friction laws, of
-        the mounting, hums. The effect's list of rivals is carried over unchanged.
+        Nuisances are columns of small errors that are tolerated: errors of friction
+        laws and of the mounting, and hums. The effect's list of rivals is carried over
+        unchanged.
         """
         fit = self.score.fit(self.nuisances.around(term, others), self.fit)
         judged = self.score.evidence_of(fit, term.form, term.columns)
@@ -156,11 +170,10 @@ class Search:
         start: ScoredEffect,
         fixed: Set[str] = frozenset(),
     ) -> ScoredEffect:
-        """Return a candidate with the shape constants that give it most evidence beside
-        a fit.
+        """Return a candidate with the shape constants that give it the most evidence.
 
-        The search begins at ``start``; the constants named in ``fixed`` keep their
-        values.
+        The evidence is that of adding the candidate to ``fit``. The optimisation begins
+        at ``start``; the constants named in ``fixed`` keep their values.
         """
         return refine_constants(partial(self.evidence_of, fit), start, fixed)
 
@@ -173,16 +186,16 @@ class Search:
         on: frozenset[int] | None = None,
         beyond: float = 0.0,
     ) -> list[ScoredEffect]:
-        """List the most promising candidates beside a fit, the best first.
+        """List the most promising candidates to add to a fit, the best first.
 
-        The library is screened on its grid of shape constants, the constants of
-        promising candidates are refined, and of each candidate (an effect on a joint)
-        the law with most evidence is listed.
+        The library is screened on its grid of shape constants, and the constants of
+        promising candidates are refined. Each candidate (an effect on a joint) is
+        listed with the law, its discrete variant, that has the most evidence.
 
         Parameters
         ----------
         fit
-            The model with what the candidates have to show beside.
+            The fit to which the candidates are added.
         terms
             The effects chosen already; they are no candidates again.
         on
@@ -195,8 +208,9 @@ class Search:
         chosen_forms = [t.form for t in terms]
         screened = self._screened(fit, chosen_forms, on)
         top = max((t.evidence for t in screened), default=0.0)
-        # Refining may raise the evidence much: a friction width (say) that is far from
-        # the grid's values explains little there, and nearly all where it is right.
+        # The threshold is low, since refining may raise the evidence much: a friction
+        # width (say) far from the grid's values explains little there, and nearly all
+        # where it is right.
         threshold = 0.5 * max(top, beyond) - 3.0 * EVIDENCE_TO_ADD
         promising = [
             t
@@ -213,14 +227,23 @@ class Search:
         picked: Sequence[Candidate],
         on: frozenset[int] | None,
     ) -> list[ScoredEffect]:
-        """Score the best grid point of each law, for the candidates that explain most.
+        """Score the candidates that explain most, each law at its best grid point.
 
-        A cheap score of all candidates (the drop of the weighted squared error less a
-        price of log N for each coefficient) chooses up to MAX_CANDIDATES_REFINED
-        candidates; only their laws are scored by the evidence J. Candidates that were
-        refused once are skipped, unless a replacement on certain joints (``on``) is
-        looked for.
+        A cheap score of all candidates (the drop of the weighted squared error less log
+        N for each coefficient) chooses up to MAX_CANDIDATES_REFINED candidates. Only
+        these are scored by the evidence J, each with all its laws (discrete variants).
+
+        Parameters
+        ----------
+        fit
+            The fit to which candidates are added.
+        picked
+            The effects that it holds already.
+        on
+            Joints (from 0) on which a replacement is looked for. None: on any joint,
+            without the candidates that were refused once.
         """
+        # By law: cheap score, candidate at its best grid point, and white columns.
         best = dict[Hashable, tuple[float, Candidate, dict[int, Array]]]()
         for batch in self.library.batches:
             if on is not None and on.isdisjoint(batch.joints):
@@ -239,7 +262,7 @@ class Search:
         ranked = sorted(best.values(), key=lambda entry: -entry[0])
         return [
             self._judge_screened(fit, form, columns)
-            for form, columns in _of_first_candidates(ranked)
+            for form, columns in _keep_best_candidates(ranked)
         ]
 
     def _judge_screened(
@@ -248,7 +271,10 @@ class Search:
         form: Candidate,
         columns: dict[int, Array],
     ) -> ScoredEffect:
-        """Score a candidate with the white columns that its batch holds already."""
+        """Score a candidate as an addition to a fit, with columns computed before.
+
+        ``columns`` are its white columns, (M, k) by joint, as its batch holds them.
+        """
         self._columns.setdefault(form.effect.text, columns)
         return self.score.evidence_of(fit, form, columns)
 
@@ -256,9 +282,10 @@ class Search:
         """Return the simplest of the candidates that are about as good as the best one.
 
         "About as good" is within J = 6 (odds of 20 to 1) plus 4 % of the best one's
-        evidence, the accuracy of a law. All evidences use the best one's estimate of
-        how many correlated rows count as one; otherwise the error of that estimate
-        would decide. Refinements of another tied candidate are left out.
+        evidence: laws of friction are no more accurate. All evidences use the best
+        one's estimate of how many correlated rows count as one; otherwise the errors of
+        these estimates would decide. A candidate that refines another one of these
+        (presliding friction refines Coulomb friction, say) is left out.
 
         Parameters
         ----------
@@ -281,6 +308,7 @@ class Search:
             t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
         unrefined = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
+        # The simplest; among equally simple ones that with the highest evidence.
         return min(
             unrefined,
             key=lambda t: (simplicity(t.form), -t.evidence_with_worth_of(best)),
@@ -289,12 +317,13 @@ class Search:
     # The steps.
 
     def run(self, progress: Progress = no_progress) -> list[ScoredEffect]:
-        """Add, exchange and drop effects until nothing changes; return the effects
-        found.
+        """Add, exchange and drop effects until nothing changes; return the effects.
 
-        The search also ends where it comes back to a set of effects that it has had
-        before. A candidate that does not stay once it has joined, or that leads back to
-        a known set, is refused from then on.
+        In each step the best candidate is added, and effects that have become weak are
+        dropped. If no candidate can be added, one effect is exchanged for a better one.
+        The search also ends when an exchange leads back to a set of effects that it has
+        had before. A candidate that is dropped as soon as it is added, or that leads
+        back to such a set, is refused from then on.
         """
         known_sets = set[tuple[str, ...]]()
         # Each candidate is added, exchanged and dropped once at most: three steps each.
@@ -322,11 +351,11 @@ class Search:
         return self.terms
 
     def best_addition(self) -> ScoredEffect | None:
-        """Return the effect to add next, or None where no candidate has enough
-        evidence.
+        """Return the effect to add next, or None if no candidate has enough evidence.
 
-        It is the simplest of the best candidates with J > EVIDENCE_TO_ADD beside the
-        effects chosen so far, what their laws may get wrong, and hums.
+        It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
+        are added to a fit with the effects chosen so far, with small tolerated errors
+        of these effects' laws, and with hums.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
@@ -337,12 +366,12 @@ class Search:
         terms: Sequence[ScoredEffect],
         on: Set[int] = frozenset(),
     ) -> list[ScoredEffect]:
-        """Return the effects that keep enough evidence beside all others.
+        """Drop the effects that have too little evidence once all others are in the fit.
 
         Effects are judged in the order of the list, the oldest first: of two that
         explain the same torque the newer one stays. An effect with J <= EVIDENCE_TO_ADD
         is dropped at once, before the next is judged. A second pass follows if anything
-        has changed.
+        has changed. The effects that stay are returned.
 
         Parameters
         ----------
@@ -360,11 +389,11 @@ class Search:
             has_changed = False
             for term in list(terms):
                 others = [t for t in terms if t is not term]
-                # What the effect has to show beside; it begins at the levels and columns
-                # of the fit of all effects, which is faster.
+                # The fit without the effect; it starts from the fit of all effects,
+                # which is faster.
                 fit = self.score.fit(self.nuisances.around(term, others), fit_of_all)
                 judged = self.score.evidence_of(fit, term.form, term.columns)
-                if term.joints & on:
+                if term.joints & on:  # at least one common joint
                     judged = self.refined(fit, judged)
                 if judged.evidence <= EVIDENCE_TO_ADD:
                     terms = others
@@ -384,21 +413,20 @@ class Search:
         group: Sequence[ScoredEffect],
         others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect]:
-        """Score the effects of a group one after the other, so that their evidences add
-        up.
+        """Score the effects of a group in sequence, so that their evidences add up.
 
-        Each one is scored beside ``others`` and those of the group that stand before
-        it: torque that two of them can explain is counted once.
+        Effect i of the group is scored as an addition to ``others`` and to the effects
+        0 to i - 1 of the group: torque that two of them can explain is counted once.
         """
         return [
             self.beside(term, [*others, *group[:i]]) for i, term in enumerate(group)
         ]
 
     def exchange_one(self, terms: Sequence[ScoredEffect]) -> list[ScoredEffect] | None:
-        """Exchange one chosen effect for a better or simpler one, and return the new
-        list.
+        """Exchange one chosen effect for a better or simpler one.
 
-        The effects are tried in order; the first exchange that succeeds is returned.
+        The effects are tried in order, and the first exchange that succeeds ends the
+        step.
 
         Returns
         -------
@@ -425,10 +453,11 @@ class Search:
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect]:
-        """List the candidates that may replace an effect, the best first.
+        """List the candidates that may replace the effect ``term``, the best first.
 
-        They act on one of its joints. Candidates whose evidence is far below the
-        effect's are not refined.
+        They act on one of its joints, and are added to a fit with the ``others`` alone.
+        Shape constants of candidates whose evidence is far below the effect's are not
+        refined.
         """
         fit = self.score.fit(self.nuisances.around(term, others), self.fit)
         candidates = self.top_candidates(
@@ -449,12 +478,25 @@ class Search:
         candidates: Sequence[ScoredEffect],
         others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect] | None:
-        """Return the effects with ``term`` replaced by a candidate, or None where it
-        stays.
+        """Replace the effect ``term`` by a candidate if one is better or simpler.
 
-        A candidate replaces the effect if its evidence is higher by the margin (J = 10
-        plus 4 %) or within the margin while it is simpler, or while the effect only
-        refines it.
+        With the margin m = 10 + 4 % of the effect's evidence J, the candidate's J' has
+        to exceed J + m. It only has to exceed J - m if it is simpler than the effect,
+        or if the effect refines it (presliding friction refines Coulomb friction, say).
+
+        Parameters
+        ----------
+        term
+            The effect that may be replaced.
+        candidates
+            The scored candidates, the best first.
+        others
+            All other chosen effects.
+
+        Returns
+        -------
+        list of ScoredEffect or None
+            ``others`` with the candidate; None if the effect stays.
         """
         other = self._best_replacement(term, candidates)
         if other is None:
@@ -480,8 +522,8 @@ class Search:
     ) -> ScoredEffect | None:
         """Return the simplest of the best candidates to replace an effect, or None.
 
-        None: no candidate has J > EVIDENCE_TO_ADD, or the best one is the effect itself
-        with other constants.
+        It is None if no candidate has J > EVIDENCE_TO_ADD, or if the simplest one is
+        the effect itself with other shape constants.
         """
         convincing = [t for t in candidates if t.evidence > EVIDENCE_TO_ADD]
         replacement = self.simplest(convincing)
@@ -494,11 +536,10 @@ class Search:
         other: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect] | None:
-        """Return ``others`` with one more effect, or None if that effect is dropped at
-        once.
+        """Return ``others`` with the effect ``other``, or None if that is dropped again.
 
-        It has to keep enough evidence beside the tolerated errors of the mounting, too,
-        which :meth:`drop_weak` takes into account.
+        :meth:`drop_weak` judges it in a fit that also tolerates small errors of the
+        mounting: it may lose its evidence there.
         """
         after = self.drop_weak([*others, other])
         return after if any(t.key == other.key for t in after) else None
@@ -507,11 +548,12 @@ class Search:
     def equivalence_set(
         term: ScoredEffect, candidates: Sequence[ScoredEffect]
     ) -> tuple[ScoredEffect, ...]:
-        """Return the candidates that these rows do not tell from a chosen effect.
+        """Return the candidates that these rows do not distinguish from an effect.
 
-        Their evidence J, with the same number of rows counted as one, falls short of
-        the effect's by less than 6 (odds of 20 to 1). Other values of the model's own
-        constants are left out: they are no effects.
+        Their evidence J is less than 6 (odds of 20 to 1) below that of the chosen
+        effect ``term``, computed with the same number of correlated rows that count as
+        one. Other values of the model's shape constants are left out: they are no
+        effects.
         """
         threshold = term.evidence - EVIDENCE_TO_DISTINGUISH
         return tuple(
@@ -523,12 +565,12 @@ class Search:
         )
 
     def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
-        """Return a copy of the search with only these effects, less those that the rows
-        contradict.
+        """Return a copy of the search with those of ``terms`` that the rows support.
 
-        Each effect is judged beside the others. While one has evidence against it (J <=
-        0), the one with the lowest J is dropped and the others are judged again. The
-        threshold is 0 and not 10, since these effects have passed 10 before.
+        Each effect is judged in a fit with all others. While one has evidence against
+        it (J <= 0), the one with the lowest J is dropped and the others are judged
+        again. The threshold is 0 and not 10 as for additions, since these effects have
+        passed 10 before.
         """
         out = copy(self)
         while True:
@@ -552,11 +594,12 @@ class Search:
 def _best_law_of_each_candidate(
     ranked: Sequence[ScoredEffect],
 ) -> list[ScoredEffect]:
-    """Keep the best law of each candidate (an effect on a joint), in the order given.
+    """Keep the best law of each candidate (an effect on a joint), in the same order.
 
-    Laws of one candidate are compared with the number of rows counted as one that the
-    first of them has: estimates of that number differ by more than their evidence.
-    ``ranked`` has the highest evidence first.
+    A candidate may appear with several laws (discrete variants) in ``ranked``, which
+    has the highest evidence first. Their evidence J = dD / v - price is compared with
+    one v, the first law's number of correlated rows that count as one: the errors of
+    two estimates of v would decide otherwise.
     """
     first = dict[Key, ScoredEffect]()
     best = dict[Key, ScoredEffect]()
@@ -569,25 +612,34 @@ def _best_law_of_each_candidate(
     return [t for t in ranked if best[t.key] is t]
 
 
-def _of_first_candidates(
+def _keep_best_candidates(
     ranked: Sequence[tuple[float, Candidate, dict[int, Array]]],
 ) -> list[tuple[Candidate, dict[int, Array]]]:
-    """Return all laws, with their white columns, of the best-ranked candidates.
+    """Keep the first MAX_CANDIDATES_REFINED effects of a ranking, each with all laws.
 
-    ``ranked`` holds (cheap score, law, columns), the best first. A candidate (an effect
-    on a joint) may appear with several laws; those of the first MAX_CANDIDATES_REFINED
-    candidates are returned.
+    Parameters
+    ----------
+    ranked
+        Triples (cheap score, candidate, its white columns by joint), the best first. An
+        effect on a joint (the candidate's ``key``) appears once for each of its laws,
+        its discrete variants.
+
+    Returns
+    -------
+    list of (Candidate, dict)
+        The candidates of the best effects with their columns, in the same order.
     """
-    keys = list(dict.fromkeys(form.key for _, form, _ in ranked))
-    best_keys = keys[:MAX_CANDIDATES_REFINED]
+    keys_in_order = dict.fromkeys(form.key for _, form, _ in ranked)  # each once
+    best_keys = list(keys_in_order)[:MAX_CANDIDATES_REFINED]
     return [(form, columns) for _, form, columns in ranked if form.key in best_keys]
 
 
 def simplicity(form: Candidate) -> tuple[int, int, bool]:
-    """Return the key by which candidates are sorted, the simplest first.
+    """Return a sorting key of candidates: the simplest one has the smallest key.
 
-    In this order: number of coefficients and shape constants, number of joints, and
-    whether the effect refines a plainer one.
+    The key compares first the number of coefficients and shape constants, then the
+    number of joints, then whether the effect refines a simpler one (as presliding
+    friction refines Coulomb friction).
     """
     return (
         form.n_coefficients + form.n_constants,

@@ -32,8 +32,9 @@ from sdp_vs_penalty.robot.arrays import Array
 class Size:
     """Parameters of an effect with their covariance.
 
-    beta (k,) : in SI units; covariance (k, k) : with errors of the shape constants;
-    covariance_given_constants (k, k) : where these are exact.
+    beta (k,) : parameters in SI units; covariance (k, k) : their covariance, with the
+    errors of shape constants (such as a Stribeck velocity); covariance_given_constants
+    (k, k) : their covariance if these constants were exact.
     """
 
     beta: Array
@@ -46,22 +47,23 @@ def sizes_with_intervals(
     torque_in_doubt: Array,
     errors_of_constants: Sequence[ConstantErrors],
 ) -> list[Size]:
-    """Return the sizes of all findings of a search.
+    """Compute the parameters of all findings of a search, with their covariances.
 
     Parameters
     ----------
     search
         The findings beside the model.
     torque_in_doubt
-        (n, M, e) white torque of errors before any search (:func:`torque_errors`).
+        (n, M, e) white torque that known errors, of gains and of a fixed model, cause
+        (:func:`torque_errors`).
     errors_of_constants
-        White torque of errors of shape constants
+        White derivatives of torque by shape constants, by effect
         (:meth:`WhiteData.constant_error_columns`).
 
     Returns
     -------
     list of Size
-        One for each finding.
+        One for each finding, in the same order.
     """
     tolerances = search.nuisances.mounting_tolerances.values()
     fit = search.score.fit([*search.terms, *tolerances], search.fit)
@@ -78,7 +80,12 @@ def size_with_interval(
     torque_in_doubt: Array,
     errors_of_constants: Sequence[ConstantErrors],
 ) -> Size:
-    """Return the size of one finding beside all others, with its covariance.
+    """Compute the covariance of one finding's parameters, beside all other findings.
+
+    covariance = A^-1 S A^-1 (sandwich), with A = T'T + prior for the columns T of the
+    finding and of errors of shape constants, less what the fit with all other findings
+    explains of them. S sums the products of scores T'r over clusters of rows, and adds
+    the torque in doubt. Variances are at least those of independent rows.
 
     Parameters
     ----------
@@ -89,9 +96,10 @@ def size_with_interval(
     fit_with_tolerances
         A fit with all findings and tolerated errors; its columns are used again.
     torque_in_doubt
-        (n, M, e) white torque of errors before any search (:func:`torque_errors`).
+        (n, M, e) white torque that known errors, of gains and of a fixed model, cause
+        (:func:`torque_errors`).
     errors_of_constants
-        White torque of errors of shape constants, by effect.
+        White derivatives of torque by shape constants, by effect.
 
     Returns
     -------
@@ -102,34 +110,37 @@ def size_with_interval(
     others = [t for t in search.terms if t != term]
     tolerated = search.nuisances.mounting_tolerances_beside(term, others)
     fit = search.score.fit([*others, *tolerated], fit_with_tolerances)
-    columns, known = search.score.partial_out(
+    columns, prior_std = search.score.partial_out(
         fit,
         term.form,
         term.columns,
     )
-    of_constants = [
+    columns_of_constants = [
         fit.residual_of(fit.scaled(z))
         for _, z in errors_of_constants
         if not term.joints.isdisjoint(z)
     ]
     # (n, M, K): the effect's k columns first, then those of errors of shape constants,
     # which are scaled so that their prior standard deviation is 1.
-    T = np.concatenate([columns, *of_constants], axis=2)
-    prior = np.diag(np.concatenate([known**-2.0, np.ones(T.shape[2] - k)]))
+    T = np.concatenate([columns, *columns_of_constants], axis=2)
+    n_constants = T.shape[2] - k
+    prior = np.diag(np.concatenate([prior_std**-2.0, np.ones(n_constants)]))
     joints_and_rows = ((0, 1), (0, 1))
     gram = np.tensordot(T, T, axes=joints_and_rows)
     A = gram + prior
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
     residual = fit.residual - T[:, :, :k] @ term.beta
-    # Factors of the sandwich's middle S, side by side.
-    middle = [_largest_sums(search.data, T, residual)]
+    # Factors F of the sandwich's middle S = F F', side by side.
+    factors = [_largest_sums(search.data, T, residual)]
     if torque_in_doubt.shape[2]:
-        doubt = fit.residual_of(fit.scaled(dict(enumerate(torque_in_doubt))))
-        middle.append(np.tensordot(T, doubt, axes=joints_and_rows))
-    factor = inverse @ np.hstack(middle)
+        by_joint = dict(enumerate(torque_in_doubt))
+        doubt = fit.residual_of(fit.scaled(by_joint))
+        factors.append(np.tensordot(T, doubt, axes=joints_and_rows))
+    factor = inverse @ np.hstack(factors)
     of_independent_rows = inverse @ (A - prior) @ inverse
     covariance = _at_least(factor @ factor.T, of_independent_rows)
-    # Constants known exactly: the effect's block of the inverse covariance.
+    # With exact constants the covariance of beta is the inverse of beta's block of the
+    # inverse covariance.
     precision = np.linalg.pinv(covariance, hermitian=True)[:k, :k]
     return Size(
         beta=term.beta,
@@ -139,10 +150,20 @@ def size_with_interval(
 
 
 def _largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
-    """Return a factor (K, clusters) of the sandwich's middle S.
+    """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'.
 
-    Of the ways to cluster rows, the one with the largest S is taken. Each factor is
-    scaled for its degrees of freedom: the number of clusters less the K parameters.
+    A column of F is the score T'r summed over a cluster of rows that err together. Of
+    the two ways to cluster rows, by time and by phase, the one with the larger trace of
+    S is taken. Factors are scaled by sqrt(C / (C - K)) for C clusters and K parameters.
+
+    Parameters
+    ----------
+    data
+        White rows with the clusters.
+    T
+        (n joints, rows, K) columns.
+    residual
+        (n, rows) residual r.
     """
     n_rows = len(data.clusters[0])  # without rows of priors behind the log's
     scores = np.sum(T * residual[:, :, None], axis=0)[:n_rows]
@@ -155,10 +176,9 @@ def _largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
 
 
 def _at_least(covariance: Array, smallest: Array) -> Array:
-    """Scale a covariance (K, K) up until its variances are at least those of another
-    one.
+    """Raise the variances of a covariance (K, K) to those of another one, ``smallest``.
 
-    Correlations stay.
+    Variances that are larger stay, and so do all correlations.
     """
     variances = np.diagonal(covariance)
     larger = np.maximum(variances, np.diagonal(smallest))
@@ -167,11 +187,12 @@ def _at_least(covariance: Array, smallest: Array) -> Array:
 
 
 def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
-    """Return white rows (n, M, e) of torque errors that exist before anything is
-    searched.
+    """Return white torque (n joints, M rows, e) that known errors may have caused.
 
-    They are errors of the torque channels' gains, with what these have changed in the
-    model's parameters, and, of a model held fixed, the errors of its parameters.
+    These are errors that no search of the rows can remove: of the torque channels'
+    gains, with the change that these make in the model's parameters, and, if the model
+    is held fixed, of its parameters. Column i is the torque of an error of one standard
+    deviation in direction i.
 
     Parameters
     ----------
@@ -180,9 +201,9 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     estimate
         The model with its uncertainty.
     gain_errors
-        (n, e) a factor of the covariance of the gains.
+        (n, e) a factor G of the covariance G G' of the channels' relative gains.
     """
-    known = estimate.uncertainty
+    uncertainty = estimate.uncertainty
     rows = data.rows
     n = rows.n
     M = len(rows.t)
@@ -192,12 +213,12 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     by_joint = []
     for j in range(n):
         # (M, n) change of this joint's error for a unit error of each channel's gain.
-        by_gain = -columns[j] @ known.gain_response
+        by_gain = -columns[j] @ uncertainty.gain_response
         by_gain[:, j] += rows.torque[:, j]
         errors = by_gain @ gain_errors
         if data.frozen:
-            of_parameters = -columns[j] @ known.spread
-            errors = np.hstack([errors, of_parameters])
+            by_parameters = -columns[j] @ uncertainty.spread
+            errors = np.hstack([errors, by_parameters])
         by_joint.append(data.white(errors, j))
     return np.stack(by_joint)
 
@@ -209,8 +230,8 @@ def size_of(
 ) -> tuple[float, float]:
     """Return one number for the size of an effect, and its standard deviation.
 
-    It is the effect's sizing parameter with its sign, or the norm where there are
-    several (an amplitude of sine and cosine).
+    The effect declares which parameter is its size (``sized_by``). With several such
+    parameters, as of sine and cosine, the size is their norm.
 
     Parameters
     ----------
@@ -220,6 +241,14 @@ def size_of(
         (k,) its parameters, in SI units.
     covariance
         (k, k) their covariance.
+
+    Returns
+    -------
+    float
+        The size in the parameter's SI unit, with its sign if it is one parameter.
+    float
+        Its standard deviation; to first order for a norm, sqrt(u'C u) with the unit
+        vector u along the parameters.
     """
     parameters = beta[effect.sized_by]
     their_covariance = covariance[effect.sized_by, effect.sized_by]

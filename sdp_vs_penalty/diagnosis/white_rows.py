@@ -29,14 +29,15 @@ def diagnosis_rows(
     estimate: Estimate,
     settings: Preprocessing,
 ) -> SegmentedRuns:
-    """Filter all runs and attach the estimate as the current model.
+    """Filter all runs and attach a model to them.
 
     Parameters
     ----------
     measurements
         The runs.
     estimate
-        The model from which columns that need torque or links are computed.
+        The model. Columns of effects that need joint torque or links (a gain, load
+        friction) are computed from it.
     settings
         Filters, resolved for these measurements (:meth:`Preprocessing.resolve`).
 
@@ -65,17 +66,20 @@ def with_estimate(
     estimate: Estimate,
     other_effects: Sequence[tuple[Effect, Array]] = (),
 ) -> SegmentedRuns:
-    """Attach an estimate as the current model of filtered runs.
+    """Attach a model to filtered runs, from which torque-dependent columns follow.
+
+    Columns of effects that need joint torque or links (a gain, a delay, load friction)
+    are computed from the model and the motion.
 
     Parameters
     ----------
     runs
         The filtered runs.
     estimate
-        The model from which columns that need torque or links are computed.
+        The model.
     other_effects
-        Effects beside the model, each with its parameters (k,). Their torque is added
-        to the model's, through the gains of the torque channels.
+        Effects in addition to the model, each with its parameters (k,). Their torque is
+        added to the model's, through the gains of the torque channels.
 
     Returns
     -------
@@ -85,13 +89,15 @@ def with_estimate(
     model = estimate.model
 
     def add_torque_of_others(motion: Motion) -> Motion:
+        """Add the torque of ``other_effects`` to the model's torque in a motion."""
         if not other_effects:
             return motion
         torque_of_others = sum(e.torque(theta, motion) for e, theta in other_effects)
-        gains = np.array(model.gains or (1.0,))
+        gains = np.array(model.gains or (1.0,))  # no gains: all are 1
         return replace(motion, torque=motion.model_torque + torque_of_others * gains)
 
     def motion_seen_by_model(motion: Motion) -> Motion:
+        """Add the model's torque and links to a motion."""
         return model.seen_along(estimate.theta, motion)
 
     return runs.with_model(motion_seen_by_model, add_torque_of_others, model.gains)
@@ -103,13 +109,14 @@ ConstantErrors = tuple[ShapeSensitivity, dict[int, Array]]
 
 @dataclass(frozen=True)
 class WhiteData:
-    """Rows weighted so that each joint's noise is independent with variance 1, and the
-    model.
+    """White rows: weighted so that each joint's noise is independent with variance 1.
 
-    X (n joints, M rows, p) : the model's own columns, white; y (n, M) : the white
-    torque. Of a model held fixed (``frozen``) X has no columns and y is what the model
-    leaves. clusters : labels (M,) of rows that err together, by time and by phase of
-    the motion; count (n,) : number of rows that carry information.
+    rows : the filtered rows before weighting; noise : the noise of each joint; estimate
+    : the model. X (n joints, M rows, p) : white columns of the model's parameters; y
+    (n, M) : white torque. If the model is held fixed (``frozen``), X has no columns and
+    y is the white residual of the model. clusters : labels (M,) of rows that err
+    together, by time and by phase of the motion; count (n,) : number of rows that carry
+    information.
     """
 
     rows: SegmentedRuns
@@ -128,15 +135,16 @@ class WhiteData:
 
     @property
     def noise_is_known(self) -> bool:
-        """Whether the noise was measured, and not taken from the model's own residual."""
+        """Whether the noise was measured; if not, it is the model's own residual."""
         return self.noise.source != RESIDUAL
 
     @cached_property
     def own_effects(self) -> dict[tuple[str, int], tuple[Effect, int]]:
-        """The model's own effects whose shape constant might be re-estimated.
+        """The model's effects whose shape constant might be re-estimated.
 
-        By (name, joint from 0): the effect on that joint alone, and its column in X.
-        Only effects with one column a joint; none of a model held fixed.
+        By (name, joint from 0): the effect on that joint alone, and the number of its
+        column in X. Effects with several columns a joint are left out; a model that is
+        held fixed has none.
         """
         if self.frozen:
             return {}
@@ -154,19 +162,19 @@ class WhiteData:
         effects: Sequence[Effect] = (),
         thetas: Sequence[Array] = (),
     ) -> list[ConstantErrors]:
-        """Return the white torque that errors of shape constants would make, to first
-        order.
+        """Return white derivatives of torque by the shape constants of effects.
 
-        Such errors matter for sizes: friction that reverses over another velocity, for
+        They are the torque that an error of a constant causes, to first order. Such
+        errors matter for sizes: friction that reverses over another velocity, for
         example, looks like friction of another size.
 
         Parameters
         ----------
         effects
-            Effects beside the model.
+            Effects in addition to the model. The model's own effects are appended,
+            unless it is held fixed.
         thetas
-            Their parameters, (k,) each. The model's own effects are added, unless it is
-            held fixed.
+            Parameters (k,) of each of ``effects``.
 
         Returns
         -------
@@ -184,10 +192,10 @@ class WhiteData:
 
     @cached_property
     def constant_derivatives(self) -> dict[tuple[str, int], Array]:
-        """White derivatives of torque by the free constants of the effects in
-        ``own_effects``.
+        """White derivatives of torque by the free constants of the model's effects.
 
-        (M, number of constants) by (name, joint from 0).
+        They are arrays (M rows, number of constants) by (effect name, joint from 0),
+        for the effects in ``own_effects``.
         """
         out = dict[tuple[str, int], Array]()
         for derivative, columns in self.constant_error_columns():
@@ -203,16 +211,18 @@ class WhiteData:
         return model_columns(self.rows, self.estimate, self.frozen)
 
     def white(self, columns: Array, joint: int) -> Array:
-        """Whiten columns (M, ...) of one joint's torque (joint from 0)."""
+        """Weight columns (M, ...) of one joint's torque so that their noise is white.
+
+        White noise is independent from row to row, with variance 1; ``joint`` counts
+        from 0.
+        """
         return self.noise.whiten(columns, joint, self.rows.pieces[joint])
 
     def columns(self, effect: Effect) -> dict[int, Array]:
-        """Return an effect's white columns, (M, k) by joint (from 0) whose torque it
-        changes.
-        """
-        wide = spread_columns(self.rows, effect)
+        """Return an effect's white columns, (M, k) by joint (from 0) that it acts on."""
+        columns_of_joints = spread_columns(self.rows, effect)
         return {
-            b.joint: self.white(wide[b.joint], b.joint)
+            b.joint: self.white(columns_of_joints[b.joint], b.joint)
             for b in self.rows.blocks(effect)
         }
 
@@ -220,10 +230,19 @@ class WhiteData:
 def cluster_sums(
     clusters: Sequence[NDArray[np.intp]], scores: Array
 ) -> Iterator[Array]:
-    """Yield, for each way to cluster the M rows, the sums of scores (M, k) over its
-    clusters.
+    """Yield the sums of scores over clusters of rows, for each way to cluster them.
 
-    Each is (number of clusters, k). ``clusters`` holds the labels (M,) of each way.
+    Parameters
+    ----------
+    clusters
+        For each way the label (M,) of each row's cluster, from 0.
+    scores
+        (M, k) numbers to be summed.
+
+    Yields
+    ------
+    (number of clusters, k) array
+        The sums.
     """
     for labels in clusters:
         yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)
@@ -235,11 +254,11 @@ def whiten_rows(
     frozen: bool = False,
     noise_rows: SegmentedRuns | None = None,
 ) -> WhiteData:
-    """Measure the noise of filtered rows, and weight them so that it is independent
-    with variance 1.
+    """Measure the noise of filtered rows, and make white rows of them.
 
-    Rows at the begin of a log are masked until friction has forgotten its past, and so
-    are rows in which repetitions of the motion disagree.
+    White rows are weighted so that their noise is independent with variance 1. Two
+    kinds of rows are masked: those at the begin of a log, where friction still depends
+    on the motion before, and those in which repetitions of the motion disagree.
 
     Parameters
     ----------
@@ -265,12 +284,11 @@ def whiten_rows(
 
 
 def mask_unsettled_rows(rows: SegmentedRuns) -> NDArray[np.bool_]:
-    """Return (M, n) flags of rows in which friction may still remember the time before
-    the log.
+    """Return (M, n) flags of rows in which friction may depend on the time before.
 
     Friction with a memory forgets its initial state over a travel of FORGETS (0.03 rad
-    or m): rows before a joint has travelled that far are flagged. A joint that never
-    does has no rows flagged.
+    or m). Rows of a segment are flagged until the joint has travelled as far; a joint
+    that never does has no rows flagged.
     """
     out = []
     for segment in rows.segments:
@@ -289,9 +307,18 @@ def whiten_with_noise(
     estimate: Estimate,
     frozen: bool,
 ) -> WhiteData:
-    """Whiten filtered rows with a noise that is known already.
+    """Weight filtered rows with a known noise, so that it is independent, variance 1.
 
-    Parameters are those of :func:`whiten_rows`; ``noise`` is the noise of each joint.
+    Parameters
+    ----------
+    rows
+        Filtered rows.
+    noise
+        The noise of each joint.
+    estimate
+        The model whose columns are weighted too.
+    frozen
+        True: the model is held fixed, and the torque is what it leaves unexplained.
     """
     torque = rows.residual if frozen else rows.torque
     X, y = white_rows(
@@ -302,7 +329,7 @@ def whiten_with_noise(
     )
     clusters = cluster_rows(rows)
     # The first rows of each piece only serve to whiten the next ones. Each other row
-    # counts by its worth.
+    # counts by its worth (0 to 1): less where the joint stands still.
     count = np.array(
         [noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)]
     )
@@ -324,14 +351,27 @@ def white_rows(
     columns: Array,
     residual: Array,
 ) -> tuple[Array, Array]:
-    """Whiten columns (n, M, p) and residual (M, n) joint by joint.
+    """Weight columns (n, M, p) and a torque (M, n) so that each joint's noise is white.
+
+    White noise is independent from row to row, with variance 1.
+
+    Parameters
+    ----------
+    rows
+        The filtered rows.
+    noise
+        The noise of each joint.
+    columns
+        (n, M, p) columns of torque.
+    residual
+        (M, n) a torque, or what a model leaves of it [N m or N].
 
     Returns
     -------
     (n, M, p) array
         White columns.
     (n, M) array
-        White residual; note that the joint comes first.
+        White torque; note that the joint comes first.
     """
     white_columns = np.zeros(columns.shape)
     white_residual = np.zeros(columns.shape[:2])
@@ -343,11 +383,14 @@ def white_rows(
 
 
 def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
-    """Return an effect's filtered columns (n joints, M rows, k); zero where it does not
-    act.
+    """Return an effect's filtered columns of torque as one array (n joints, M rows, k).
+
+    Column i is the torque of a unit of the effect's parameter i; it is zero on joints
+    on which that parameter does not act.
     """
     out = np.zeros((rows.n, len(rows.t), len(effect.parameters)))
     for block in rows.blocks(effect):
+        # block.parameters: which of the k parameters act on this joint.
         out[block.joint][:, block.parameters] = block.columns
     return out
 
@@ -357,9 +400,10 @@ def model_columns(
     estimate: Estimate,
     frozen: bool = False,
 ) -> Array:
-    """Return the filtered columns (n, M, p) of the model's parameters.
+    """Return the filtered columns (n joints, M rows, p) of the model's parameters.
 
-    p is 0 for a model held fixed (``frozen``): it has no parameters to fit.
+    Column i is the torque of a unit of parameter i. p is 0 if the model is held fixed
+    (``frozen``): it has no parameters to fit.
     """
     if frozen:
         return np.zeros((rows.n, len(rows.t), 0))
@@ -371,64 +415,76 @@ def model_columns(
 def cluster_rows(
     rows: SegmentedRuns,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Label rows that err together: by stretches of time, and by stretches of the
-    phase.
+    """Label rows whose errors are correlated, in two ways.
 
-    The second, since an error of the model comes back whenever the motion repeats.
-    Labels are (M,) each.
+    Returns
+    -------
+    (M,) array
+        Labels of intervals of time.
+    (M,) array
+        Labels of intervals of the motion's phase, since an error of the model recurs
+        whenever the motion repeats.
     """
+    # [1]: the labels of phase and motion together.
     return time_clusters(rows), phase_stretches(rows, CLUSTERS)[1]
 
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
-    """Label the rows (M,) by stretches of equal duration within each run.
+    """Label the rows (M,) by intervals of equal duration within each run.
 
-    There are about CLUSTERS of them, each at least half a second long.
+    There are about CLUSTERS (50) intervals, each at least half a second long. Labels
+    count from 0 over all runs.
     """
     t_by_run = {r: rows.t[rows.run == r] for r in np.unique(rows.run)}
     seconds = sum(np.ptp(t) for t in t_by_run.values())
-    length = max(0.5, seconds / CLUSTERS)
+    duration = max(0.5, seconds / CLUSTERS)
     label = np.zeros(len(rows.t), np.intp)
-    n_before = 0
+    n_before = 0  # intervals of the runs before
     for run, t in t_by_run.items():
-        n_stretches = max(1, round(np.ptp(t) / length))
-        inner_edges = np.linspace(t[0], t[-1], n_stretches + 1)[1:-1]
-        stretch = np.searchsorted(inner_edges, t, side="right")
-        label[rows.run == run] = n_before + stretch
-        n_before += n_stretches
+        n_intervals = max(1, round(np.ptp(t) / duration))
+        inner_edges = np.linspace(t[0], t[-1], n_intervals + 1)[1:-1]
+        interval = np.searchsorted(inner_edges, t, side="right")
+        label[rows.run == run] = n_before + interval
+        n_before += n_intervals
     return np.unique(label, return_inverse=True)[1]  # numbered without gaps
 
 
 def folds_of(rows: SegmentedRuns, count: int) -> NDArray[np.intp]:
-    """Return folds (M,) by the phase of the motion, numbered from 0, at most ``count``."""
+    """Number the rows (M,) by folds of the motion's phase, from 0.
+
+    There are at most ``count`` folds; each is the same phase interval in all motions.
+    Empty folds are left out of the numbering.
+    """
     return np.unique(phase_stretches(rows, count)[0], return_inverse=True)[1]
 
 
 def phase_stretches(
     rows: SegmentedRuns, count: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Divide the phase of each motion into ``count`` stretches.
+    """Divide the phase of each motion into ``count`` intervals.
+
+    The phase tells where a repeated motion is in its cycle; that of a run is computed
+    from its longest segment.
 
     Returns
     -------
     (M,) array
-        The stretch of each row, from 0: a fold is the same phase in all motions.
+        The interval of each row, from 0: a fold is the same phase in all motions.
     (M,) array
-        A label of stretch and motion together. A run's phase is that of its longest
-        segment.
+        A label of interval and motion together, from 0 without gaps.
     """
-    longest = dict[int, Segment]()
+    longest = dict[int, Segment]()  # by run
     for segment in rows.segments:
-        known = longest.setdefault(segment.run, segment)
-        if len(segment.t) > len(known.t):
+        longest_so_far = longest.setdefault(segment.run, segment)
+        if len(segment.t) > len(longest_so_far.t):
             longest[segment.run] = segment
     clocks = motion_clocks([(s.t_dense, s.q_dense) for s in longest.values()])
     fold = np.zeros(len(rows.t), np.intp)
-    motion = np.zeros(len(rows.t), np.intp)
+    motion = np.zeros(len(rows.t), np.intp)  # runs of one motion have one number
     for run, clock in zip(longest, clocks, strict=True):
         in_run = rows.run == run
         fold[in_run] = PhaseFolds((clock,), count).fold(0, rows.t[in_run])
         motion[in_run] = clock.motion
-    stretch_and_motion = motion * count + fold
-    labels = np.unique(stretch_and_motion, return_inverse=True)[1]  # without gaps
+    fold_and_motion = motion * count + fold
+    labels = np.unique(fold_and_motion, return_inverse=True)[1]  # without gaps
     return fold, labels

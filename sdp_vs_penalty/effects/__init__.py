@@ -71,7 +71,8 @@ def parse_effects(
 
 
 def _parse_effect(text: str, robot: Robot) -> Effect:
-    """Read one effect from its written form, ``name[:joints][@shape=value]``."""
+    """Read one effect from its written form ``name[:joints][@shape=value]``, such as
+    "presliding_hysteresis:5+7@d=0.003"; InputError for any other text."""
     head, *shapes = text.split("@")
     name, _, joints_text = head.partition(":")
     if name.isdecimal():  # torque_offset:1,3: commas part effects
@@ -80,6 +81,7 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
             "join the joints of an effect by +, like torque_offset:1+3",
         )
     kind = _lookup(name)
+    # Joints count from 1 in the text, from 0 in the effect.
     joints = None
     if joints_text:
         try:
@@ -89,6 +91,7 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
                 f"effect {text!r}: {joints_text!r} are no joints",
                 f"write numbers from 1 joined by +, like {name}:5+7",
             ) from None
+    # An unknown constant is read as a number; the effect itself refuses it.
     shape: dict[str, float] = {}
     for item in shapes:
         key, _, value = item.partition("=")

@@ -74,8 +74,8 @@ class TorqueGain(JointEffect):
         return out
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Doubt a gain that is off by more than 30 %: it is rather a wrong ratio or
-        unit."""
+        """Give a reason to doubt a gain that is off by more than 30 %: a wrong gear
+        ratio or unit is more likely. ``size`` is the gain's deviation g [-]."""
         if abs(size) > _LARGEST:
             return (
                 f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong"
@@ -105,13 +105,11 @@ class DelayedTorque(Effect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        # On a single joint a delay of all is its own; friction and inertia are one
-        # torque there, so that what is filtered of it is not told.
-        """List the shape constants with which a search begins; none for a delay of all
-        joints on a robot with one joint.
+        """List the shape constants with which a search begins.
 
-        There it is the joint's own delay, and filtered friction and inertia cannot be
-        told apart.
+        A robot with one joint gets none for an effect of the whole robot: a delay of
+        all joints is the delay of that joint, which another effect describes; and
+        filtered friction cannot be told from filtered inertia there.
         """
         return (
             super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []
@@ -200,38 +198,42 @@ class TorqueFilter(DelayedTorque):
 
     @property
     def resembles(self) -> tuple[str, ...]:  # type: ignore[override]
-        # Friction that turns round over a travel rounds its own steps off, before and
-        # behind a reversal alike. No drive can look ahead.
         """Names of effects with nearly the same torque.
 
-        A filter that looks both ways rounds the steps of friction before and behind a
-        reversal, as friction does that turns over a travel.
+        A zero-phase filter smooths the step of friction before and after a reversal.
+        Pre-sliding friction, which changes sign over a travel, does the same.
         """
         return ("presliding_hysteresis",) if self.needs_links else ()
 
     @property
     def needs_links(self) -> bool:  # type: ignore[override]
-        """Whether the filter looks both ways (phase = zero): then the links' torque is
-        subtracted."""
+        """Whether the filter is a zero-phase one (phase = zero): only then it acts on
+        the torque without the links' torque, which the columns need."""
         return self.shape["phase"] == 2.0
 
     def torques(self, motion: Motion) -> Array:
-        """Return the change (N, n, 1) of the current model's torque by the filter, over
-        T."""
+        """Return (filtered torque - torque) / T (N, n, 1) [N m/s, N/s] of the current
+        model.
+
+        The filter is a first-order lag with time constant T. A zero-phase filter
+        (``needs_links``) is a second lag backwards in time; it acts on the torque
+        without the links' torque.
+        """
         T = self.shape["T"]
         torque = motion.model_torque
         if self.needs_links:
-            # The links' torque is smooth, but for the noise of its accelerations, which
-            # the measured torque has none of: to smooth it away would always help.
+            # The links' torque is smooth but for noise of the accelerations, which the
+            # measured torque does not have: smoothing that noise would always help.
             torque = torque - motion.link_torque
         passed = first_order_lag(torque, motion.t, T)
         if self.needs_links:
-            passed = first_order_lag(passed[::-1], motion.t, T)[::-1]
+            backwards = passed[::-1]
+            passed = first_order_lag(backwards, motion.t, T)[::-1]
         return np.asarray((passed - torque) / T)[:, :, None]
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Doubt a filter that looks both ways where joints stand still at reversals:
-        there friction turns as slowly by itself."""
+        """Give a reason to doubt a zero-phase filter if the joints stand still at
+        reversals: there friction changes sign as slowly by itself."""
         if self.needs_links and coverage.stands > STANDS:
             return (
                 "joints stand still at reversals, where friction turns round as slowly"
@@ -240,12 +242,12 @@ class TorqueFilter(DelayedTorque):
         return ""
 
     def as_sized(self, size: float) -> float:
-        # What looks both ways has no first order: T_f goes as the square of the true
-        # constant over T.
-        """Return the time constant T [s] that follows from the size T_f that was found.
+        """Return the filter's time constant [s] that follows from the parameter T_f.
 
-        A filter that looks both ways changes the torque by the square of its time
-        constant: T_f = T_true^2 / T.
+        A filter with delay (phase = late) has the time constant T_f. A zero-phase
+        filter changes the torque by the square of its time constant T_true, so the
+        parameter found with the shape constant T is T_f = T_true^2 / T, and
+        T_true = sqrt(T T_f).
         """
         is_late = self.shape["phase"] == 1.0
         if is_late:

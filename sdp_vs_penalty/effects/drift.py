@@ -57,7 +57,8 @@ class Drift(JointEffect):
         return self.shape["form"] % 2 == 0
 
     def unit_on(self, joint: int) -> str:
-        """Return the unit: of a torque, over seconds for a linear drift."""
+        """Return the parameter's unit: that of a torque (N*m, N) for a settling drift,
+        torque per second for a linear one, which is multiplied by the time."""
         return super().unit_on(joint) + ("" if self.exponential else "/s")
 
     @property
@@ -109,7 +110,8 @@ class Rubbing(JointEffect):
     @property
     @abstractmethod
     def viscous(self) -> bool:
-        """Whether viscous friction changes; otherwise Coulomb friction."""
+        """Whether the effect changes viscous friction, proportional to the velocity;
+        otherwise it changes Coulomb friction, by the velocity's sign."""
 
     def unit_on(self, joint: int) -> str:
         """Return the unit: of a torque, over velocity for viscous friction."""
@@ -169,7 +171,8 @@ class DriftFriction(Rubbing, Drift):
         temperature.
         """
         super().__init__(robot, joints, **shape)
-        self.refines = self.refines[self.viscous], "warming_friction"
+        # The class lists Coulomb friction first, then viscous friction.
+        self.refines = self.refines[int(self.viscous)], "warming_friction"
 
     @property
     def viscous(self) -> bool:
@@ -223,7 +226,8 @@ class WarmingFriction(Rubbing):
         """Check the shape constants, and note whether the clock or a temperature is
         needed."""
         super().__init__(robot, joints, **shape)
-        self.refines = (self.refines[self.viscous],)
+        # The class lists Coulomb friction first, then viscous friction.
+        self.refines = (self.refines[int(self.viscous)],)
         self.follows_clock = self.shape["by"] == 2.0
         self.needs_temperature = not self.follows_clock
 

@@ -384,10 +384,11 @@ class Effect(ABC):
         ]
 
     def same_columns(self, other: Effect) -> bool:
-        """Tell whether two effects have the same columns on every motion.
+        """Tell whether two effects certainly have the same columns on every motion.
 
-        An effect that is made of more than robot, joints and shape constants equals
-        itself only.
+        That holds for the same object, and for effects of one class with the same
+        robot, joints and shape constants. An effect that holds further data, such as a
+        measured table, equals itself only.
 
         Parameters
         ----------
@@ -397,7 +398,7 @@ class Effect(ABC):
         Returns
         -------
         bool
-            True where the columns are certainly the same.
+            True if the columns are certainly the same.
         """
         if self is other:
             return True
@@ -555,8 +556,9 @@ class Effect(ABC):
 
     @property
     def contact(self) -> Array | None:
-        """(n,) ratios of the joints along which the effect is dry friction; None for
-        friction along single joints, or none."""
+        """(n,) ratios c of the joints if the effect is dry friction along a combination
+        c q of joints, so that a simulation lets it stick; None for all other effects,
+        as here."""
         return None
 
     # What a search asks.
@@ -674,8 +676,8 @@ class Effect(ABC):
 
     @property
     def constants(self) -> str:
-        """The shape constants that measurements can determine, as text: "vs = 0.1
-        rad/s"."""
+        """The shape constants that measurements can determine, as text for sentences:
+        "vs = 0.1 rad/s, delta = 2". Units are those of the effect's first joint."""
         kind = self.robot.joints[self.joints[0]].kind
         return ", ".join(
             f"{k} = {self.shapes[k].format_with_unit(self.shape[k], kind)}"
@@ -725,8 +727,8 @@ class Effect(ABC):
 
     @property
     def text(self) -> str:
-        """The effect as the command line takes it: "viscous_friction:2+3",
-        "stribeck_friction@vs=0.1"."""
+        """The effect as the command line takes it, with joints from 1 and shape
+        constants: "viscous_friction:2+3", "stribeck_friction@vs=0.1"."""
         text = self.name
         if self.asked_joints is not None:
             text += ":" + "+".join(str(j + 1) for j in self.joints)

@@ -27,13 +27,13 @@ from sdp_vs_penalty.errors import InputError
 
 #: Change of velocity [rad/s, m/s] by which slopes of the force are taken, and the
 #: damping of drives, whose laws are linear in it.
-_SLOPE = 1e-6
-_PUSH = 1e-3
+_SLOPE_VELOCITY_STEP = 1e-6
+_DRIVE_VELOCITY_STEP = 1e-3
 #: Widths beyond which a contact slides to the last bit, Newton steps of a whole step
 #: and of one contact.
 _SLIDES = 20.0
-_STEPS = 12
-_INNER = 9
+_NEWTON_STEPS = 12
+_RESOLVENT_STEPS = 9
 #: Miss of a step, relative to its velocities, that is rounding.
 _ARRIVED = 1e-11
 
@@ -116,6 +116,8 @@ class Plant:
             raise InputError(
                 "the model has no rigid_body effect", "without inertia nothing can move"
             )
+        # Effects that make a torque on the joints, and effects that only distort what
+        # the torque channels read; each with the places of its parameters in theta.
         effects_and_indices = model.parts
         self.effects = [
             (e, k)
@@ -125,12 +127,14 @@ class Plant:
         self.channels = [
             (e, k) for e, k in effects_and_indices if e.forward == "channel"
         ]
-        # Of each distinct set of link parameters the function that computes M and b,
-        # and which of them each simulation has.
+        # One function for each distinct set of link parameters, which computes the mass
+        # matrix and the bias torque; and the index of each simulation's function.
         links = self.theta[:, model.rigid_indices]
         distinct, which = np.unique(links, axis=0, return_inverse=True)
-        self._rigid = [self.robot.mass_and_bias(row) for row in distinct]
-        self._which = which.ravel()
+        self._mass_and_bias_functions = [
+            self.robot.mass_and_bias(row) for row in distinct
+        ]
+        self._function_index = which.ravel()
         #: (m, n) directions along which there may be dry friction, (m,) over what
         #: widths it turns round.
         self.contacts, self.widths = self._contacts()
@@ -138,7 +142,9 @@ class Plant:
             e.bristles for e, _ in self.effects if isinstance(e, StatefulEffect)
         ]
         self.states = sum(len(b.distances) for b in self.bristles)
-        self._moves = [(e, k) for e, k in self.effects if self._feels_acceleration(e)]
+        self._accelerated_effects = [
+            (e, k) for e, k in self.effects if self._feels_acceleration(e)
+        ]
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -210,6 +216,7 @@ class Plant:
             axis=1,
         )
         moved = [np.zeros((len(z), 0))]
+        # Without stateful effects np.split still returns one part, of no columns.
         for bristles, part in zip(self.bristles, parts, strict=False):
             moved.append(bristles.advanced(part, travel))
         return np.hstack(moved)
@@ -268,7 +275,7 @@ class Plant:
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
         mass, bias = self._mass_and_bias(state.q + travel, dq)
-        delta = np.where(dq < 0.0, -_SLOPE, _SLOPE)
+        delta = np.where(dq < 0.0, -_SLOPE_VELOCITY_STEP, _SLOPE_VELOCITY_STEP)
         n = self.robot.n
         n_combinations = len(self.contacts) - n
         # The forces are computed for several variants of the motion at once: without
@@ -279,7 +286,7 @@ class Plant:
         signs[2:-1, n:] = np.eye(n_combinations)
         moves = [(travel, dq)] * (2 + n_combinations)
         moves.append((travel + 0.5 * h * delta, dq + delta))
-        force = self._forces(state, moves, signs, h)
+        force = self._forces(state, moves, signs, h)  # (variants, W, n)
         smooth = force[0]
         dry = [force[1] - smooth]
         for with_friction, ratios in zip(force[2:-1], self.contacts[n:], strict=True):
@@ -303,6 +310,7 @@ class Plant:
         the directions of dry friction along the m contacts. Returns (P, W, n) forces [N
         m, N].
         """
+        # All P variants of W simulations are one motion of P W instants.
         count = len(moves)
         size = len(state.q)
         travel = np.concatenate([way for way, _ in moves])
@@ -320,11 +328,13 @@ class Plant:
         )
         if self.model.needs_reference:
             motion = self._with_load(motion, np.tile(state.ddq, (count, 1)))
+        # Friction states after the displacement of each variant.
         z = (
             self.advanced(np.tile(state.z, (count, 1)), travel)
             if self.states
             else state.z
         )
+        # One row of parameters for all instants, or a row for each.
         theta = np.tile(self.theta, (count if len(self.theta) > 1 else 1, 1))
         return self._sum(self.effects, motion, z, theta).reshape(
             count,
@@ -369,10 +379,13 @@ class Plant:
         reference = self.model.reference
         assert reference is not None
         links = reference[self.model.rigid_indices].reshape(-1, 10)
+        # Effects that do not refer to a current model; then those without friction
+        # states.
         free = [
             (e, k) for e, k in self.effects if not (e.needs_torque or e.needs_links)
         ]
         plain = [(e, k) for e, k in free if not isinstance(e, StatefulEffect)]
+        # Torque of the links plus that of these effects.
         torque = self.robot.inverse_dynamics(
             links,
             motion.q,
@@ -399,15 +412,15 @@ class Plant:
     ) -> tuple[Array, Array]:
         """Compute the mass matrices (W, n, n), with rotors and payload, and the bias
         torques (W, n) of the links [N m, N] (gravity and velocity terms)."""
-        if len(self._rigid) == 1:
-            mass, bias = self._rigid[0](q, dq)
+        if len(self._mass_and_bias_functions) == 1:
+            mass, bias = self._mass_and_bias_functions[0](q, dq)
         else:  # simulations with different links
             mass = np.empty((*q.shape, q.shape[1]))
             bias = np.empty_like(q)
-            for k, mass_and_bias in enumerate(self._rigid):
-                rows = self._which == k
+            for k, mass_and_bias in enumerate(self._mass_and_bias_functions):
+                rows = self._function_index == k
                 mass[rows], bias[rows] = mass_and_bias(q[rows], dq[rows])
-        if self._moves:
+        if self._accelerated_effects:
             mass = mass + self._added_mass(q, self.theta)
         return mass, bias
 
@@ -433,8 +446,8 @@ class Plant:
         )
         resting = replace(accelerated, ddq=at_rest)
         z = np.zeros((n_rows, self.states))
-        torque = self._sum(self._moves, accelerated, z, theta)
-        torque -= self._sum(self._moves, resting, z, theta)
+        torque = self._sum(self._accelerated_effects, accelerated, z, theta)
+        torque -= self._sum(self._accelerated_effects, resting, z, theta)
         return torque.reshape(n_simulations, n, n)
 
     def _feels_acceleration(self, effect: Effect) -> bool:
@@ -443,6 +456,7 @@ class Plant:
         if effect.needs_torque or effect.needs_links:
             return False
         n = self.robot.n
+        # Any pose will do.
         q = np.full((1, n), 0.1)
         still = np.zeros((1, n))
 
@@ -652,6 +666,7 @@ class ServoLoop:
         State
             The states after the step.
         """
+        # Motion at the middle of the step, as if the acceleration stayed.
         half = 0.5 * h
         dq = state.dq + half * state.ddq
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
@@ -665,20 +680,22 @@ class ServoLoop:
             position_integral=path,
         )
         torque = self.drive(middle)
-        path = path + 0.5 * half * half * _PUSH
+        # The same middle reached a little faster: its torque gives the damping, the
+        # decrease of each drive's torque per unit of velocity, by a difference.
+        path = path + 0.5 * half * half * _DRIVE_VELOCITY_STEP
         faster = replace(
             middle,
-            q=q + half * _PUSH,
-            dq=dq + _PUSH,
+            q=q + half * _DRIVE_VELOCITY_STEP,
+            dq=dq + _DRIVE_VELOCITY_STEP,
             position_integral=path,
         )
-        fall = (torque - self.drive(faster)) / _PUSH
+        damping = (torque - self.drive(faster)) / _DRIVE_VELOCITY_STEP
         return advance(
             self.plant,
             state,
             torque,
             h,
-            fall[:, :, None] * np.eye(q.shape[1]),
+            damping[:, :, None] * np.eye(q.shape[1]),
         )
 
 
@@ -737,7 +754,7 @@ def dry_step(
     is_undecided = (y * direction <= _SLIDES * w) & (p > 0.0)
     rows = np.flatnonzero(np.any(is_undecided, axis=1))
     if len(rows):
-        friction[rows] = _solved(
+        friction[rows] = _solve_friction_impulses(
             y0=y0[rows],
             coupling=coupling[rows],
             p=p[rows],
@@ -747,7 +764,7 @@ def dry_step(
     return frictionless - np.einsum("kij,kj->ki", response, friction)
 
 
-def _solved(
+def _solve_friction_impulses(
     y0: Array,
     coupling: Array,
     p: Array,
@@ -789,7 +806,13 @@ def _friction(
     p: Array,
     w: Array | float,
 ) -> Array:
-    """Return the friction impulse f (W, m) at x = y + g f, where f = p tanh(y / w)."""
+    """Return the friction impulse f (W, m) of each contact from the unknown x = y + g f
+    of Newton's method.
+
+    y (velocity after the step) and f = p tanh(y / w) follow from x: y is the solution
+    of y + g p tanh(y / w) = x, and f = (x - y) / g. p (W, m) is the largest impulse, w
+    (m,) the width of the sign, g (W, m) the velocity per unit impulse.
+    """
     return (x - _resolvent(x, g * p, w)) / g
 
 
@@ -810,7 +833,8 @@ def _newton(
     """
     diagonal = range(len(w))
     g = np.einsum("kii->ki", coupling)  # (W, m) diagonals
-    for _ in range(round(_STEPS / share**3)):
+    # Fractions of steps converge slowly: they may take many more iterations.
+    for _ in range(round(_NEWTON_STEPS / share**3)):
         y = _resolvent(x, g * p, w)
         residual = y + np.einsum("kij,kj->ki", coupling, (x - y) / g) - y0
         if np.all(np.abs(residual).max(axis=1) <= _ARRIVED * scale):
@@ -838,7 +862,7 @@ def _resolvent(
     size = np.abs(x)
     steepest = c / w
     y = np.maximum(size - c, size / (1.0 + steepest))
-    for _ in range(_INNER):
+    for _ in range(_RESOLVENT_STEPS):
         th = np.tanh(y / w)
         y = y + (size - y - c * th) / (1.0 + steepest * (1.0 - th * th))
     return np.copysign(y, x)

@@ -71,8 +71,9 @@ class RigidBody(Effect):
         )
         blocks = []
         for joint, links in enumerate(self.robot.subtree):
+            # Places of the ten parameters of each link that the joint carries.
             indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
-            # Of a serial arm they follow each other: no copy.
+            # On a serial arm these links are consecutive: a slice avoids a copy.
             serial = len(links) and links == tuple(range(links[0], links[-1] + 1))
             link_indices = (
                 slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
@@ -123,9 +124,9 @@ class Payload(Effect):
         """Name the ten standard parameters of the carried body, "payload_m" ..., with
         their units."""
         names = inertia.parameter_names(self.robot.links)
-        last = len(str(self.robot.links))
+        n_digits = len(str(self.robot.links))  # of the link's number, "Ixx7"
         return zip(
-            [f"payload_{name[:-last]}" for name in names],
+            [f"payload_{name[:-n_digits]}" for name in names],
             inertia.UNITS,
             strict=True,
         )
@@ -146,7 +147,9 @@ class Payload(Effect):
     def nominal(self) -> Array:
         """(10,) parameters of a solid ball of 0.5 kg and 5 cm radius, to start a solver
         from."""
-        return 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
+        mass = 0.5
+        # Over the mass: 1, centre of mass (3,), Ixx Ixy Iyy Ixz Iyz Izz = 2/5 r^2 1.
+        return mass * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
 
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, 10) [N m, N] per unit of each parameter: the
@@ -385,14 +388,18 @@ class Backlash(LinkDeviation):
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of play in one joint's gear.
 
-        The link rests on the flank that the sign of the transmitted torque chooses.
-        With law = crosses, the velocity and acceleration of the crossing count as well.
+        The link rests on one of the gear's two flanks: it is displaced against the
+        sign s(t) of the torque that the gear transmits. Law 1 counts the displacement
+        only, -dtau/dq s; the other law (crosses) also counts the velocity and
+        acceleration of the link from flank to flank.
         """
         side = np.sign(motion.link_torque[:, joint])
-        by_q = motion.derivatives[0][:, :, joint]
-        if self.shape["law"] == 1.0:
+        by_q = motion.derivatives[0][:, :, joint]  # (N, n) dtau/dq of this joint
+        counts_displacement_only = self.shape["law"] == 1.0
+        if counts_displacement_only:
             return -by_q * side[:, None]
-        # Where a flank is never left nothing has a rate, not even by rounding.
+        # The difference to the first side is exactly 0 where the flank never changes,
+        # so that smoothing leaves no velocity by rounding.
         crossed = motion.smoothed(side - side[0], self.shape["band"])
         return -by_q * side[0] - _moved(motion, joint, crossed)
 
@@ -426,16 +433,16 @@ class JointElasticity(LinkDeviation):
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per unit compliance of one joint's gear.
 
-        The link lags behind the encoder in proportion to the torque that bends the
-        gear, below the frequency band. With c > 0 that torque is the lagging link's
-        own.
+        The link is displaced from the encoder's position by -compliance times the
+        torque of the gear, smoothed below the frequency ``band`` [Hz]. A shape
+        constant c > 0 (an assumed compliance) computes that torque at the displaced
+        link instead of at the encoder's position.
         """
         band = self.shape["band"]
         c = self.shape["c"]
         torque = motion.smoothed(motion.link_torque[:, joint], band)
         if c:
-            # With the link where the model has it, a gear is found up to a quarter
-            # softer than it is.
+            # Without this correction the compliance is up to a quarter too large.
             torque = torque - c * _moved(motion, joint, torque)[:, joint]
         return -_moved(motion, joint, torque)
 
@@ -483,14 +490,17 @@ class KinematicError(Effect):
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name the displacements, "slip_x3" [m], and rotations, "turn_x3" [rad], of the
         joints."""
-        kinds = [("slip", "m") if k < 3 else ("turn", "rad") for _, k in self._places]
-        places = zip(kinds, self._places, strict=True)
+        kinds = [
+            ("slip", "m") if k < 3 else ("turn", "rad")
+            for _, k in self._joint_axis_pairs
+        ]
+        places = zip(kinds, self._joint_axis_pairs, strict=True)
         return [
             (f"{word}_{'xyz'[k % 3]}{j + 1}", unit) for (word, unit), (j, k) in places
         ]
 
     @cached_property
-    def _places(self) -> list[tuple[int, int]]:
+    def _joint_axis_pairs(self) -> list[tuple[int, int]]:
         """Pairs of joint and axis that can make torque: axes 0 to 2 are displacements,
         3 to 5 rotations, in the joint's frame. Displacements come first.
 
@@ -510,13 +520,13 @@ class KinematicError(Effect):
     def plausible(self) -> Array:
         """(k,) standard deviations of an uncalibrated arm's displacements [m] and
         rotations [rad]."""
-        return np.array([_SLIP if k < 3 else _TURN for _, k in self._places])
+        return np.array([_SLIP if k < 3 else _TURN for _, k in self._joint_axis_pairs])
 
     @property
     def sized_by(self) -> slice:  # type: ignore[override]
         """Slice of the parameters that are rotations: they change gravity's torque
         most."""
-        return slice(sum(k < 3 for _, k in self._places), None)
+        return slice(sum(k < 3 for _, k in self._joint_axis_pairs), None)
 
     @classmethod
     def starts(
@@ -524,8 +534,8 @@ class KinematicError(Effect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        """Let a search begin without shape constants; nowhere for a robot without such
-        parameters."""
+        """Return one start without shape constants, [{}], for a search; none for a
+        robot on which no displacement changes a torque."""
         return [{}] if cls(robot).parameters else []
 
     def torques(self, motion: Motion) -> Array:
@@ -541,7 +551,9 @@ class KinematicError(Effect):
             motion.dq[thinned],
             motion.ddq[thinned],
         )
-        columns = np.stack([derivatives[:, :, j, k] for j, k in self._places], axis=2)
+        columns = np.stack(
+            [derivatives[:, :, j, k] for j, k in self._joint_axis_pairs], axis=2
+        )
         if len(thinned) == len(motion.t):
             return columns
         spline = scipy.interpolate.CubicSpline(motion.t[thinned], columns)

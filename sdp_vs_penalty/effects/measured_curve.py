@@ -64,6 +64,8 @@ class Variable:
             return motion.sign(j)
         if self.word == "abs(ddq)":
             return np.abs(motion.ddq[:, j])
+        # A joint's q, dq or ddq, or a combination x_j + ratio x_other (other = -1:
+        # none).
         x = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}[self.word]
         return np.asarray(
             x[:, j] if self.other < 0 else x[:, j] + self.ratio * x[:, self.other]
@@ -266,22 +268,28 @@ class MeasuredCurve(JointEffect):
         constants: dict[str, float] = {
             k: s.default for k, s in type(self).shapes.items()
         } | shape
+        # Values that were passed replace all of the class's default values.
         if any(_is_value(key) for key in shape):
             constants = {
                 k: v for k, v in constants.items() if k in shape or not _is_value(k)
             }
+        # {1: "v1", 2: "w2", ...}: places of the table, row by row.
         key_of_place = {int(key[1:]): key for key in constants if _is_value(key)}
         known = sorted(key_of_place)  # from 1, row by row
         self._refuse(robot, constants, known)
         first_joint = 0 if joints is None else min(joints, default=0)
         values = [key_of_place[k] for k in known]
+        # This effect's own constants, with the units of its variables, before the base
+        # class checks them.
         self.shapes = self._own_shapes(robot, first_joint, constants, values)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
+        # What the columns need to be computed.
         words = {variable.word for variable in self.variables(first_joint)}
         self.needs_torque = "tau" in words
         self.follows_clock = "t" in words
         self.needs_temperature = "temp" in words
+        # The table (xn, yn), and flags of the places where nothing was measured.
         size = (int(constants["xn"]), int(constants["yn"]))
         known_values = [self.shape[key] for key in values]
         self._table = _filled_table(size, np.array(known) - 1, known_values)
@@ -296,8 +304,12 @@ class MeasuredCurve(JointEffect):
         constants: Mapping[str, float],
         known: Sequence[int],
     ) -> None:
-        """Raise InputError for constants that make no table; ``known`` holds the sorted
-        places, from 1, of the given values."""
+        """Raise InputError for constants that make no table: sizes xn and yn that are
+        no whole numbers, values outside of xn yn places, or ends in the wrong order.
+
+        ``known`` holds the sorted places (from 1, row by row) of the values that are
+        there.
+        """
         who = f"effect {self.name}:"
         for key in ("xn", "yn"):
             size = constants[key]
@@ -341,10 +353,12 @@ class MeasuredCurve(JointEffect):
         constants: Mapping[str, float],
         values: Sequence[str],
     ) -> dict[str, ShapeConstant]:
-        """Declare the shape constants of this table, with the units of its variables
-        and torque.
+        """Declare the shape constants of this table: ends of its axes in the units of
+        its variables, and the values in the unit of torque.
 
-        The class's constants of an added joint are left out where no joint is added.
+        ``values`` are the keys of the values that are there, "v1", "w2", .... The
+        constants of an added joint (xi, xc, yi, yc) are left out where no joint is
+        added.
         """
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
         for axis in "xy":
@@ -421,8 +435,12 @@ class MeasuredCurve(JointEffect):
         motion: Motion,
         joint: int,
     ) -> Array:
-        """Interpolate a table (xn, yn) linearly along a motion, constant beyond its
-        ends; returns (N,)."""
+        """Interpolate a table (xn, yn) linearly along a motion; returns (N,) values.
+
+        Values of the variables from ``low`` to ``high`` are mapped to places 0 to n - 1
+        of the table; beyond the ends the value at the end counts. A table over one
+        variable has yn = 1.
+        """
 
         places = np.zeros((2, len(motion.t)))
         for axis, place, over in zip("xy", places, self.variables(joint), strict=False):
@@ -435,8 +453,12 @@ class MeasuredCurve(JointEffect):
         )
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
-        """Tell where a motion leaves the table, or the measured part of it, on any
-        joint: (N,) flags."""
+        """Tell where a motion leaves the table of any joint, or the measured part of
+        it: (N,) flags.
+
+        The measured part is found by interpolating ``_missing``, which is 1 where the
+        table was not measured and 0 elsewhere.
+        """
         out = np.zeros(len(motion.t), bool)
         for joint in self.joints:
             out |= self._interpolated(self._missing, motion, joint) > 0.5

@@ -136,6 +136,7 @@ class Model:
             gains=self.gains,
             known=self.known,
         )
+        # The current model, if there is one, is cut to the same parameters.
         if self.reference is None:
             return part
         return replace(part, reference=self.reference[self.places(part)])

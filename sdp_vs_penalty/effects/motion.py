@@ -71,21 +71,47 @@ class Command:
     def position(self, t: Array) -> Array:
         """Return the commanded position.
 
+        From the nearest sample k, with h = t - t_k: q(t) = q_k + h dq_k + h^2 / 2 ddq_k.
+
         Parameters
         ----------
         t
-            (N,) instants [s]. Outside of the known ones the ends count.
+            (N,) instants [s]. Instants before the first sample count as the first one,
+            instants after the last as the last one.
 
         Returns
         -------
         Array
             (N, n) positions [rad, m].
         """
-        k, h = self._near(t)
+        k, h = self._nearest_sample(t)
         return np.asarray(self.q[k] + h * self.dq[k] + 0.5 * h * h * self.ddq[k])
 
     def velocity(self, t: Array) -> Array:
         """Return the commanded velocity.
+
+        From the nearest sample k, with h = t - t_k: dq(t) = dq_k + h ddq_k.
+
+        Parameters
+        ----------
+        t
+            (N,) instants [s]. Instants before the first sample count as the first one,
+            instants after the last as the last one.
+
+        Returns
+        -------
+        Array
+            (N, n) velocities [rad/s, m/s].
+        """
+        k, h = self._nearest_sample(t)
+        return np.asarray(self.dq[k] + h * self.ddq[k])
+
+    def integral(self, t: Array) -> Array:
+        """Return the integral of the commanded position over time.
+
+        From the nearest sample k, with h = t - t_k and the integral I_k there:
+        I(t) = I_k + h q_k + h^2 / 2 dq_k. Before the first and after the last sample
+        the position is constant, so the integral grows linearly with q_k.
 
         Parameters
         ----------
@@ -95,26 +121,10 @@ class Command:
         Returns
         -------
         Array
-            (N, n) velocities [rad/s, m/s].
-        """
-        k, h = self._near(t)
-        return np.asarray(self.dq[k] + h * self.ddq[k])
-
-    def integral(self, t: Array) -> Array:
-        """Return the integral of the commanded position over time.
-
-        Parameters
-        ----------
-        t
-            (N,) instants [s]. Outside of the known ones the position stays as at the
-            end.
-
-        Returns
-        -------
-        Array
             (N, n) integrals [rad s, m s].
         """
-        k, h = self._near(t)
+        k, h = self._nearest_sample(t)
+        # Time beyond the ends of the command, where h is 0; 0 between the ends.
         beyond = (t - np.clip(t, self.t[0], self.t[-1]))[:, None]
         return np.asarray(
             self.position_integral[k]
@@ -122,23 +132,24 @@ class Command:
             + 0.5 * h * h * self.dq[k]
         )
 
-    def _near(self, t: Array) -> tuple[Array, Array]:
-        """Find the nearest sample of the command to each of M instants.
+    def _nearest_sample(self, t: Array) -> tuple[Array, Array]:
+        """Find the sample of the command that is nearest to each of M instants t (M,).
 
         Returns its index (M,), and the time from it to the instant (M, 1) [s]. Instants
-        outside of the samples count as the first or last one.
+        outside of the samples count as the first or last one. The samples are evenly
+        spaced, so the index follows by a division.
         """
-        at = np.clip(
+        instants = np.clip(
             t,
             self.t[0],
             self.t[-1],
         )
         step = float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         if step > 0.0:
-            nearest = np.rint((at - self.t[0]) / step).astype(np.intp)
-        else:
-            nearest = np.zeros(len(at), np.intp)
-        return nearest, (at - self.t[nearest])[:, None]
+            nearest = np.rint((instants - self.t[0]) / step).astype(np.intp)
+        else:  # a command of one sample
+            nearest = np.zeros(len(instants), np.intp)
+        return nearest, (instants - self.t[nearest])[:, None]
 
 
 @dataclass(frozen=True)
@@ -180,10 +191,10 @@ class Legs:
         corners = q[np.array([0, *reversals, len(q) - 1])]
         begins_leg = np.zeros(len(sign), np.intp)
         begins_leg[reversals] = 1
-        leg = np.cumsum(begins_leg)
+        leg = np.cumsum(begins_leg)  # number of the leg of each step, from 0
         if len(moving_steps):
             direction = sign[np.concatenate([moving_steps[:1], reversals])]
-        else:
+        else:  # one leg at rest
             direction = np.zeros(1)
         return cls(
             corners,
@@ -434,8 +445,8 @@ class Motion:
             (N, n) rate [N m/s, N/s].
         """
         step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
-        middle = self.t - 0.5 * T
-        half = max(0.5 * abs(T), step)
+        middle = self.t - 0.5 * T  # of the interval from t - T to t
+        half = max(0.5 * abs(T), step)  # half the interval, at least one sample
         torques = self.model_torque.T
         later = np.stack(
             [
@@ -497,7 +508,9 @@ class Motion:
         Array
             (N, ...) smooth values.
         """
+        # Sampling rate [Hz]; the tiny number avoids a division by zero.
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
+        # Frequencies at half the rate and above do not occur in samples.
         if not 2.0 * band < rate or len(values) < 3:
             return values
         line = np.linspace(
@@ -510,9 +523,12 @@ class Motion:
             type=1,
             axis=0,
         )
+        # Frequency [Hz] of each coefficient of the sine transform.
         f = np.arange(1, len(values) - 1) * rate / (2 * len(values) - 2)
-        gain = 1.0 + (f / band) ** 8
-        waves /= gain.reshape(-1, *[1] * (values.ndim - 1))
+        attenuation = 1.0 + (f / band) ** 8
+        waves /= attenuation.reshape(
+            -1, *[1] * (values.ndim - 1)
+        )  # along the first axis
         smooth = line
         smooth[1:-1] += scipy.fft.idst(
             waves,
@@ -597,21 +613,27 @@ def smooth_sign(
         (N,) values in [-1, 1].
     """
     if rate is None or within is None or within.count < 2:
-        # tanh to 2e-16, by the exponential, which NumPy works out ten times as fast.
-        twice = np.exp(2.0 * np.clip(velocity / width, -20.0, 20.0))
-        return np.asarray(1.0 - 2.0 / (twice + 1.0))
+        # tanh(x) = 1 - 2 / (exp(2 x) + 1): the exponential is ten times as fast in
+        # NumPy as tanh. Beyond x = 20 tanh is 1 to the last bit.
+        exp_of_twice = np.exp(2.0 * np.clip(velocity / width, -20.0, 20.0))
+        return np.asarray(1.0 - 2.0 / (exp_of_twice + 1.0))
     out = np.sign(velocity)
-    # Far from zero the sign is 1 to the last bit.
+    # The mean is computed only where the velocity comes near zero within the samples;
+    # elsewhere tanh is +-1 to the last bit.
     reach = 20.0 * width + 0.5 * within.count * within.dt * np.abs(rate)
     near = np.flatnonzero(np.abs(velocity) < reach)
+    # Samples before and after the instant, all of equal weight; an even number of them
+    # has two half samples at the ends.
     half = within.count // 2
     weights = np.full(2 * half + 1, 1.0 / within.count)
-    if within.count % 2 == 0:  # two at the ends share a place
+    if within.count % 2 == 0:
         weights[[0, -1]] *= 0.5
+    # tanh(x) = 1 - 2 / (exp(2 x) + 1), with 2 x growing by ``step`` from sample to
+    # sample. The loop over samples needs little memory.
     step = 2.0 * within.dt / width * rate[near]
     twice = 2.0 / width * velocity[near] - half * step
     below = np.zeros(len(near))
-    for weight in weights.tolist():  # one after the other: what fits into the cache
+    for weight in weights.tolist():
         below += weight / (np.exp(np.minimum(twice, 40.0)) + 1.0)
         twice += step
     out[near] = 1.0 - 2.0 * below

@@ -327,6 +327,7 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     unit = formatting.plain_unit(fitted.unit)
     text = f"{formatting.number(size, 2)} {unit}".rstrip()
     is_slide = _is_slide(fitted.unit)
+    # The joint (from 1) whose motion acts on this one; 0 for the neighbour.
     source = fitted.shape.get("i", 0.0)
     return {
         "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",
@@ -406,8 +407,11 @@ def _components(parameters: Mapping[str, float]) -> list[tuple[str, float]]:
 
 
 def _tilt(parameters: Mapping[str, float]) -> str:
-    """Format the angle by which the base is tilted, from the components of gravity
-    [m/s^2] across the direction that the model has."""
+    """Format the angle by which the base is tilted: asin(g_across / 9.81).
+
+    ``parameters`` are the components of gravity [m/s^2] perpendicular to the direction
+    that the model assumes, such as {"g_x": 0.1, "g_y": 0.0}.
+    """
     across = hypot(*(value for _, value in _components(parameters)))
     angle = degrees(asin(min(across / abs(STANDARD_GRAVITY[2]), 1.0)))
     return f"{formatting.number(angle, 2)}°"

@@ -147,8 +147,6 @@ class PositionDependentFriction(JointEffect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        # Two waves are not looked for: along less than a whole one they fit anything
-        # that is seen.
         """List the wave numbers with which a search begins, each with one wave.
 
         Two waves fit anything where less than a full turn was travelled, so none is

@@ -49,8 +49,11 @@ class JointCoupling(JointEffect):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
-        """Check that each joint is coupled to another one; without joints, take all but
-        joint i."""
+        """Check that each joint is coupled to another one.
+
+        The shape constant i is the joint (from 1) whose motion acts; 0 stands for each
+        joint's neighbour. Without ``joints`` the effect acts on all joints but joint i.
+        """
         super().__init__(robot, joints, **shape)
         i = self.shape["i"]
         if i != int(i) or not 0 <= i <= robot.n:
@@ -192,6 +195,7 @@ class TransmissionFriction(StatefulEffect):
         over its own. Only the hysteresis law has a travel d, only Stribeck's a velocity
         vs.
         """
+        # The last two joints, such as a wrist's, are the default.
         last_two = list(range(max(0, robot.n - 2), robot.n))
         acting_joints = last_two if joints is None else sorted(set(joints))
         # The law, and the constant that it alone has.
@@ -239,7 +243,8 @@ class TransmissionFriction(StatefulEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One parameter, such as "f_t_coulomb(q5+q6)", at least zero."""
+        """The effect's one parameter: its size, at least zero, such as
+        "f_t_coulomb(q5+q6)" [N m] for law coulomb along q5 + q6."""
         first = self.joints[0]
         position = self.robot.position_units[first]
         torque = self.robot.torque_units[first]
@@ -286,8 +291,13 @@ class TransmissionFriction(StatefulEffect):
         ]
 
     def _force(self, motion: Motion, z: Array) -> Array:
-        """Compute f(s) (N,), the force along s per unit of the parameter, by the chosen
-        law."""
+        """Compute f(s) (N,), the force along the combination s = c q per unit of the
+        parameter.
+
+        By law: hysteresis z, inertia dds, viscous ds, coulomb sign(ds), stribeck
+        sign(ds) exp(-(ds / vs)^2); z (N, 1) is the friction state, used by the
+        hysteresis only.
+        """
         if self.law == "hysteresis":
             return z[:, 0]
         if self.law == "inertia":
@@ -309,9 +319,12 @@ class TransmissionFriction(StatefulEffect):
         """List the shape constants with which a search begins: every law, with two
         values of its travel or velocity where it has one."""
         for number, law in enumerate(LAWS, start=1):
-            key, grid = cls._OWN.get(law, ("", (0.0,)))
+            if law not in cls._OWN:
+                yield {"law": float(number)}
+                continue
+            key, grid = cls._OWN[law]
             for value in grid:
-                yield {"law": float(number)} | ({key: value} if key else {})
+                yield {"law": float(number), key: value}
 
     @classmethod
     def candidates(
@@ -341,7 +354,7 @@ class TransmissionFriction(StatefulEffect):
         if given_ratios:
             ratio_sets = [given_ratios]
         else:
-            ratio_sets = combinations(robot, joint or 0)
+            ratio_sets = list_joint_combinations(robot, joint or 0)
         shapes = list[dict[str, float]]()
         for law in cls.starts(robot, joint or 0):
             shape = {**law, **constants}
@@ -375,12 +388,15 @@ def _worth_a_guess(
         return False
     if LAWS[int(shape["law"]) - 1] not in _LINEAR:
         return True
-    known = any(set(ratios) == set(c) for c in sure)
-    return not known and all(abs(x) == 1.0 for x in ratios.values())
+    has_known_ratios = any(set(ratios) == set(c) for c in sure)
+    return not has_known_ratios and all(abs(x) == 1.0 for x in ratios.values())
 
 
-def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
-    """List the combinations of joints along which a transmission may rub.
+def list_joint_combinations(robot: Robot, first: int) -> list[dict[str, float]]:
+    """List the combinations s = c q of joints along which a gear may have friction.
+
+    First come the couplings that are known of the robot. Then come two or three
+    neighbours that are all revolute or all prismatic, with usual ratios c.
 
     Parameters
     ----------
@@ -392,12 +408,14 @@ def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
     Returns
     -------
     list of dict
-        Ratios of neighbours of one kind, and the couplings known of the robot.
+        Ratios by joint from 1, such as [{"c5": 1.0, "c6": -1.0}, ...]; each combination
+        once.
     """
     kinds = [joint.kind for joint in robot.joints]
     candidates = [
         _ratios(row) for row in robot.couplings if np.flatnonzero(row)[0] == first
     ]
+    # The first joint has ratio 1; its neighbours have each of the usual ratios.
     pairs = [(1.0, second) for second in _PAIRS]
     triples = [(1.0, second, third) for second, third in _TRIPLES]
     for ratios in (*pairs, *triples):
@@ -406,7 +424,11 @@ def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
         if joints.stop <= robot.n and are_of_one_kind:
             numbered = zip(joints, ratios, strict=True)
             candidates.append({f"c{j + 1}": ratio for j, ratio in numbered})
-    return [x for k, x in enumerate(candidates) if x not in candidates[:k]]
+    without_repetitions = list[dict[str, float]]()
+    for candidate in candidates:
+        if candidate not in without_repetitions:
+            without_repetitions.append(candidate)
+    return without_repetitions
 
 
 def _ratios(row: Array) -> dict[str, float]:

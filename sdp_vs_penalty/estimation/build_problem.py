@@ -49,7 +49,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 @dataclass(frozen=True)
 class PoseOptions:
-    """What a user may choose of the posing, as :func:`sdp_vs_penalty.identify` takes it.
+    """What a user may choose of the posing, as :func:`sdp_vs_penalty.identify` takes
+    it.
 
     Parameters
     ----------
@@ -290,7 +291,12 @@ def _pose_black_box(
     options: PoseOptions,
     progress: Progress,
 ) -> EstimationProblem:
-    """Pose the problem of a black box's answers: rigid links by default, equal weights."""
+    """State the identification problem of a black box, a simulator that answers with
+    torque.
+
+    The answers have no noise of sensors: no filters, equal weights of all joints. The
+    model has rigid links only, unless the user names effects.
+    """
     effects = "rigid_body" if options.effects is None else options.effects
     model = problem.model(effects)
     progress("compressing the black box's answers")
@@ -321,34 +327,55 @@ def _pose_torque_log(
     progress: Progress,
     workers: Workers,
 ) -> _PosedLog:
-    """Prepare a log with torque: estimate shape constants, then gains from known loads."""
+    """Prepare a log with torque: everything but the linear parameters is fixed here.
+
+    These are: gains of the servo loops, shape constants of friction, the choice of the
+    motion's signal, and the gains of the torque channels from known loads. The result
+    holds the model in which all remaining parameters are linear.
+    """
     log = runs.measurements
-    errors = independent_gains(options.gain_uncertainty, problem.robot.n)
+    gain_errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     details: dict[str, Any] = {}
-    if drives := [e for e in model.effects if e.forward == "drive"]:
+    # 1. Servo effects are fitted to the torque apart; they are no part of the arm.
+    drives = [e for e in model.effects if e.forward == "drive"]
+    if drives:
         details["loop"] = loop_beside_torque(drives, log, runs.settings)
         model = model.without_drives
+    # 2. Shape constants, such as a Stribeck velocity, are nonlinear: estimate them now.
     progress("estimating shape constants")
     shapes = estimate_shapes(model, runs, options.weighting, workers=workers)
     model = replace(model, effects=with_shapes(model.effects, shapes))
     if shapes:
         details["shapes"] = [s.to_dict() for s in shapes]
+    # 3. Instruments: commands, which are free of the sensors' noise, give the motion.
     if options.instruments == "command":
         runs = FilteredRuns.of(commanded_motion(log), runs.settings)
         if not options.known_loads:
             details["recipe"] = options.recipe()
+    # 4. Runs with known loads determine the gains of the torque channels.
     if options.known_loads:
         progress("determining the gains from the known loads")
         spread = float(np.max(options.gain_uncertainty))
-        gain, errors = gains_from_loads(model, runs, options.known_loads, spread)
+        gain, gain_errors = gains_from_loads(
+            model,
+            runs,
+            options.known_loads,
+            spread,
+        )
         problem = replace(problem, gains=tuple(gain.tolist()))
         model = replace(model, gains=problem.gains)
-        std = gain * np.linalg.norm(errors, axis=1)
+        std = gain * np.linalg.norm(gain_errors, axis=1)
         details["gains"] = {
             "gain": gain.tolist(),
             "std": std.tolist(),
         }
-    return _PosedLog(problem, model, runs, gain_errors=errors, details=details)
+    return _PosedLog(
+        problem,
+        model,
+        runs,
+        gain_errors=gain_errors,
+        details=details,
+    )
 
 
 def _pose_servo_log(
@@ -358,10 +385,12 @@ def _pose_servo_log(
     options: PoseOptions,
     progress: Progress,
 ) -> _PosedLog:
-    """Prepare a log without torque: servos' law in place of the torque, then the scale.
+    """Prepare a log without torque: the servos' control law replaces the torque.
 
-    A known parameter, motor constant or load sets the scale. Its error is one further
-    column of the gains' covariance factor, common to all joints.
+    The law (torque = gain times control error) leaves one common scale of all
+    parameters open. A known parameter, motor constant or load sets it. Its relative
+    error is one further column of the covariance factor of the gains (n joints, k
+    independent errors), common to all joints.
     """
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     model, runs, servo = servo_log(

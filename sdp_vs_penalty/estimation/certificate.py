@@ -59,20 +59,19 @@ class Certificate(Shown, JsonRecord):
         families = ", ".join(
             f"{family} {value:.2g}" for family, value in self.violations.items()
         )
+        # The summary begins with the worst violation and the loss.
         worst, loss, *other_lines = self.summary()
-        bounds = ("objective", self.upper), ("certified lower bound", self.lower)
+        bounds = [("objective", self.upper), ("certified lower bound", self.lower)]
+        bound_lines = [(name, f"{x:.9g}") for name, x in bounds if x is not None]
         lines = [
             worst,
             ("violation by family", families or "there are no constraints"),
             loss,
-        ]
-        lines += [
-            *((name, f"{x:.9g}") for name, x in bounds if x is not None),
+            *bound_lines,
             *other_lines,
         ]
-        return "\n".join(
-            ["certificate", *(f"  {name:22} {text}" for name, text in lines)]
-        )
+        texts = [f"  {label:22} {text}" for label, text in lines]
+        return "\n".join(["certificate", *texts])
 
     def _summary(self) -> Summary:
         """Return the title and the (label, text) lines of the printed summary."""
@@ -86,11 +85,13 @@ class Certificate(Shown, JsonRecord):
             ("optimality gap", self._gap_text()),
         ]
         if self.smallest_thickness is not None:
-            thickness = f"{1e3 * self.smallest_thickness:.1f} mm"
+            mm_per_m = 1e3
+            thickness = f"{mm_per_m * self.smallest_thickness:.1f} mm"
             out.append(("smallest thickness", thickness))
         if self.largest_gyration is not None and self.body_share is not None:
             out.append(("largest radius of gyration", self._gyration_text()))
         if self.density is not None:
+            # Lowest and highest, once if both read the same.
             span = " to ".join(dict.fromkeys(f"{x:.3g}" for x in self.density))
             out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:

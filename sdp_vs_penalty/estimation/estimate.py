@@ -50,7 +50,8 @@ if TYPE_CHECKING:
 FORMAT = 2
 
 
-#: Exporters are plug-ins of a later folder: found by name when a model is asked for one.
+#: Exporters are plug-ins of a later folder: found by name when a model is asked for
+#: one.
 _SIMULATORS = lazy_exports(
     "sdp_vs_penalty.exporters", simulators="to_pinocchio to_mjspec"
 )
@@ -125,25 +126,27 @@ class Estimate(Record):
 
     @property
     def determined_by_data(self) -> list[tuple[str, str]]:
-        """Lines (label, text) that say which parameters the data determine.
+        """Lines (label, text) on which parameters the data determine, for the user.
 
-        The first line counts them; a second one names the base parameters that the
-        prior or the bounds determine. Empty for a model without base parameters. If a
-        base parameter that the data determine has no standard deviation, the only line
-        says so.
+        Base parameters are the combinations of standard parameters that the torque
+        depends on. The first line counts those that the data determine; the second
+        names the others and their source (prior or bounds). If one that the data
+        determine has no standard deviation, there is one line that says so. Empty for a
+        model without base parameters.
         """
         base = self.details.get("base_parameters") or []
         if not base:
             return []
-        std = {interval.name: interval.std for interval in self.uncertainty.base}
+        std_by_name = {x.name: x.std for x in self.uncertainty.base}  # NaN: unknown
         n_without_std = sum(
-            entry["source"] == "data" and bool(np.isnan(std.get(entry["name"], 0.0)))
+            entry["source"] == "data"
+            and bool(np.isnan(std_by_name.get(entry["name"], 0.0)))
             for entry in base
         )
         if n_without_std:
             text = (
-                f"nothing is known of the intervals: {n_without_std} of {len(base)} base"
-                " parameters have none"
+                f"nothing is known of the intervals: {n_without_std} of {len(base)}"
+                " base parameters have none"
             )
             return [("determined by the data", text)]
         undetermined = {
@@ -164,43 +167,48 @@ class Estimate(Record):
 
     @property
     def unweighed(self) -> str:
-        """A sentence on links whose mass the data do not determine; "" if there is
-        none.
+        """A sentence on links whose mass the data do not determine; "" without such
+        links.
 
-        It also names masses that differ from the nominal ones by more than the factor
-        FAR_MASS.
+        It says where their masses come from (a prior, bounds), and lists those that
+        differ from the nominal mass by more than the factor FAR_MASS.
         """
-        first = self.model.rigid_indices[::10]  # ten parameters a link, the mass first
+        # Ten parameters a link, the mass first. Lists hold numbers of links, from 0.
+        mass_indices = self.model.rigid_indices[::10]
         masses = self.links[:, 0]
-        sources = self.sources
-        links = [i for i, k in enumerate(first) if sources[k] not in ("data", "given")]
-        if not links:
+        sources = [self.sources[k] for k in mass_indices]
+        undetermined = [
+            link
+            for link, source in enumerate(sources)
+            if source not in ("data", "given")
+        ]
+        if not undetermined:
             return ""
-        nominal = self.nominal[first]
-        with_nominal = [i for i in links if nominal[i] > 0.0]
-        far = [
+        nominal = self.nominal[mass_indices]
+        with_nominal = [i for i in undetermined if nominal[i] > 0.0]
+        far_from_nominal = [
             i
             for i in with_nominal
             if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS
         ]
-        plural = "s" if len(links) > 1 else ""
-        numbers = formatting.words([i + 1 for i in links])
+        plural = "s" if len(undetermined) > 1 else ""
+        numbers = formatting.words([i + 1 for i in undetermined])
+        source = sources[undetermined[0]]  # one method has one source
         explanation = (
             f"the data do not determine the mass of link{plural} {numbers}, only sums"
-            f" with others; the value comes from the {sources[first[links[0]]]}"
+            f" with others; the value comes from the {source}"
         )
-        if np.any(self.problem.guessed_links[links]):
+        if np.any(self.problem.guessed_links[undetermined]):
             explanation += (
                 ", drawn to lengths, sizes and torque, not measured: no file states it"
             )
+        if not far_from_nominal:
+            return f"{explanation}."
         masses_in_words = [
-            f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far
+            f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})"
+            for i in far_from_nominal
         ]
-        return (
-            f"{explanation}; far from nominal: {formatting.words(masses_in_words)}."
-            if far
-            else f"{explanation}."
-        )
+        return f"{explanation}; far from nominal: {formatting.words(masses_in_words)}."
 
     @property
     def verdict(self) -> Verdict | None:
@@ -551,7 +559,7 @@ class Estimate(Record):
     def _table(self) -> Table:
         """Return the printed table: one row a parameter with its 95 % interval."""
         rows: list[tuple[str, ...]] = []
-        for p, value, spread, nominal, source in zip(
+        for parameter, value, std, nominal, source in zip(
             self.model.parameters,
             self.theta,
             self.uncertainty.std,
@@ -559,20 +567,22 @@ class Estimate(Record):
             self.sources,
             strict=True,
         ):
-            half = NORMAL_95 * spread
-            half_text = "" if np.isnan(half) else f" ± {half:.2g}"
+            # NaN marks an unknown interval and a parameter without a nominal value.
+            half_width = NORMAL_95 * std
+            half_text = "" if np.isnan(half_width) else f" ± {half_width:.2g}"
             nominal_text = "" if np.isnan(nominal) else f"{nominal:.4g}"
             rows.append(
                 (
-                    p.name,
+                    parameter.name,
                     f"{value:.4g}{half_text}",
                     nominal_text,
                     source,
-                    p.unit,
-                    p.effect,
+                    parameter.unit,
+                    parameter.effect,
                 )
             )
         headings = ("parameter", "value ± 95 %", "nominal", "from", "unit", "effect")
+        # Columns of words (by number) are aligned to the left.
         return Table(headings, rows, words=(0, 3, 4, 5))
 
     def to_frame(self) -> pandas.DataFrame:
@@ -586,19 +596,21 @@ class Estimate(Record):
         return pandas.DataFrame(self.to_dict()["parameters"]).set_index("name")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of model.json as plain JSON.
+        """Return the content of model.json as a JSON dictionary.
 
-        The covariance holds only parameters with a finite standard deviation, listed by
-        name.
+        The covariance holds only parameters with a known standard deviation (not NaN),
+        with their names. A missing reference or training motion is null.
         """
         parameters = [
             {
                 **interval.to_dict(),
                 "value": float(value),
                 "nominal": formatting.finite(nominal),
+                "source": source,
+                "effect": parameter.effect,
+                "joint": parameter.joint,
             }
-            | {"source": source, "effect": p.effect, "joint": p.joint}
-            for p, value, interval, nominal, source in zip(
+            for parameter, value, interval, nominal, source in zip(
                 self.model.parameters,
                 self.theta,
                 self.uncertainty.standard,
@@ -607,7 +619,11 @@ class Estimate(Record):
                 strict=True,
             )
         ]
-        identified = np.flatnonzero(~np.isnan(self.uncertainty.std))
+        # Rows and columns of the covariance that are finite.
+        with_std = np.flatnonzero(~np.isnan(self.uncertainty.std))
+        covariance = self.uncertainty.covariance[np.ix_(with_std, with_std)]
+        reference = self.model.reference
+        motion = self.training_motion
         return {
             "format": FORMAT,
             "problem": problem_to_dict(self.problem),
@@ -617,22 +633,16 @@ class Estimate(Record):
             "certificate": self.certificate.to_dict(),
             "robot": self.robot.to_dict(),
             "effects": [e.to_dict() for e in self.model.effects],
-            "reference": (
-                None if self.model.reference is None else self.model.reference.tolist()
-            ),
+            "reference": None if reference is None else reference.tolist(),
             "preprocessing": dataclasses.asdict(self.preprocessing),
             "covariance": {
-                "parameters": [self.model.parameters[k].name for k in identified],
-                "matrix": self.uncertainty.covariance[
-                    np.ix_(identified, identified)
-                ].tolist(),
+                "parameters": [self.model.parameters[k].name for k in with_std],
+                "matrix": covariance.tolist(),
             },
             "uncertainty": self.uncertainty.to_dict(),
             "details": self.details,
             "provenance": self.provenance,
-            "training_motion": (
-                None if self.training_motion is None else self.training_motion.to_dict()
-            ),
+            "training_motion": None if motion is None else motion.to_dict(),
         }
 
     def require_joints(
@@ -685,8 +695,9 @@ def load_estimate(path: str | Path) -> Estimate:
 def _from_dict(data: dict[str, Any]) -> Estimate:
     """Read an Estimate from the dictionary of a model.json.
 
-    Raises KeyError, TypeError or ValueError for a damaged file; read_json makes an
-    InputError of these. The intervals of the standard parameters stand in "parameters".
+    Raises KeyError, TypeError or ValueError for a damaged file; the caller (read_json)
+    turns these into an InputError. The intervals of the standard parameters stand in
+    the file's "parameters".
     """
     require_format(
         data,
@@ -871,11 +882,12 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     list of tuple of str
         One row a link, with the columns :data:`LINK_HEADS`.
     """
-    indices = estimate.model.rigid_indices
-    if not len(indices):
+    link_indices = estimate.model.rigid_indices
+    if not len(link_indices):
         return []
+    mass_indices = link_indices[::10]  # ten parameters a link, the mass first
     links = estimate.links
-    nominal = estimate.nominal[indices].reshape(-1, 10)
+    nominal = estimate.nominal[link_indices].reshape(-1, 10)
     robot = estimate.robot
     thickness = inertia.thickness(links)
     gyration = inertia.gyration(links)
@@ -886,16 +898,17 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
         inertia.barycentric_from_standard(links)[:, 1:4],
         np.nan,
     )
+    mm_per_m = 1e3
     return [
         (
             f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
             number(links[i, 0], 4),
             number(nominal[i, 0], 4),
-            estimate.sources[indices[10 * i]],
+            estimate.sources[mass_indices[i]],
             ", ".join(number(zero_if_rounding(c)) for c in com[i]),
             number(gyration[i]),
             number(nominal_gyration[i]),
-            number(1e3 * thickness[i]),
+            number(mm_per_m * thickness[i]),
         )
         for i in range(len(links))
     ]

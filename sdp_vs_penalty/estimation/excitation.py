@@ -173,10 +173,12 @@ class Limits:
     acceleration: Array
 
     def __post_init__(self) -> None:
-        """Raise InputError, naming the joint, for limits within which nothing can move."""
+        """Raise InputError for limits within which nothing can move, with the joint's
+        number."""
         rows = np.column_stack(
             [self.lower, self.upper, self.velocity, self.acceleration]
         )
+        # Comparisons are written so that NaN fails them, too.
         for j, (low, high, v, a) in enumerate(rows.tolist(), start=1):
             if not -np.inf < low < high < np.inf:
                 what = f"joint {j}: no trajectory fits between {low:g} and {high:g}"
@@ -445,10 +447,9 @@ def optimised(
 
 
 def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
-    """Return the trajectory with coefficients x (n, 2 L + 1) = (a, b, q_0) of L
-    harmonics.
+    """Return the trajectory with Fourier coefficients x (n, 2 L + 1) = (a, b, q_0).
 
-    Frequency, blend and duration are those of ``like``.
+    L is the number of harmonics. Frequency, blend and duration are those of ``like``.
     """
     a, b = np.split(
         x[:, :-1],
@@ -479,30 +480,35 @@ class _Search:
         objective: str,
         moving: Sequence[int] | None,
     ) -> None:
-        """Precompute the linear maps from a joint's coefficients to its states and
-        limits.
+        """Precompute the linear maps from Fourier coefficients to states and to limits.
+
+        A joint's coefficients x (w,) are a and b of L harmonics and the centre q_0.
+        ``maps`` (3, K, w) turn them into position, velocity and acceleration at K
+        instants. ``rows`` (n, M, w) x + ``offset`` (n, M) are states over their limits,
+        positions about the middle of their range. ``unit`` (n, w) are sizes of
+        coefficients.
 
         ``moving``: joints (from 0) whose coefficients are free; None: all.
         """
         self.regressor = regressor
         self.objective = objective
         self.joints = range(start.a.shape[0]) if moving is None else moving
-        # Instants at which the regressor is sampled, and twice as many at which limits
-        # are kept.
+        # 160 instants at which the regressor is sampled, and twice as many at which
+        # limits are kept.
         self.t = np.linspace(0.0, start.duration, 160)
         instants = _instants(start, 2 * len(self.t) - 1)
-        units = np.column_stack(
+        limits_of_states = np.column_stack(
             [
                 limits.half,
                 limits.velocity,
                 limits.acceleration,
             ]
         )
-        width = 2 * start.a.shape[1] + 1
+        width = 2 * start.a.shape[1] + 1  # a (L), b (L) and q_0 of a joint
         # States are linear in the coefficients: with the unit matrix for coefficients,
         # "joint" k moves as the kth coefficient alone makes a joint move.
         unit_motions = _with(start, np.eye(width))
-        sizes = np.repeat(units, len(instants), axis=1)[:, :, None]
+        sizes = np.repeat(limits_of_states, len(instants), axis=1)[:, :, None]
         self.rows = np.concatenate(unit_motions.states(instants)) / sizes
         # Only positions, the first third of the rows, count from the middle.
         is_position = np.arange(3 * len(instants)) < len(instants)

@@ -46,30 +46,31 @@ class Parameters(Protocol):
 
 #: A coefficient below this share of its row's largest is rounding.
 _ROUNDING = 1e-9
-_SYMBOLS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_INERTIA_SYMBOLS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 def links_frame(estimate: Parameters) -> pandas.DataFrame:
-    """Return a DataFrame with one row a link.
-
-    Columns: mass, centre of mass, inertia about it, nominal mass, smallest thickness,
-    and what determines the mass; units in the columns' names.
+    """Return a table of the links: mass, centre of mass, inertia, thickness.
 
     Parameters
     ----------
     estimate : Estimate
-        Model with links.
+        Model with rigid links (ten parameters a link: m, m c (3), I (6)).
 
     Returns
     -------
     DataFrame
-        A link without mass has NaN for its centre of mass.
+        One row a link, indexed from 1. Units stand in the columns' names. The inertia
+        is about the centre of mass; "mass is from" says what determined the mass (data
+        or bounds). A link without mass has NaN for centre of mass and inertia.
     """
     import pandas
 
-    indices = estimate.model.rigid_indices
-    links = estimate.links
-    nominal = estimate.nominal[indices].reshape(-1, 10)
+    link_indices = estimate.model.rigid_indices
+    mass_indices = link_indices[::10]  # a link's first parameter is its mass
+    links = estimate.links  # (n links, 10)
+    nominal = estimate.nominal[link_indices].reshape(-1, 10)
+    # (n links, 10): mass, centre of mass (3), inertia about it (6).
     centred = np.full_like(links, np.nan)
     has_mass = links[:, 0] > 0.0
     centred[has_mass] = inertia.barycentric_from_standard(links[has_mass])
@@ -77,22 +78,23 @@ def links_frame(estimate: Parameters) -> pandas.DataFrame:
         "joint": [estimate.robot.tree[k].name for k in estimate.robot.link_joints],
         "mass [kg]": links[:, 0],
         "nominal mass [kg]": nominal[:, 0],
-        "mass is from": [estimate.sources[k] for k in indices[::10]],
+        "mass is from": [estimate.sources[k] for k in mass_indices],
     }
     for k, axis in enumerate("xyz", start=1):
         columns[f"centre of mass {axis} [m]"] = centred[:, k]
-    for k, symbol in enumerate(_SYMBOLS, start=4):
+    for k, symbol in enumerate(_INERTIA_SYMBOLS, start=4):
         columns[f"{symbol} about the centre [kg m^2]"] = centred[:, k]
-    columns["thickness [mm]"] = 1e3 * inertia.thickness(links)
+    mm_per_m = 1e3
+    columns["thickness [mm]"] = mm_per_m * inertia.thickness(links)
     numbers = range(1, len(links) + 1)
     return pandas.DataFrame(columns, pandas.Index(numbers, name="link"))
 
 
 def base_frame(estimate: Parameters) -> pandas.DataFrame:
-    """Return a DataFrame with one row a base parameter (combinations that make torque).
+    """Return a table with one row a base parameter.
 
-    Columns: full expression ("Izz1 + Iyy2 + 0.0998 m3"), value, standard deviation, 95
-    % interval, verdict, source, nominal value and unit.
+    Base parameters are the linear combinations of standard parameters that the torque
+    depends on, for example Izz1 + Iyy2 + 0.0998 m3.
 
     Parameters
     ----------
@@ -102,7 +104,9 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
     Returns
     -------
     DataFrame
-        Indexed by the leading standard parameter.
+        Indexed by the leading standard parameter of each combination. Columns:
+        expression, value, standard deviation, ends of the 95 % interval, verdict,
+        source, nominal value and unit.
     """
     import pandas
 

@@ -82,9 +82,15 @@ def loop_gains(estimate: Estimate) -> list[Gain]:
 
 
 def drive_gains(estimate: Estimate) -> Iterator[Gain]:
-    """Yield the gains of the servos whose law stands for the torque.
+    """Yield the gain of each servo loop with its 95 % interval.
 
-    The gain that sets the scale has the interval of the scale; without one it is exact.
+    In these estimates the servo's control law (torque = gain times control error)
+    replaces a torque sensor. Then all parameters are known up to one common scale,
+    which the user fixes by one given gain (a member of ``model.known``) with a
+    relative standard deviation ``scale_error`` (0: the user calls it exact).
+
+    Interval's half-width: 1.96 std for an estimated gain; 1.96 scale_error |value| for
+    the given gain; None for the given gain if it is exact.
 
     Parameters
     ----------
@@ -94,21 +100,21 @@ def drive_gains(estimate: Estimate) -> Iterator[Gain]:
     Returns
     -------
     iterator of Gain
-        One a gain of a servo.
+        One entry a servo gain, in the order of the model's parameters.
     """
     model = estimate.model
     scale_error = estimate.details["servo"].get("scale_error", 0.0)
-    columns = zip(
+    parameters = zip(
         model.parameters,
         estimate.theta,
         estimate.uncertainty.std,
         model.drives,
         strict=True,
     )
-    for parameter, value, std, is_drive in columns:
-        if not is_drive:
+    for parameter, value, std, is_servo_gain in parameters:
+        if not is_servo_gain:
             continue
-        half: float | None = NORMAL_95 * float(std)
+        half_width: float | None = NORMAL_95 * float(std)
         if parameter.name in model.known:
-            half = NORMAL_95 * scale_error * float(value) if scale_error else None
-        yield Gain(parameter.name, float(value), half, parameter.unit)
+            half_width = NORMAL_95 * scale_error * float(value) if scale_error else None
+        yield Gain(parameter.name, float(value), half_width, parameter.unit)

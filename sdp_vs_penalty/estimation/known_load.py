@@ -119,21 +119,23 @@ def gains_from_loads(
     ]
     p = len(bare.parameters)
     n = model.robot.n
-    # Prior standard deviations: none of the robot's parameters; of each load's three
-    # first moments [kg m] and six moments of inertia [kg m^2]; of ln g.
+    # Prior standard deviations of the unknowns x (s,): infinite for the robot's
+    # parameters; of each load's three first moments [kg m] and six moments of inertia
+    # [kg m^2]; of the logarithms ln g of the gains.
     reaches = [c.LOAD_REACH] * 3 + [c.LOAD_REACH**2] * 6
-    of_loads = [mass * reach for _, mass in parts[1:] for reach in reaches]
+    std_of_loads = [mass * reach for _, mass in parts[1:] for reach in reaches]
     prior_std = np.concatenate(
         [
             np.full(p, np.inf),
-            of_loads,
+            std_of_loads,
             np.full(n, prior or c.GAIN_PRIOR),
         ]
     )
     log_gain = np.zeros(n)
     weights = np.ones(n)
     x = np.zeros(len(prior_std))
-    for step in range(50):
+    most_steps = 50
+    for step in range(most_steps):
         linear = _linearised(parts, p, x, log_gain)
         data = linear.least_squares(weights)
         # Rounding counts as noise, so that exact data leave the prior a weight.
@@ -143,6 +145,7 @@ def gains_from_loads(
         )
         with_prior = data.with_prior(prior_std, strength)
         x = min_norm_lstsq(with_prior.R, with_prior.rho)
+        # The last n unknowns are ln g. Short steps keep the linearisation valid.
         change = x[-n:] - log_gain
         log_gain = log_gain + np.clip(change, -0.5, 0.5)
         # Three steps find the weights; then they stay, so that the steps converge.
@@ -151,8 +154,8 @@ def gains_from_loads(
         elif np.abs(change).max() < 1e-9:
             break
     sandwich = Sandwich(_linearised(parts, p, x, log_gain), weights, prior_std)
-    of_gains = np.eye(len(prior_std))[-n:]
-    std = sandwich.half_widths(of_gains) / c.NORMAL_95
+    contrasts_of_gains = np.eye(len(prior_std))[-n:]
+    std = sandwich.half_widths(contrasts_of_gains) / c.NORMAL_95
     return np.exp(log_gain), stretched(sandwich.factor[-n:], std)
 
 
@@ -162,14 +165,13 @@ def _linearised(
     x: Array,
     log_gain: Array,
 ) -> Regression:
-    """Linearise the rows of all runs about x and the gains.
+    """Linearise the torque equations of all runs about the present unknowns.
 
-    The unknowns are theta (p,), nine parameters of each load (all but its known mass),
-    and ln g (n,): size s in total.
-
-    Parameters: ``parts`` are the compressed rows of the runs without load (mass 0) and
-    of each load's runs, with its mass [kg]; p the number of the robot's parameters; x
-    (s,) the present unknowns; log_gain (n,) the logarithms of the present gains.
+    A channel of gain g reads g (Y theta + Y_load x_load). The unknowns x (s,) are theta
+    (p,), nine parameters of each load (all but its known mass), and ln g (n,).
+    ``parts`` are the compressed rows of the runs without load (mass 0), then those of
+    each load with its mass [kg]; log_gain (n,) are the present ln g. A factor is a
+    triangle [Y, tau] of one joint's rows, a block a stretch of time.
     """
     factors = list[Factor]()
     blocks = list[TimeBlock]()
@@ -177,11 +179,13 @@ def _linearised(
     size = len(x)
     n = len(log_gain)
     for part, (regression, mass) in enumerate(parts):
+        # Number the blocks and runs of all parts consecutively.
         first = len(blocks)
         blocks += [
             (number + run, start, stop) for number, start, stop in regression.blocks
         ]
         run = 1 + max(number for number, *_ in blocks)
+        # f.triangle [Y, tau] (r, k + 1): columns of the parameters f.indices, torque.
         for f in regression.factors:
             columns = np.exp(log_gain[f.joint]) * f.triangle[:, :-1]
             is_mass = f.indices == p  # the load's mass, first of its ten parameters
@@ -429,18 +433,19 @@ def _factor_of_known(
     theta: Array,
     known: Mapping[str, float],
 ) -> float:
-    """Return the factor on theta (p,) with which the first known parameter has its
-    value.
+    """Return the factor on theta (p,) that gives the first known parameter its value.
 
-    Raises InputError for a parameter that motion determines only in sums with others.
+    Without a logged torque, theta is known up to this factor. A parameter can set it
+    only if the data determine the parameter by itself, and not only in sums with
+    others: else InputError. ``known`` maps names to values [SI].
     """
     names = [p.name for p in model.parameters]
-    free = ~model.drives
-    problem_of_free = regression.keeping(free).least_squares()
-    # Share of each column that no other parameter can make; a gain has one of its own.
+    is_load = ~model.drives  # parameters of links and friction, not of servos
+    data = regression.keeping(is_load).least_squares()
+    # Share of each column that no other parameter can make; 1 for a servo's gain.
     share = np.ones(len(names))
-    norms = nonzero_or_one(problem_of_free.column_norms)
-    share[free] = problem_of_free.own_torque / norms
+    norms = nonzero_or_one(data.column_norms)
+    share[is_load] = data.own_torque / norms
     for name in known:
         problem = ""
         if name.startswith("total"):
@@ -515,12 +520,12 @@ def _factor_of_loads(
     loads: Sequence[tuple[Source, float]],
     settings: Preprocessing,
 ) -> tuple[float, float]:
-    """Return the factor on theta (p,) that loads imply, and its relative standard
-    deviation.
+    """Return the factor on theta (p,) that known loads imply, and its relative std.
 
-    The known mass [kg] of each load, over the mass that the model finds in its runs, is
-    a factor; factors are averaged by their information. Raises InputError for runs that
-    do not show the load.
+    Without a logged torque, theta is known up to this factor. A load's factor is its
+    known mass [kg] over the mass that the unscaled model finds in its runs. Factors
+    are averaged with their information (inverse variance) as weights. Raises InputError
+    for runs that do not show the load.
     """
     robot = model.robot
     load_effects = (Payload(robot), effect_types()["torque_offset"](robot))
@@ -533,21 +538,24 @@ def _factor_of_loads(
     factors = list[float]()
     information = list[float]()
     for runs, mass in _loaded(loads, robot):
-        # What the arm's own torque leaves for the load, whose mass comes first.
+        # Fit load and offset to what the arm's torque leaves, twice: the first fit
+        # gives the joints' weights. Parameter 0 is the load's mass.
         remaining = compress(FilteredRuns.of(runs, settings), wide).given_first(theta)
         unweighted = remaining.least_squares()
         first = min_norm_lstsq(unweighted.R, unweighted.rho)
         data = remaining.least_squares(joint_weights(remaining, first))
         x = min_norm_lstsq(data.R, data.rho)
-        if data.own_torque[0] <= c.SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
+        fitted_mass = x[0]
+        torque_of_mass = data.own_torque[0]  # that no other parameter can make, a kg
+        is_shown = torque_of_mass > c.SCALE_TOLD * data.column_norms[0]
+        if not is_shown or fitted_mass <= 0.0:
             what = f"--known-load: these runs do not show {mass:g} kg"
             raise InputError(what, "move the joints that lift the load")
         variance = remaining.oversampling * data.loss(x) / max(data.rows, 1)
-        factors.append(mass / x[0])
-        # Of the relative error of the mass x[0].
-        information.append(
-            x[0] ** 2 * data.own_torque[0] ** 2 / at_least_tiny(variance)
-        )
+        factors.append(mass / fitted_mass)
+        # The inverse variance of the fitted mass's relative error.
+        squared_torque = fitted_mass**2 * torque_of_mass**2
+        information.append(squared_torque / at_least_tiny(variance))
     factor = float(np.average(factors, weights=information))
     relative_std = float(np.sum(information) ** -0.5)
     return factor, relative_std

@@ -119,23 +119,19 @@ class CrossValidation(Shown):
 
     @property
     def _whole(self) -> Fold:
-        """All folds added up as one Fold (its theta is that of the first fold)."""
-        sums = np.sum(
-            [
-                [
-                    f.losses,
-                    f.rows,
-                    f.torque_squared,
-                ]
-                for f in self.folds
-            ],
-            axis=0,
-        )
+        """All folds added up as one Fold: sums of squared errors, of rows, of squared
+        torque.
+
+        Its theta is that of the first fold and has no meaning here.
+        """
+        first = self.folds[0]
         return Fold(
-            self.folds[0].start,
-            self.folds[-1].stop,
-            self.folds[0].theta,
-            *sums,
+            start=first.start,
+            stop=self.folds[-1].stop,
+            theta=first.theta,
+            losses=np.sum([fold.losses for fold in self.folds], axis=0),
+            rows=np.sum([fold.rows for fold in self.folds], axis=0),
+            torque_squared=np.sum([fold.torque_squared for fold in self.folds], axis=0),
         )
 
     @property
@@ -193,33 +189,30 @@ class CrossValidation(Shown):
         return Table(("fold", "seconds", "relative error [%]"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON: totals over all folds, and each fold, numbered from 1."""
-        names = (
-            "problem",
-            "method",
-            "periodic",
-            "guard",
-            "band_hz",
-            "relative_error_percent",
-        )
+        """Return a JSON dictionary of the settings, the totals and the folds.
+
+        Folds are numbered from 1; "rows" is the largest number of rows of a joint;
+        torque errors "rmse" (n,) are in N m or N.
+        """
         folds = [
             {
-                "number": k,
-                "start": f.start,
-                "stop": f.stop,
-                "rows": int(f.rows.max(initial=0)),
+                "number": number,
+                "start": fold.start,
+                "stop": fold.stop,
+                "rows": int(fold.rows.max(initial=0)),
+                "relative_error_percent": fold.relative_error_percent,
+                "rmse": fold.rmse.tolist(),
             }
-            | {
-                "relative_error_percent": f.relative_error_percent,
-                "rmse": f.rmse.tolist(),
-            }
-            for k, f in enumerate(self.folds, start=1)
+            for number, fold in enumerate(self.folds, start=1)
         ]
-        fields_of_result = {name: getattr(self, name) for name in names} | {
-            "effects": list(self.effects)
-        }
         return {
-            **fields_of_result,
+            "problem": self.problem,
+            "method": self.method,
+            "periodic": self.periodic,
+            "guard": self.guard,
+            "band_hz": self.band_hz,
+            "relative_error_percent": self.relative_error_percent,
+            "effects": list(self.effects),
             "rmse": self.rmse.tolist(),
             "worst_fold": self.worst,
             "folds": folds,
@@ -345,10 +338,16 @@ class Split:
         folds: int,
         progress: Progress = no_progress,
     ) -> None:
-        """Read and compress the data of a cross-validation, in blocks by folds of the
-        motion.
+        """Read the data of a cross-validation and compress them, in blocks by folds.
 
-        Raises InputError as :func:`cross_validate` does.
+        A fold is a stretch of the motion, the same one in all its repetitions. Two
+        cases: with logged torque the rows are those of the model. Without, the servos'
+        control law replaces the torque: it is estimated once from all rows, ``common``
+        holds the rows that identify, and ``raw`` the rows that judge (without
+        instruments, signals that make the estimate unbiased).
+
+        Raises InputError as :func:`cross_validate` does, also if a fold leaves no rows
+        to train on or no fold has rows to judge.
         """
         self.problem = problem = as_problem(problem, "cross_validate(problem=...)")
         self.weighting = options.weighting
@@ -366,6 +365,7 @@ class Split:
             )
         check_plausible(problem.robot, data)
         self.raw: Regression | None = None
+        # Compress the rows, one block a fold (and one for rows between folds).
         if data.torque_logged:
             self.runs = FilteredRuns.of(
                 data, options.preprocessing or problem.preprocessing
@@ -408,7 +408,13 @@ class Split:
         return [k for k in range(self.phases.count) if rows.select(tested(k)).factors]
 
     def fold(self, number: int) -> FoldData:
-        """Return start and stop [s], training task and test rows of a fold (from 0)."""
+        """Return what a fold (from 0) is identified from and judged on.
+
+        The result is (start [s], stop [s], training task, test rows). With logged
+        torque the shape constants of friction are estimated anew from the training
+        rows, so that the test rows stay unseen.
+        """
+        # In a log without torque, the model comes from all rows (class docstring).
         model = self.model if self.raw else self._trained(number)
         rows = self.common
         if model is not self.model:
@@ -446,18 +452,22 @@ class Split:
 
     def _trained(self, fold: int) -> Model:
         """Return the model with shape constants and reference from a fold's training
-        rows alone.
+        rows.
 
-        These are what :func:`identify` takes from the data besides the parameters. A
-        model that has neither is returned as it is.
+        These are what :func:`identify` takes from the data besides the linear
+        parameters: a shape constant is nonlinear, such as a Stribeck velocity; the
+        reference are parameters about which an effect is linearised. A model that has
+        neither is returned as it is.
         """
         cells = self.phases.training(fold)
         model = self.model
 
         def training(run: int, t: Array) -> NDArray[np.bool_]:
+            """Return (N,) whether a run's rows at instants t are training rows."""
             return np.isin(self.phases.cell(run, t), cells)
 
         def compressed(m: Model) -> Regression:
+            """Return the training rows in a model's columns."""
             return compress_cells(self.runs, m, self.phases).select(cells)
 
         shapes = estimate_shapes(model, self.runs, self.weighting, training)

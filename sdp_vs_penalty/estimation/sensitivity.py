@@ -99,11 +99,11 @@ class ShapeSensitivity(Effect):
         theta: Array,
         finer: Sequence[tuple[Effect, Array]] = (),
     ) -> None:
-        """Vary each free constant of an effect with parameters theta (k,) by a small
-        step.
+        """Vary each free shape constant of an effect by a small step, up and down.
 
-        ``finer``: further effects, with their parameters, whose columns depend on the
-        constant.
+        theta (k,) are the effect's parameters. ``finer`` are further effects, with
+        their parameters, whose columns depend on the same constants. Columns of this
+        effect are the central differences of the torque.
         """
         super().__init__(effect.robot)
         self.effect = effect
@@ -468,22 +468,29 @@ class _Descent:
         self.variances: dict[bytes, float] = {}
 
     def settle(self) -> Settled:
-        """Iterate Gauss-Newton steps of the constants until the squared error falls no
+        """Move the constants by Gauss-Newton steps until the squared error falls no
         more.
+
+        Constants are shape constants such as a Stribeck velocity; ``steps`` (d,) are
+        their moves on their scale (ln of the constant, or the constant). The parameters
+        theta are eliminated in each residual. Returns the model with the new constants,
+        their standard deviations, and the squared error.
         """
         fit = self.fit
         if not fit.steps_of:
-            residual, _ = self.residual(fit.unit)
+            no_steps = fit.unit  # (0,)
+            residual, _ = self.residual(no_steps)
             return Settled(
-                self.model_at(fit.unit),
+                self.model_at(no_steps),
                 {},
                 float(np.sum(residual**2)),
             )
         rooms = [_room(self.begin[c.place], c.name) for c in fit.steps_of]
         low, high = np.transpose(rooms)
+        start = np.zeros_like(fit.unit)
         best, residual, slopes = least_squares(
             self.residual,
-            0.0 * fit.unit,
+            start,
             (low, high),
             xtol=1e-6,
             ftol=1e-9,
@@ -507,9 +514,11 @@ class _Descent:
 
     def residual(self, steps: Array) -> tuple[Array, Array]:
         """Return the residual (m,) of least squares, and its Jacobian (m, d) by the
-        steps (d,).
+        steps.
 
-        The parameters are eliminated (variable projection).
+        ``steps`` (d,) move the shape constants from the start. The parameters theta are
+        fitted for them (variable projection), so that the Jacobian is the constants'
+        columns less what the parameters' columns explain of them.
         """
         fit = self.fit
         p = fit.n_parameters
@@ -518,9 +527,10 @@ class _Descent:
             self.theta,
             lambda e: bool(fit.keys_of(e)),
         )
-        chosen = np.append(np.ones(p, bool), fit.moving_columns)
+        # Columns: those of the p parameters, then those of the constants that move.
+        kept_columns = np.append(np.ones(p, bool), fit.moving_columns)
         wide = fit.compressed(wide_model)
-        data, self.theta = fit.solve(wide.keeping(chosen))
+        data, self.theta = fit.solve(wide.keeping(kept_columns))
         self.variances[steps.tobytes()] = white_variance(data, wide.oversampling)
         columns = data.R[:, :p]
         slopes = -partialled(columns, data.R[:, p:]) / fit.unit

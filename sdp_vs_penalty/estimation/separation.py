@@ -93,8 +93,9 @@ class Hypotheses:
         """Read one or two effects from text, and scale them to ``level`` times the
         noise.
 
-        The level is the root mean square of an effect's torque over the noise of the
-        joint that it moves most, on a default excitation of 20 s.
+        An effect's level is the root mean square of its torque over the noise of the
+        joint that it moves most, on a default excitation of 20 s. ``scale`` holds the
+        size of the parameters that gives each effect this level.
         """
         self.estimate = estimate
         self.effects = tuple(parse_effects(texts, estimate.robot))
@@ -115,7 +116,8 @@ class Hypotheses:
         for effect in self.effects:
             # Mean square torque of unit parameters over the noise, of the joint that
             # the effect moves most.
-            mean_squares = (self._white(effect, motion) ** 2).mean(axis=1)  # (n, k)
+            columns = self._columns_over_noise(effect, motion)
+            mean_squares = (columns**2).mean(axis=1)  # (n, k)
             largest = mean_squares.sum(axis=1).max()
             scales.append(level / float(nonzero_or_one(np.sqrt(largest))))
         self.scale = tuple(scales)
@@ -131,8 +133,11 @@ class Hypotheses:
             self.estimate.theta, Motion(t, *states(t))
         )
 
-    def _white(self, effect: Effect, motion: Motion) -> Array:
-        """Return the effect's columns over the noise of each joint, (n, N, k)."""
+    def _columns_over_noise(self, effect: Effect, motion: Motion) -> Array:
+        """Return the effect's regressor over the noise of each joint, (n, N, k).
+
+        n joints, N samples of the motion, k parameters of the effect.
+        """
         out = np.zeros((self.estimate.robot.n, len(motion.t), len(effect.parameters)))
         for block in effect.blocks(motion):
             out[block.joint][:, block.parameters] += (
@@ -152,7 +157,7 @@ class Hypotheses:
         )
         X = (wide / self.noise[:, None, None]).reshape(-1, wide.shape[2])
         columns = [
-            self._white(effect, motion).reshape(len(X), -1) * scale
+            self._columns_over_noise(effect, motion).reshape(len(X), -1) * scale
             for effect, scale in zip(self.effects, self.scale, strict=True)
         ]
         if len(columns) == 1:
@@ -173,7 +178,8 @@ class Hypotheses:
         counts = [len(e.parameters) for e in self.effects] + [0]
         n_rows = max(self.row_rate * seconds, 2.0)
         price = abs(counts[0] - counts[1]) * np.log(n_rows)
-        # The difference of the sums of squares is normal: mean delta2, variance 4 delta2.
+        # The difference of the sums of squares is normal: mean delta2, variance 4
+        # delta2.
         std = 2.0 * np.sqrt(at_least_tiny(delta2))
         return float(scipy.special.ndtr((delta2 - price) / std))
 
@@ -353,15 +359,17 @@ class _MotionSearch:
         low = limits.middle + -1.0 * _SHARE * limits.half
         high = limits.middle + 1.0 * _SHARE * limits.half
         self.range = (low, high)
-        # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
-        jerk = limits.acceleration / 0.1
+        # No robot file states a limit of jerk: acceleration reaches its limit in 0.1 s.
+        seconds_to_acceleration = 0.1
+        jerk = limits.acceleration / seconds_to_acceleration
         self.velocity = _SHARE * limits.velocity
         self.acceleration = _SHARE * limits.acceleration
         self.jerk = _SHARE * jerk
+        # The best motion so far: none yet.
         self.value = -1.0
         self.trajectory: PointTrajectory | None = None
         self.plan = _Plan(low[None], low, low)
-        self.n_judged = 0
+        self.n_judged = 0  # motions within the limits
 
     def start(self, rng: np.random.Generator) -> None:
         """Draw random motions until _DRAWN of them keep the limits; keep the best one."""
@@ -371,16 +379,21 @@ class _MotionSearch:
                 break
 
     def improve(self, plan: _Plan) -> bool:
-        """Judge a motion; keep it and return True if it is allowed and better than the
-        best.
+        """Judge the motion of a plan; keep it if it is allowed and the best so far.
+
+        A plan holds points, slowness of moves, and pauses. "Best" is the largest
+        squared distance between the hypotheses' torques over the noise. Returns True if
+        it is kept.
         """
         trajectory = self._trajectory(plan)
         if trajectory is None:
             return False
+        # 1. The modelled torque must keep its limit.
         motion = self.hypotheses.motion(trajectory.states, self.duration)
         if np.any(np.abs(motion.modelled) > _SHARE * self.effort):
             return False
         self.n_judged += 1
+        # 2. It must separate the hypotheses better, and not collide (costly: last).
         value = self.hypotheses.distance(motion)
         if value <= self.value or not self._is_free(trajectory):
             return False

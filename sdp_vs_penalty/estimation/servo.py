@@ -71,18 +71,17 @@ class _Terms(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return seven parameters a joint, named term0_1 (term 0 of joint 1) and so on."""
-        names = [
-            (f"term{m}_{j}", j + 1) for j in self.joints for m in range(self.count)
-        ]
+        """Return seven parameters a joint, for example term0_2: term 0 of joint 2 (from
+        0)."""
         return tuple(
             Parameter(
-                name,
-                "",
-                self.name,
-                joint,
+                f"term{term}_{joint}",
+                unit="",
+                effect=self.name,
+                joint=joint + 1,
             )
-            for name, joint in names
+            for joint in self.joints
+            for term in range(self.count)
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
@@ -114,14 +113,15 @@ class _Terms(Effect):
 
 
 def _law(name: str, d: float) -> Array:
-    """Return a law as (7, 1 + m) combinations of the columns of _Terms.
+    """Return a servo's control law as (7, 1 + m) combinations of the seven terms.
 
-    Column 0 is the error e = command - position; the m others are the terms of which
-    the law makes it. The command is delayed by d [s] more than the columns, by Taylor's
+    Column 0 is the control error e = qcmd(t - T - d) - q; the other m columns are the
+    terms that the law adds to it (damping, integral, velocity loop, feed-forward), each
+    with a gain. The terms have the delay T; ``d`` [s] is a further delay, by Taylor's
     series to second order.
     """
-    h = 0.5 * d * d
-    # Columns: command, its rate, its acceleration, its integral; q, dq, integral of q.
+    h = 0.5 * d * d  # qcmd(t - d) = qcmd - d qcmd' + h qcmd''
+    # Terms: command, its rate, its acceleration, its integral; q, dq, integral of q.
     error = [1.0, -d, h, 0.0, -1.0, 0.0, 0.0]
     damping = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     terms = {
@@ -206,8 +206,8 @@ def find_law(
 def _with_several_turns(load: Sequence[Effect]) -> list[Effect]:
     """Return the load with friction at several velocities v_s of its change of sign.
 
-    These are TURNS [rad/s, m/s], for effects whose v_s the user did not give. A constant
-    torque is added if the load has none.
+    These are TURNS [rad/s, m/s], for effects whose v_s the user did not give. A
+    constant torque is added if the load has none.
     """
     effects: list[Effect] = []
     for effect in load:
@@ -242,10 +242,12 @@ def _joints(
     runs: FilteredRuns,
     T: float,
 ) -> list[_Joint]:
-    """Compress each joint's terms, delayed by T [s], with its load projected out.
+    """Compress each joint's servo terms, delayed by T [s], with its load projected out.
 
-    Returns for each joint the terms (r, 7) of all rows, and for each fold of the motion
-    the terms of its training rows and of its test rows.
+    A servo's law relates its seven terms (command, position, their derivatives and
+    integrals) and the load's torque. Least squares removes the load's columns, so that
+    laws can be compared by the terms alone. Returns for each joint the terms (r, 7) of
+    all rows, and for each fold of the motion (training terms, test terms).
     """
     robot = load[0].robot
     model = Model(
@@ -257,17 +259,22 @@ def _joints(
     cells = compress_cells(runs, model, split)
     out = []
     for joint in range(robot.n):
-        of_block = {
+        # Rows (r, k + 7) of each block: k columns of the load, 7 terms; the torque (the
+        # last column) is zero in such a log.
+        rows_of_block = {
             f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint
         }
         folds = []
         for fold in range(c.SHAPE_FOLDS):
-            train = [of_block[b] for b in split.training(fold) if b in of_block]
-            test = [of_block[b] for b in split.tested(fold) if b in of_block]
+            blocks_of_training = split.training(fold)
+            blocks_of_test = split.tested(fold)
+            train = [rows_of_block[b] for b in blocks_of_training if b in rows_of_block]
+            test = [rows_of_block[b] for b in blocks_of_test if b in rows_of_block]
             if train and test:
                 folds.append(_project_out_load(np.vstack(train), np.vstack(test)))
-        rows = np.vstack(list(of_block.values()))
-        out.append((_project_out_load(rows, rows)[0], folds))
+        all_rows = np.vstack(list(rows_of_block.values()))
+        all_terms, _ = _project_out_load(all_rows, all_rows)
+        out.append((all_terms, folds))
     return out
 
 
@@ -599,16 +606,18 @@ def _refined(
     instruments: bool,
     progress: Progress,
 ) -> tuple[Model, FilteredRuns, Array]:
-    """Alternate steps of the delay and simulations until the simulated motion stays the
-    same.
+    """Alternate steps of the servos' delay and simulations of the closed loop.
 
-    Returns the model, the log with the instruments with which it was fitted, and (n,)
-    the distance of the simulated motion from the measured one [rad, m]. Without
-    instruments: one step of the delay, the plain log, and (0,).
+    The simulated motion is an instrument: it follows the command but has no sensor
+    noise. The alternation ends when the simulated motion gets no closer to the measured
+    one. Returns the model, the log with the instruments with which it was fitted, and
+    (n,) the distance of the simulated motion from the measured one [rad, m]. Without
+    ``instruments``: one step of the delay, the log as it is, and an empty (0,)
+    distance.
     """
     smallest = np.inf  # mean logarithm of the joints' distances
-    used = loop.runs
-    rows = loop.runs
+    used = loop.runs  # with the instruments of the best model
+    rows = loop.runs  # with the newest instruments
     motion = np.zeros(0)
     if not instruments:
         return loop.with_better_delay(model, rows), rows, motion
@@ -619,7 +628,7 @@ def _refined(
         progress(f"simulating the command, pass {k}")
         simulated, distance = loop.simulated(better, rows)
         log_distance = float(np.mean(np.log(at_least_tiny(distance))))
-        is_worse = not log_distance < smallest + tolerance
+        is_worse = not log_distance < smallest + tolerance  # NaN, too, is worse
         if is_worse:
             break
         model = better

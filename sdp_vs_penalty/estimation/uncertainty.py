@@ -65,8 +65,12 @@ class Sandwich:
         prior_scale: Array,
         taken_white: bool = False,
     ) -> None:
-        """Compute the visible directions, block scores and variances of weighted least
-        squares.
+        """Compute what the sandwich covariance of weighted least squares is made of.
+
+        z (r,) are coordinates of theta in the directions V (p, r) that the data
+        determine: theta = V z. Each block of time gives a Gram matrix A^T A (r, r) and
+        a score A^T residual (r,); the scores' products estimate the covariance for
+        noise of any colour.
 
         Parameters
         ----------
@@ -98,12 +102,14 @@ class Sandwich:
         r = V.shape[1]
         self.grams = np.zeros((B, r, r))
         self.scores = np.zeros((B, r))
+        # A = Y V (rows, r) of each block b: grams A_b^T A_b, scores A_b^T residual_b.
         for joint, indices, blocks, rows in regression.by_joint():
             visible_rows = rows[..., :-1] @ (weights[joint] * V[indices])
             residual = weights[joint] * rows[..., -1] - visible_rows @ z
             self.grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
             self.scores[blocks] += (residual[:, None] @ visible_rows)[:, 0]
-        # White noise of variance s^2 makes squared scores of s^2 times this sum.
+        # White noise of variance s^2 makes squared scores of s^2 times this sum; what
+        # exceeds it is the inflation by correlated noise.
         traces = np.trace(self.grams, axis1=1, axis2=2)
         expected = float(np.sum(traces) - np.sum(self.grams**2))
         inflation = 1.0
@@ -114,7 +120,7 @@ class Sandwich:
         self.prior = V.T * (strength / prior_scale**2) @ V
         self.norms = factor_rows.column_norms
         self.solution = V @ z
-        # Of the visible directions, at unit norm.
+        # Orthonormal basis of the visible directions, with columns at unit norm.
         self._basis = np.linalg.qr(V * self.norms[:, None])[0]
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
@@ -403,11 +409,10 @@ class Uncertainty(JsonRecord):
     gain_errors: Array
 
     def __post_init__(self) -> None:
-        """Raise ValueError for arrays whose shapes or magnitudes cannot belong to a
-        model.
-        """
+        """Raise ValueError for arrays whose shapes or sizes cannot belong to a model."""
         p = len(self.standard)
         n = len(self.torque_noise)
+        # p parameters, n joints; spread (p, r) and gain_errors (n, e) have any width.
         shapes = (
             self.spread.shape[:1],
             self.gain_response.shape,
@@ -416,7 +421,7 @@ class Uncertainty(JsonRecord):
         if shapes != ((p,), (p, n), (n,)):
             raise ValueError("uncertainty: arrays of other parameters or joints")
         for name in ("spread", "gain_response", "torque_noise", "gain_errors"):
-            # Their squares are the covariance.
+            # The covariance holds their squares, which must not overflow.
             if np.any(np.abs(getattr(self, name)) > _LARGEST):
                 raise ValueError(f"uncertainty: {name} beyond {_LARGEST:g}")
 
@@ -470,23 +475,21 @@ class Uncertainty(JsonRecord):
             """Replace the variance of the old gain errors by that of the new; response
             (k, n).
             """
-            known = np.sum((response @ self.gain_errors) ** 2, axis=1)
-            new = np.sum((response @ errors) ** 2, axis=1)
+            old_variance = np.sum((response @ self.gain_errors) ** 2, axis=1)
+            new_variance = np.sum((response @ errors) ** 2, axis=1)
+            extra_std = np.sqrt(np.maximum(new_variance - old_variance, 0.0))
             out = []
-            for i, extra in zip(
-                intervals,
-                np.sqrt(np.maximum(new - known, 0.0)).tolist(),
-                strict=True,
-            ):
-                std = float(np.hypot(i.std, extra))
-                more = NORMAL_95 * (std - i.std)
-                lower = i.lower if i.lower == 0.0 else i.lower - more
+            for interval, extra in zip(intervals, extra_std.tolist(), strict=True):
+                std = float(np.hypot(interval.std, extra))
+                more = NORMAL_95 * (std - interval.std)
+                is_bound = interval.lower == 0.0  # physical: it stays
+                lower = interval.lower if is_bound else interval.lower - more
                 out.append(
                     replace(
-                        i,
+                        interval,
                         std=std,
                         lower=lower,
-                        upper=i.upper + more,
+                        upper=interval.upper + more,
                     )
                 )
             return tuple(out)
@@ -688,9 +691,11 @@ class _Intervals:
 
     @cached_property
     def _offset(self) -> Array:
-        """(p,) change of least squares when shape constants are estimated as well.
+        """(p,) change of the least-squares theta when shape constants are estimated as
+        well.
 
-        Zero if the regression has no columns of shape constants.
+        Shape constants (such as a Stribeck velocity) have columns behind the p
+        parameters'. Zero if the regression has none.
         """
         p = len(self.task.bound)
         if self.known.regression.p <= p:
@@ -712,16 +717,21 @@ class _Intervals:
             data.column_norms,
             np.nan,
         )
+        # fmin ignores NaN: a zero column leaves the bound.
         return np.fmin(self.task.bound, np.sqrt(data.tau_squared) / norms)
 
     def _ends_of(self, rows: Array) -> Array:
-        """Return (2, b) lower and upper bounds of linear functions of theta, rows (b,
-        p).
+        """Return (2, b) lower and upper bounds of b linear functions rows (b, p) of
+        theta.
+
+        They follow from the bounds ``ends`` (2, p) of each parameter.
         """
+        # Interval arithmetic: a positive coefficient is smallest at the lower end.
         low, high = self.ends
         below = np.where(rows > 0.0, low, high)
         above = np.where(rows > 0.0, high, low)
         ends = np.stack([below, above])
+        # Ends may be infinite: 0 times infinity shall count 0.
         return np.asarray(np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2))
 
     def of(self, base: BaseParameters) -> tuple[Interval, ...]:
@@ -773,12 +783,13 @@ def _interval(
     """
     if np.isnan(std):
         return Interval(name, unit, value)
-    half = NORMAL_95 * std
+    half_width = NORMAL_95 * std
+    # The first word, from the narrowest, whose width the interval does not exceed.
     finite_size = size if np.isfinite(size) else 0.0
     verdict = NOT_SEEN
     for word, (share_of_value, share_of_size) in WIDTHS.items():
         limit = share_of_value * min(abs(centre), size)
-        if half <= max(limit, share_of_size * finite_size):
+        if half_width <= max(limit, share_of_size * finite_size):
             verdict = word
             break
     lowest, highest = ends
@@ -787,8 +798,8 @@ def _interval(
         unit=unit,
         value=value,
         std=std,
-        lower=min(max(centre - half, lowest), value),
-        upper=max(min(centre + half, highest), value),
+        lower=min(max(centre - half_width, lowest), value),
+        upper=max(min(centre + half_width, highest), value),
         verdict=verdict,
     )
 
@@ -857,10 +868,10 @@ def beside_held(
     extra = sandwich.response(torque_by_spread)[:k]
     gains = sandwich.response(torque_by_gain)[:k]
     errors = held_uncertainty.gain_errors if gain_errors is None else gain_errors
-    own_regression = wide.keeping(np.arange(wide.p) < k)
+    regression_of_new = wide.keeping(np.arange(wide.p) < k)
     new_uncertainty = of_regression(
         task,
-        own_regression,
+        regression_of_new,
         base,
         theta,
         constrained=True,
@@ -876,6 +887,7 @@ def beside_held(
         [new_uncertainty.spread.shape[1] - extra.shape[1]],
         axis=1,
     )
+    # The common factor of the covariance: [[held, 0], [new by held, new noise]].
     above = np.hstack(
         [
             held_uncertainty.spread,

@@ -96,8 +96,9 @@ class Task:
 
     @cached_property
     def base(self) -> Array:
-        """(b, p) map from theta to base parameters: those of the links, then all other
-        parameters.
+        """(b, p) map from theta to base parameters, the combinations that make torque.
+
+        The links' base parameters come first, then all other parameters one by one.
         """
         rigid = self.model.rigid_indices
         unit = np.eye(len(self.bound))

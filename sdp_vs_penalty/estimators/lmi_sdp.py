@@ -256,7 +256,11 @@ class LmiSdpTwoStep(Estimator):
         objective: Objective,
         feasible: ConstraintSet,
     ) -> Fit:
-        """Solve one SDP of the chain."""
+        """Minimise one step's objective over the feasible set by an SDP; return the
+        Fit.
+
+        The method has several steps, each with an objective of its own.
+        """
         posed = PosedSdp(task, objective, feasible, self.solver)
         return posed.fit(objective, self.accuracy)
 
@@ -389,18 +393,20 @@ class PosedSdp:
         lower = np.array([q.lower for q in self.task.model.parameters])
         has_sign = np.isfinite(lower) & (norms > 0.0)
         has_sign[self.task.model.rigid_indices] = False
-        size = 0.1 * np.sqrt(data.tau_squared) / np.where(has_sign, norms, 1.0)
+        tenth_of_torque = 0.1 * np.sqrt(data.tau_squared)
+        size = tenth_of_torque / np.where(has_sign, norms, 1.0)
         above_lower = lower + np.minimum(size, 0.5 * self.task.bound)
         start[has_sign] = above_lower[has_sign]
         return start
 
 
 def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
-    """Solve the SDP by a conic solver several times; return the fit with the smallest
-    gap.
+    """Solve the SDP by a conic solver in several attempts; return the best Fit.
 
-    Each attempt is centred at the best answer so far, and scales the cones at a point
-    between it and the interior point. Raises InputError if no answer is usable.
+    Each attempt solves the same problem in other units: it is centred at the best
+    answer so far, and scales the cones at a point between that and the interior point.
+    The best fit has the smallest certified gap; a gap of at most TIGHT ends the
+    attempts. Raises InputError if no answer is usable.
     """
     task = posed.task
     constraints = posed.constraints
@@ -421,6 +427,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         # nothing but rounding.
         if best is not None:
             smallest_scale = max(data.loss(best.theta), 1e-3 * smallest_scale)
+        # 1. State the SDP in units of the scaling point, and solve it.
         problem = least_squares_sdp(
             objective,
             constraints=sent_constraints,
@@ -443,6 +450,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         is_answered |= solution.claims in ("optimal", "inaccurate")
         if not np.all(np.isfinite(solution.x)):
             continue
+        # 2. Move the answer into the feasible set, past the solver's rounding.
         theta = repair(constraints, problem.theta(solution), interior)
         multipliers = constraints.stack_multipliers(problem.multipliers(solution))
         slopes = problem.entropy_slopes(solution)
@@ -457,6 +465,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             bound=task.bound,
             details=details,
         )
+        # 3. Keep the answer with the smallest certified gap.
         smallest_gap = np.inf if best is None else best.gap
         if fit.gap < smallest_gap:
             best = fit
@@ -537,7 +546,8 @@ def interior_point(
     InputError
         If the solver finds neither a point nor a proof that there is none.
     """
-    # A millionth of the bound above a lower end: strictly inside in any system of units.
+    # A millionth of the bound above a lower end: strictly inside in any system of
+    # units.
     lower = np.array([p.lower for p in task.model.parameters])
     nominal = np.where(
         np.isinf(lower),
@@ -546,8 +556,9 @@ def interior_point(
     )
     nominal[task.links] = task.nominal[task.links]
     # A nominal point near the boundary, such as an earlier estimate, is no use: scaled
-    # there, cones are stretched a million times.
-    if constraints.depth(nominal) >= 1e-3:
+    # there, cones are stretched a million times. Depth is the smallest relative margin.
+    depth_well_inside = 1e-3
+    if constraints.depth(nominal) >= depth_well_inside:
         return nominal
     optimum = None
     # Where a link may weigh a hundred times what it does, units as large as the bounds

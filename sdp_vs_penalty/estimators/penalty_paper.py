@@ -266,7 +266,12 @@ def _run_summary(
     weight: float,
     n_evaluations: int,
 ) -> dict[str, Any]:
-    """Return losses, violations and evaluations of a run that ended at u (d,)."""
+    """Return the figures of a run that ended at u (d,), scaled to the unit box.
+
+    "loss": squared torque error; "objective": what the run minimised without penalty;
+    "penalised": with the penalty at ``weight``; "violations" by family of demands, and
+    the largest of them.
+    """
     theta = loss.theta(u)
     violations = loss.violations(loss.p(u))
     return {
@@ -362,6 +367,7 @@ def search_locally(
     n_evaluations = 0
     while n_evaluations < budget and lowest > 0.0:
         scaled = _ScaledLoss(loss, weight, 1.0 / lowest)
+        # A step of SLSQP may take more than one evaluation: four fifths of the budget.
         steps = max(1, (budget - n_evaluations) * 4 // 5)
         local = scipy.optimize.minimize(
             scaled.value,
@@ -442,7 +448,7 @@ class Demand(ABC):
         """
 
     def violation(self, p: Array) -> float:
-        """Return the largest violation of the demand.
+        """Return the largest violation of the demand that all margins are nonnegative.
 
         Parameters
         ----------
@@ -452,7 +458,8 @@ class Demand(ABC):
         Returns
         -------
         float
-            0 where the demand holds.
+            0 if the demand holds, else the smallest margin, made positive and times
+            ``violation_scale`` (the literature's figure for this demand).
         """
         return max(0.0, -self.violation_scale * float(self.margins(p).min()))
 

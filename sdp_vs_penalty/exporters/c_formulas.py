@@ -26,9 +26,10 @@ def _asymmetric_viscous(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for a torque of joint j proportional to its speed |dq|.
+    """Return C code for tau_j = f |dq_j|: a torque of joint j (from 0) proportional to
+    its speed.
 
-    e : the effect; theta : its parameters on this joint; m : the model.
+    e : the effect; theta : (1,) f, its parameter on this joint; m : the model.
     """
     return f"{number(theta[0])} * fabs(dq[{j}])"
 
@@ -39,9 +40,10 @@ def _asymmetric_coulomb(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for a torque of joint j that is constant while it moves.
+    """Return C code for tau_j = f |tanh(dq_j / width)|: a torque of joint j (from 0)
+    that is constant while it moves.
 
-    e : the effect; theta : its parameters on this joint; m : the model.
+    e : the effect; theta : (1,) f, its parameter on this joint; m : the model.
     """
     return f"{number(theta[0])} * fabs({_sign(m, j)})"
 
@@ -52,9 +54,10 @@ def _power_law(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for friction of joint j that grows with a power of the speed.
+    """Return C code for tau_j = f tanh(dq_j / width) |dq_j|^alpha: friction of joint j
+    (from 0).
 
-    e : the effect; theta : its parameters on this joint; m : the model.
+    e : the effect, with its shape constant alpha; theta : (1,) f; m : the model.
     """
     alpha = number(e.shape["alpha"])
     return f"{number(theta[0])} * {_sign(m, j)} * pow(fabs(dq[{j}]), {alpha})"
@@ -66,10 +69,12 @@ def _sigmoid(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for the slowly rising part of the friction of joint j.
+    """Return C code for tau_j = f (s(dq_j / v0) - tanh(dq_j / width)): friction of
+    joint j (from 0) that rises slowly, less Coulomb's jump.
 
-    It is zero if it rises as fast as the smooth sign, which is subtracted. e : the
-    effect; theta : its parameters on this joint; m : the model.
+    s is tanh, atan or an algebraic function. The code is "0.0" if s rises as fast as
+    the smooth sign, as in the effect's own columns. e : the effect; theta : (1,) f; m :
+    the model.
     """
     if e.shape["v0"] < WIDER_THAN_SIGN * m.model.sign_width[j]:
         return "0.0"
@@ -88,10 +93,11 @@ def _stribeck(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for the friction of joint j that falls with speed (Stribeck).
+    """Return C code for friction of joint j (from 0) that falls with speed (Stribeck).
 
-    It falls exponentially (law 1) or as 1 / (1 + x). e : the effect; theta : its
-    parameters on this joint; m : the model.
+    tau_j = f tanh(dq_j / width) g(x) with x = (|dq_j| / vs)^delta; g is exp(-x) for law
+    1 (dip), 1 / (1 + x) for law 2 (tail). e : the effect; theta : (1,) f; m : the
+    model.
     """
     vs = number(e.shape["vs"])
     delta = number(e.shape["delta"])
@@ -106,9 +112,10 @@ def _load_dependent(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for dry friction of joint j proportional to its load.
+    """Return C code for tau_j = f |load_j| tanh(dq_j / width): dry friction of joint j
+    (from 0) proportional to the torque of the links.
 
-    e : the effect; theta : its parameters on this joint; m : the model.
+    e : the effect; theta : (1,) f, its parameter on this joint; m : the model.
     """
     return f"{number(theta[0])} * fabs(load[{j}]) * {_sign(m, j)}"
 
@@ -119,17 +126,18 @@ def _spring(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for a spring at joint j.
+    """Return C code for tau_j = k q_j: a spring at joint j (from 0).
 
-    e : the effect; theta : its parameters on this joint; m : the model.
+    e : the effect; theta : (1,) k, its stiffness; m : the model.
     """
     return f"{number(theta[0])} * q[{j}]"
 
 
 def _waves(e: Effect, j: int, theta: Array) -> str:
-    """Return C code for a sum of waves of joint j's position.
+    """Return C code for sum_i a_i cos(i k q_j) + b_i sin(i k q_j), waves over the
+    position of joint j (from 0).
 
-    theta : amplitudes of cosine and sine of each harmonic in turn.
+    e : the effect, with the wave number k; theta : a_1, b_1, a_2, b_2, ...
     """
     k = e.shape["k"]
     terms = []
@@ -171,11 +179,11 @@ def _coupling(
     theta: Array,
     m: Estimate,
 ) -> str:
-    """Return C code for friction of joint j that depends on its partner joint's
-    velocity.
+    """Return C code for friction of joint j (from 0) that depends on the velocity of
+    its partner joint i.
 
-    The form is one of four: the velocity itself, its sign, or the sign of sum or
-    difference. e : the effect; theta : its parameters on this joint; m : the model.
+    Form 1 is viscous, f dq_i; forms 2 to 4 are dry, f tanh(v / width) with v = dq_i,
+    dq_j + dq_i, or dq_j - dq_i. e : the effect; theta : (1,) f; m : the model.
     """
     i = e.partner(j)
     form = int(e.shape["form"])

@@ -46,6 +46,7 @@ def write(estimate: Estimate, options: Options) -> Written:
     left = tuple(e.brief for e in model.effects if e.name not in HOLDS)
     name = _c_name(robot.name)
     lines = [*_load_without_payload(estimate, name), *formulas(estimate)]
+    # "@" in the template is the robot's name as a C identifier.
     template = Template(_TEMPLATE.read_text("utf-8").replace("@", name))
     text = template.substitute(
         robot=_comment(robot.name),
@@ -56,6 +57,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         **_joint_arrays(robot),
         **_link_arrays(content.links),
         per_width=_braces(1.0 / np.asarray(model.sign_width)),
+        # Gravity as an upward acceleration of the base.
         up=_braces(-np.array(robot.gravity, float)),
         damping=_braces(content.damping),
         friction=_braces(content.friction),
@@ -121,7 +123,8 @@ def _load_without_payload(estimate: Estimate, name: str) -> list[str]:
 
 
 def _braces(values: Array) -> str:
-    """Write an array as C initialises it, with braces."""
+    """Write an array as C initialises it: {{1.0, 2.0}, {3.0, 4.0}}; zeros have no minus
+    sign."""
     return (
         json.dumps((np.asarray(values) + 0).tolist())
         .replace("[", "{")

@@ -325,7 +325,7 @@ def about_joints(robot: Robot, links: Array) -> Array:
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (links, 10)
         About the links' frames [kg, kg m, kg m^2].
 
@@ -470,7 +470,7 @@ def element(
     tag : str
         Name of the child.
     text : str, number or array, optional
-        Its text.
+        Text of the child.
     attributes : str, number or array
         Its attributes. Numbers are written by :func:`number`, arrays separated by
         spaces.
@@ -482,6 +482,8 @@ def element(
     """
 
     def written(x: Any) -> str:
+        """Return a text, number or array as text: numbers in full precision, arrays
+        separated by blanks."""
         if isinstance(x, str):
             return xml_name(x)
         return " ".join(map(number, np.atleast_1d(x)))
@@ -501,7 +503,7 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
     Parameters
     ----------
     root : element
-        Its root element.
+        Root element of the document.
     declaration : bool
         Whether it begins with an XML declaration.
 
@@ -543,7 +545,7 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (links, 10)
         Standard parameters about the joints' frames.
 
@@ -556,9 +558,8 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
     places = {name: k for k, name in enumerate(robot.joint_names)}
     for i, joint in enumerate(robot.tree):
         parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
-        body = Inertial.of(
-            link_of.get(i, np.zeros(10))
-        )  # nothing where it is declared massless
+        # A link without parameters is declared massless.
+        body = Inertial.of(link_of.get(i, np.zeros(10)))
         yield LinkPart(
             i,
             joint,

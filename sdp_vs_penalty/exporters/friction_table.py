@@ -95,6 +95,7 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
             sign_width=model.sign_width,
         )
         torque = zeros[:, 0]
+        # Rows s with standard deviation |s|: columns times a factor of the covariance.
         spread = np.zeros((len(velocity), factor.shape[1]))
         for effect, indices in effects:
             for block in effect.blocks(motion):

@@ -136,7 +136,9 @@ class LinkCheck:
         return self.gyration > self.reach
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the check as JSON; a margin that is not known is null."""
+        """Return the check as JSON: mass, margins, verdict and radius of gyration; for
+        an inconsistent link also the nearest inertia and the distance to it. A margin
+        that is not known is null."""
         names = ("link", "pseudo_inertia_margin", "consistent", "verdict")
         out = {name: getattr(self, name) for name in names} | {
             "radius_of_gyration": self.gyration
@@ -231,7 +233,7 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     Parameters
     ----------
     checks : sequence of LinkCheck
-        Of all links.
+        Checks of all links.
 
     Returns
     -------
@@ -256,14 +258,17 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
     Parameters
     ----------
     checks : sequence of LinkCheck
-        Of all links.
+        Checks of all inertials of the file.
     massless : sequence of str
         Names of moving links without inertial.
 
     Returns
     -------
     list of str
-        The verdict, then a sentence for each remark.
+        The verdict; then a sentence for each link that is consistent but whose mass
+        lies
+        outside of its body, for each link with wrong signs, and on links without
+        inertial.
     """
     if not checks:
         return ["The file has no inertials."]
@@ -305,7 +310,7 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     path : path
         The file.
     checks : sequence of LinkCheck
-        Of all links.
+        Checks of all links.
 
     Returns
     -------
@@ -405,7 +410,7 @@ def write_nearest(
     path : path
         The file.
     checks : list of LinkCheck
-        Of all links.
+        Checks of all links.
     out : path
         The file to write.
 

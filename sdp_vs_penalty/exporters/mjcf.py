@@ -50,7 +50,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     content : Content
         What a simulator's file can hold of the model.
 
@@ -78,6 +78,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     bodies: list[Any] = [element(root, "worldbody")]
     actuators = etree.Element("actuator")
     equality = etree.Element("equality")
+    # bodies[k + 1] is the body that joint k carries; bodies[0] is the world.
     for i, part in enumerate(parts(robot, content.links)):
         joint = part.joint
         place = part.joint.placement
@@ -111,6 +112,8 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         }
         if np.isfinite(joint.lower) and np.isfinite(joint.upper):
             attributes["range"] = (joint.lower, joint.upper)
+        # A driven joint, number k, has friction and a motor; another follows its leader
+        # by an equality q = offset + multiplier q_leader.
         if (k := part.place) is not None:
             attributes |= {
                 "damping": content.damping[k],
@@ -135,6 +138,8 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
                 joint2=leader,
                 polycoef=course,
             )
+        # A capsule from this body's origin to each joint that it carries shows its
+        # shape.
         for child in robot.tree:
             if child.parent == i:
                 _draw_capsule(body, child.placement[:3, 3])

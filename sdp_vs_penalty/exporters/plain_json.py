@@ -15,14 +15,18 @@ ABOUT = "every effect as plain JSON, with its equation"
 def write(estimate: Estimate, options: Options) -> Written:
     """Make a JSON file with links in readable form, and every effect.
 
-    Effects have equation, reference, constants, and parameters with values and units.
-    This module is an :class:`ExportFormat`; nothing is left out.
+    It holds the robot, each link's mass, centre of mass and inertia about it, and each
+    effect's equation, reference, constants, and parameters with values and units; then
+    method, verdict and provenance. This module is an :class:`ExportFormat`. Returns the
+    file's bytes; nothing is left out.
     """
     model = estimate.model
     robot = estimate.robot
     links = []
     if len(model.rigid_indices):
         parts = inertia.barycentric_from_standard(estimate.links)
+        # A row is mass, centre of mass (3), inertia about it (6); a massless link
+        # (row[0] = 0) has no centre.
         for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
             names = "ixx", "ixy", "iyy", "ixz", "iyz", "izz"
             moments = dict(
@@ -41,6 +45,7 @@ def write(estimate: Estimate, options: Options) -> Written:
             plain["inertia_about_centre_of_mass_kg_m2"] = moments if row[0] else None
             links.append(plain)
     effects = []
+    # Each effect with what explains it, and the values of its parameters.
     for effect, indices in model.parts:
         about = {
             name: getattr(effect, name)

@@ -28,12 +28,14 @@ HOLDS = HELD
 def write(estimate: Estimate, options: Options) -> Written:
     """Make an SDF 1.9 document: kinematics, inertials, damping and friction.
 
-    The base is fixed to the world. This module is an :class:`ExportFormat`. Returns the
-    file's bytes and the effects left out.
+    Each link's frame is placed relative to its parent's; the joints lie at the origins
+    of their child links. The base is fixed to the world. This module is an
+    :class:`ExportFormat`. Returns the file's bytes and the effects left out.
     """
     content = Content.plausible(estimate, options)
     root = etree.Element("sdf", version="1.9")
     model = element(root, "model", name=estimate.robot.name)
+    # The base, fixed to the world.
     element(model, "link", name="base_link")
     _texts(
         element(
@@ -45,10 +47,13 @@ def write(estimate: Estimate, options: Options) -> Written:
         parent="world",
         child="base_link",
     )
+    # A link and its joint at a time, from the base on.
     for part in parts(estimate.robot, content.links):
         joint = part.joint
         body = part.inertial
         link = element(model, "link", name=part.name)
+        # The link's frame in its parent's: position [m], then roll, pitch and yaw
+        # [rad].
         pose = np.concatenate(
             [
                 joint.placement[:3, 3],
@@ -61,6 +66,7 @@ def write(estimate: Estimate, options: Options) -> Written:
             pose,
             relative_to=part.parent,
         )
+        # Mass, centre of mass, and inertia about it in axes of the link's frame.
         inertial = element(link, "inertial")
         _texts(
             inertial,
@@ -81,6 +87,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         )
         axis = element(joint_element, "axis")
         _texts(axis, xyz=joint.axis)
+        # Limits that are known.
         ends = {
             "lower": joint.lower,
             "upper": joint.upper,
@@ -88,6 +95,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         }
         if limits := {k: x for k, x in ends.items() if np.isfinite(x)}:
             _texts(element(axis, "limit"), **limits)
+        # A driven joint, number k, has friction; one that follows another has none.
         if (k := part.place) is not None:
             friction = {
                 "damping": content.damping[k],

@@ -150,23 +150,24 @@ def write_posed(
     options: PoseOptions | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Write the SDP that ``identify`` solves, and OUT.json with the proved interval.
+    """Write the SDP that ``identify`` solves, and OUT.json with the proved interval of
+    its optimum.
 
-    The problem is centred at its solution, which helps other solvers.
+    The variables are centred at the solution, which helps other solvers.
 
     Parameters
     ----------
     problem : Problem, str or Path
-        As for ``identify``.
+        The robot, as ``identify`` takes it.
     measurements : Source
-        As for ``identify``.
+        The runs, as ``identify`` takes them.
     out : path
         The file to write, .dat-s or .cbf.
     method : str or None
         None for the default method; for .dat-s, whose format lacks exponential cones,
         that is SDPA_METHOD.
     options : PoseOptions, optional
-        As for ``identify``.
+        Effects, weights and so on, as for ``identify``.
     progress : callable
         Called with a short text at each step.
 
@@ -208,9 +209,9 @@ def write_posed(
         method,
     )
     centre = fit.theta
-    # Cones scaled as where our loop goes on from an answer: seen from the interior
-    # point csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on
-    # three arms).
+    # The cones are scaled at a point close to the optimum, on the way to the interior
+    # point. Scaled at the interior point itself, csdp's optimum is off by 2e-6 on the
+    # TX40; 0.03 to 0.3 of the way make no difference on three arms.
     inside = centre + ATTEMPTS[1][0] * (interior_point(task, constraints) - centre)
     sent = essential(constraints, objective)
     smallest = objective.least_squares.loss_scale(centre)

@@ -127,7 +127,7 @@ class Document:
         tag : str
             Name of the child.
         attributes : mapping
-            Its new attributes.
+            New attributes of the child.
         children : mapping
             Attributes of its children, by their names.
         """
@@ -248,7 +248,7 @@ def make_urdf(
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     content : Content
         What a simulator's file can hold of the model.
     drake : bool
@@ -313,12 +313,13 @@ def _joint(
     part: LinkPart,
     content: Content,
 ) -> None:
-    """Append a joint to a URDF: frame, axis, limits, and damping and friction or
-    "mimic".
+    """Append a joint to a URDF: frame, parent and child, axis, limits, and either
+    damping and friction (driven joints) or "mimic" (joints that follow another).
 
     A limit that is not known becomes +-1e6, because URDF demands a number.
     """
     joint = part.joint
+    # A revolute joint without ends is "continuous" in URDF.
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
     joint_element = element(
@@ -352,6 +353,7 @@ def _joint(
         "limit",
         **{k: v if np.isfinite(v) else np.copysign(1e6, v) for k, v in limits.items()},
     )
+    # A driven joint, number k, has friction; another mimics its leader.
     if (k := part.place) is not None:
         element(
             joint_element,
@@ -399,10 +401,11 @@ def edit_urdf(
     robot: Robot,
     content: Content,
 ) -> bytes:
-    """Return the user's URDF with the model's inertials, damping and friction.
+    """Return the user's URDF with the model's inertials, damping and friction; every
+    other byte stays.
 
-    Every other byte stays. Links fixed to a moving one get a mass of zero, because
-    theirs is part of the moving link's.
+    Links fixed to a moving one get a mass of zero, because theirs is part of the moving
+    link's.
 
     Parameters
     ----------
@@ -465,7 +468,7 @@ def edit_urdf(
 def _order(
     path: str | Path,
     urdf_robot: Robot,
-    mine: Robot,
+    model_robot: Robot,
 ) -> list[int]:
     """Return for each joint of the file's tree the index of the model's joint.
 
@@ -473,25 +476,25 @@ def _order(
     another number of joints.
     """
     if (urdf_robot.n, len(urdf_robot.tree), urdf_robot.links) != (
-        mine.n,
-        len(mine.tree),
-        mine.links,
+        model_robot.n,
+        len(model_robot.tree),
+        model_robot.links,
     ):
         what = (
             f"the file has {formatting.count(urdf_robot.n, 'moving joint')}, the model"
-            f" {mine.n}"
+            f" {model_robot.n}"
         )
         raise InputError(what, _REMEDY, path)
-    names = [joint.name for joint in mine.tree]
+    names = [joint.name for joint in model_robot.tree]
     if sorted(names) == sorted(joint.name for joint in urdf_robot.tree):
         return [names.index(joint.name) for joint in urdf_robot.tree]
-    return list(range(len(mine.tree)))
+    return list(range(len(model_robot.tree)))
 
 
 def _in_frames_of(
     path: str | Path,
     urdf_robot: Robot,
-    mine: Robot,
+    model_robot: Robot,
     links: Array,
     order: list[int],
 ) -> Array:
@@ -505,7 +508,7 @@ def _in_frames_of(
     ----------
     path : path
         The file, for error messages.
-    urdf_robot, mine : Robot
+    urdf_robot, model_robot : Robot
         Kinematics of the file and of the model.
     links : (links, 10) array
         Standard parameters about the model's joint frames.
@@ -518,11 +521,11 @@ def _in_frames_of(
         If two corresponding joint axes do not coincide.
     """
     poses_of_file = urdf_robot.poses(np.zeros((1, len(urdf_robot.tree))))[0]
-    poses_of_model = mine.poses(np.zeros((1, len(mine.tree))))[0]
-    link_of_joint = dict(zip(mine.link_joints, links, strict=True))
+    poses_of_model = model_robot.poses(np.zeros((1, len(model_robot.tree))))[0]
+    link_of_joint = dict(zip(model_robot.link_joints, links, strict=True))
     transformed = []
     for index, (joint, k) in enumerate(zip(urdf_robot.tree, order, strict=True)):
-        other = mine.tree[k]
+        other = model_robot.tree[k]
         relation = np.linalg.inv(poses_of_file[index]) @ poses_of_model[k]
         parent = -1 if joint.parent < 0 else order[joint.parent]
         is_like = joint.kind == other.kind and parent == other.parent

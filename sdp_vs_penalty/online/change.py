@@ -61,17 +61,24 @@ class ChangeDetector:
         forgetting: float,
         delay: float,
     ) -> None:
-        """Allocate a ring of snapshots over CHANGE_REACH seconds, CHANGE_STEP apart.
+        """Allocate a ring buffer of snapshots of the data, CHANGE_STEP seconds apart.
 
-        ``delay`` is that of the filters [s]; the others are parameters of the class.
+        A snapshot holds the information (11, 11) gathered since the last change, at an
+        instant at which the payload may have changed. The ring reaches CHANGE_REACH
+        seconds back.
+
+        prior : of a payload; correlation : correlation time of the residual torque [s];
+        period : of the control loop [s]; forgetting : time after which data count
+        exp(-1) [s]; delay : of the filters [s].
         """
         self.is_carrying = False
         #: Information of the current stretch, fading: (11, 11) and its seconds.
         self.total = Information()
         self._correlation = correlation  # s for which a residual agrees with itself
-        # A ring of snapshots of the total: instants at which a change may have happened.
+        # A ring of snapshots of the total: instants at which a change may have
+        # happened.
         self._stride = max(1, round(c.CHANGE_STEP / period))  # calls a snapshot
-        step = self._stride * period
+        step = self._stride * period  # s between two snapshots
         self._fade = float(np.exp(-step / forgetting))
         self._half_step = 0.5 * step
         self._n_slots = max(4, round(c.CHANGE_REACH / step))
@@ -133,8 +140,11 @@ class ChangeDetector:
         self.total.seconds += period
 
     def _keep(self, time: float) -> None:
-        """Store a snapshot of the stretch: an instant at which a change may have
-        happened.
+        """Store a snapshot of the data up to ``time`` [s], a candidate for a change's
+        instant.
+
+        All data fade first by one factor, so that old data count less. The snapshot
+        overwrites the oldest one of the ring buffer once it is full.
         """
         self.total.fade(self._fade)
         self._matrices *= self._fade
@@ -147,12 +157,16 @@ class ChangeDetector:
         self._count = min(self._count + 1, self._n_slots)
 
     def search(self) -> Change | None:
-        """Judge the next snapshots for a change; return one that is confirmed, else
-        None.
+        """Judge the next few snapshots for a change of payload; return a confirmed one.
 
-        A suspected change is judged again after CHANGE_WAIT, and confirmed if its
-        evidence still exceeds CHANGE_EVIDENCE.
+        Snapshots are instants at which the payload may have changed. If the evidence
+        (ln of odds) at one exceeds CHANGE_EVIDENCE, it becomes the suspect. The suspect
+        is judged again after a wait of CHANGE_WAIT seconds, since a bump is over by
+        then, and confirmed if its evidence still exceeds CHANGE_EVIDENCE. Meanwhile,
+        and without a confirmed change, the result is None. Snapshots are judged from
+        the newest to the oldest, a few a call, to bound the time of a call.
         """
+        # First: a suspect waits, and is then judged a second time.
         if self._suspected_slot is not None:
             self._waited += 1
             if self._waited < self._wait:
@@ -160,12 +174,15 @@ class ChangeDetector:
             place = self._suspected_slot
             self._suspected_slot = None
             if self._times[place] != self._suspected_time:
-                place = self._next_slot  # overwritten: the oldest instant that is kept
+                # The ring buffer has overwritten it: take the oldest snapshot instead.
+                place = self._next_slot
             evidence = self._judge(place)
             return self._locate(place) if evidence > c.CHANGE_EVIDENCE else None
+        # Else: look for a suspect.
         for _ in range(self._judged_per_call):
             if self._count == 0:
                 return None
+            # Slots wrap round; ``_next_judged`` counts back from the newest snapshot.
             place = (self._next_slot - 1 - self._next_judged) % self._n_slots
             self._next_judged = (self._next_judged + 1) % self._count
             if self._judge(place) > c.CHANGE_EVIDENCE:
@@ -178,6 +195,12 @@ class ChangeDetector:
     def _judge(self, place: int) -> float:
         """Return the evidence (ln of odds) of a change at the snapshot in slot
         ``place``.
+
+        With K the evidence for a payload (Bayes factor) and "after" the data that came
+        after the snapshot, it is
+
+            without payload before:  ln K(after),
+            with payload before:     max(0, ln K(after)) - (ln K(all) - ln K(before)).
 
         -inf if less than CHANGE_SHORTEST seconds came after it.
         """
@@ -204,12 +227,16 @@ class ChangeDetector:
         return max(evidence_after, 0.0) - (evidence_of_both - evidence_before)
 
     def _locate(self, place: int) -> Change | None:
-        """Return the change near the snapshot in slot ``place``, with its instant and
-        interval.
+        """Find the most likely instant of a change near the snapshot in slot ``place``.
 
-        The instant maximises the likelihood, given the payloads before and after; these
-        depend on the instant, so that two rounds are made. None if nothing is carried
-        before and after, or the evidence is too small.
+        With payloads x0 before and x1 after, the log likelihood of a change at t0 is,
+        up to a constant,
+
+            integral up to t0 of (|Y x1 - e|^2 - |Y x0 - e|^2) / (2 sigma^2 tau) dt.
+
+        x0 and x1 depend on t0 in turn, so two rounds are made. Returns None if no
+        payload is carried before and after, or if the evidence is below
+        CHANGE_EVIDENCE.
         """
         newest_first = (self._next_slot - 1 - np.arange(self._count)) % self._n_slots
         slots = newest_first[::-1]  # the oldest snapshot first
@@ -250,21 +277,30 @@ class ChangeDetector:
         )
 
     def _before(self, place: int) -> None:
-        """Solve for the payload before the snapshot in slot ``place``."""
+        """Solve for the payload from the data before the snapshot in slot ``place``.
+
+        ``_posterior.mean`` (10,) holds it. The weight of T seconds of data is 1 / T + 1
+        / tau with the correlation time tau [s] of the residuals.
+        """
         self._posterior.clear()
         weight = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
         self._posterior.add(self._matrices[place], weight)
         self._posterior.solve()
 
     def _after(self, place: int) -> float:
-        """Solve for the payload after the snapshot in slot ``place``; return its
+        """Solve for the payload after the snapshot in slot ``place``; return ln of its
         evidence.
+
+        ``_posterior.mean`` (10,) holds the payload.
         """
         self._posterior_after(place, self._posterior)
         return self._posterior.solve()
 
     def _posterior_after(self, place: int, out: Posterior) -> None:
-        """Set ``out`` to the prior and the data after the snapshot in slot ``place``."""
+        """Set ``out`` to the prior and the data after the snapshot in slot ``place``.
+
+        Data after = all data - data up to the snapshot. ``out`` is not solved yet.
+        """
         window = self._window
         np.subtract(
             self.total.matrix,
@@ -294,17 +330,18 @@ class ChangeDetector:
         out.solve()
 
     def _place(self, change: Change) -> int:
-        """Return the slot of the first snapshot after a change that is free of the time
-        before.
+        """Return the ring buffer's slot at which the data after a change begin.
 
-        Filters mix both within their delay.
+        Filters mix the time before and after a change within their delay. So the slot
+        lies ``_n_mixed`` snapshots after the change, or is the newest if there are
+        fewer.
         """
         place = int(np.flatnonzero(self._times == change.time)[0])
-        newer = (self._next_slot - 1 - place) % self._n_slots
-        return (place + min(self._n_mixed, newer)) % self._n_slots
+        n_newer = (self._next_slot - 1 - place) % self._n_slots  # the ring wraps round
+        return (place + min(self._n_mixed, n_newer)) % self._n_slots
 
     def accept(self, change: Change) -> None:
-        """Begin a new stretch after a change.
+        """Remove the data from before a change, and begin a new stretch of data.
 
         Parameters
         ----------
@@ -314,7 +351,7 @@ class ChangeDetector:
         Returns
         -------
         None
-            ``total`` holds the data after it.
+            ``total`` and the snapshots hold the data after the change alone.
         """
         place = self._place(change)
         matrix = self._matrices[place].copy()
@@ -323,13 +360,14 @@ class ChangeDetector:
         self.total.seconds -= seconds
         self._matrices -= matrix
         self._seconds -= seconds
+        # Snapshots that are newer than ``place``; older ones lie before the change.
         self._count = (self._next_slot - place - 1) % self._n_slots
         self._next_judged = 0
         self._suspected_slot = None
         self.is_carrying = change.is_carrying
 
     def posterior(self, out: Posterior) -> None:
-        """Solve for the payload of the present stretch.
+        """Solve for the payload from all data since the last change.
 
         Parameters
         ----------
@@ -339,7 +377,7 @@ class ChangeDetector:
         Returns
         -------
         None
-            ``out`` holds the payload.
+            ``out.mean`` (10,) holds the payload's scaled parameters.
         """
         out.clear()
         out.add(self.total.matrix, self.total.weight(self._correlation))

@@ -43,9 +43,12 @@ class PayloadPrior:
         mass: float = c.PAYLOAD_MASS,
         reach: float = c.PAYLOAD_REACH,
     ) -> None:
-        """Set scales and prior information of the ten parameters.
+        """Set the scales and the prior information (inverse covariance) of a payload.
 
-        In units of ``scale`` all have the standard deviation ``mass``.
+        A payload has ten parameters: mass m, m c (3), inertia (6). Divided by ``scale``
+        = (1, r, r, r, r^2, ...) with the reach r, all are masses [kg] of standard
+        deviation ``mass`` [kg]. So the information is I / mass^2, and its log
+        determinant is -20 ln(mass).
         """
         self.mass = mass
         self.reach = reach
@@ -60,12 +63,18 @@ class Information:
     """A stretch's matrix G (11, 11) and its length T [s], or those of several."""
 
     def __init__(self) -> None:
-        """Allocate a stretch without data."""
+        """Start with no data: G = 0 and T = 0 s.
+
+        ``matrix`` is G (11, 11) = integral of [Y, e]^T S^-1 [Y, e] dt over a stretch of
+        time: Y (n, 10) are the regressor columns of a payload, e (n,) the residual
+        torque, and S the diagonal matrix of noise variances. ``seconds`` is the
+        stretch's length T.
+        """
         self.matrix = np.zeros((WIDTH, WIDTH))
         self.seconds = 0.0
 
     def clear(self) -> None:
-        """Remove all data."""
+        """Remove all data: ``matrix`` (11, 11) and ``seconds`` become zero."""
         self.matrix[:] = 0.0
         self.seconds = 0.0
 
@@ -110,10 +119,17 @@ class Posterior:
     """
 
     def __init__(self, prior: PayloadPrior) -> None:
-        """Allocate precision, factor and mean of the ten parameters."""
+        """Allocate the normal equations of a payload's ten parameters x.
+
+        ``precision`` Lambda (10, 10) and ``linear`` b (10,) define Lambda x = b;
+        ``mean`` (10,) is the solution x. ``_factor`` holds the Cholesky factor of
+        Lambda, ``_diagonal`` is a view of its diagonal. Matrices are in column order
+        for LAPACK.
+        """
         self._prior = prior
         self.precision = np.zeros((SIZE, SIZE), order="F")
         self._factor = np.zeros((SIZE, SIZE), order="F")
+        # Every 11th entry of a (10, 10) matrix in one row is on its diagonal.
         self._diagonal = self._factor.T.reshape(-1)[:: SIZE + 1]
         self._log = np.zeros(SIZE)
         self.linear = np.zeros(SIZE)
@@ -121,7 +137,7 @@ class Posterior:
         self._part = np.zeros((SIZE, SIZE), order="F")
 
     def clear(self) -> None:
-        """Reset the posterior to the prior."""
+        """Reset to the prior: precision = prior information, linear term = 0."""
         np.copyto(self.precision, self._prior.information)
         self.linear[:] = 0.0
 
@@ -154,10 +170,13 @@ class Posterior:
         self.linear += self._log
 
     def solve(self) -> float:
-        """Compute ``mean`` (10,); return ln of the evidence of a payload over none.
+        """Compute ``mean`` (10,) = Lambda^-1 b; return ln of the evidence of a payload.
 
-        The evidence is |Lambda_0|^1/2 |Lambda|^-1/2 exp(b' Lambda^-1 b / 2), with
-        precision Lambda, prior precision Lambda_0 and linear term b.
+        The evidence is the likelihood with a payload over that without, a Gaussian
+        Bayes factor: |Lambda_0|^1/2 |Lambda|^-1/2 exp(b^T Lambda^-1 b / 2), with
+        precision Lambda, prior precision Lambda_0 and linear term b. Lambda is
+        factorised by Cholesky (LAPACK dpotrf), so that ln |Lambda| / 2 is the sum of
+        the logarithms of the factor's diagonal.
         """
         np.copyto(self._factor, self.precision)
         scipy.linalg.lapack.dpotrf(

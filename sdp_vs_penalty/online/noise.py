@@ -33,10 +33,10 @@ class ResidualNoise:
     """Residual torque of the arm without a payload, behind the filters.
 
     std : (n,) root mean square [N m or N], of joints in motion. correlation : s for
-    which a residual agrees with itself: the mean of T seconds has the variance
-    std^2 / (1 + T / correlation). inflation : factor on std by which 95 % intervals of masses
-    hold zero 95 times in 100 where there is none. acceleration : (n,) largest of
-    the motion [rad/s^2 or m/s^2]; beyond it nothing is known of the noise.
+    which a residual agrees with itself: the mean of T seconds has the variance std^2 /
+    (1 + T / correlation). inflation : factor on std by which 95 % intervals of masses
+    hold zero 95 times in 100 where there is none. acceleration : (n,) largest of the
+    motion [rad/s^2 or m/s^2]; beyond it nothing is known of the noise.
     """
 
     std: Array
@@ -109,12 +109,13 @@ class ResidualNoise:
         return replace(noise, inflation=noise._inflation(stretches, prior))
 
     def _inflation(self, stretches: list[_Stretch], prior: PayloadPrior) -> float:
-        """Return the factor by which 95 % intervals of masses must be widened, at least
-        1.
+        """Return the factor (at least 1) by which 95 % intervals of masses must be
+        widened.
 
-        Masses are estimated in parts of the motion without a payload; their errors over
-        the standard deviation should have the 95 % quantile 1.96. The worst length of
-        parts counts.
+        There is no payload, so each estimated mass is an error. Errors over their
+        standard deviation should have a 95 % quantile of 1.96; the factor is that
+        quantile over 1.96. It is computed for parts of the motion of several lengths
+        [s]; the largest counts.
         """
         largest = 1.0
         for seconds in _PART_LENGTHS_S:
@@ -130,10 +131,13 @@ class ResidualNoise:
 
 
 def _correlation(stretches: Sequence[_Stretch], squares: Array) -> float:
-    """Return the correlation time [s] of the residuals.
+    """Return the correlation time tau [s] of the residuals.
 
-    The mean over T seconds has the variance std^2 / (1 + T / tau); ``squares`` (n,) are
-    the mean squares std^2. The longest tau over all lengths of parts counts.
+    The mean of a residual over T seconds has the variance std^2 / (1 + T / tau). So
+    share = variance of the mean / std^2 gives tau = T share / (1 - share). The longest
+    tau over all lengths T counts.
+
+    squares : (n,) mean squares std^2 of the joints' residuals [N^2 m^2 or N^2].
     """
     correlation = 1.0 / _RATE_HZ
     for seconds in _PART_LENGTHS_S:
@@ -157,8 +161,10 @@ class _Stretch:
     acceleration: Array
 
     def _parts(self, seconds: float) -> list[slice]:
-        """Return the rows of consecutive parts of a length [s]; an incomplete part is
-        left out.
+        """Return the rows of consecutive parts that last ``seconds`` [s] each, as
+        slices.
+
+        The incomplete part at the end is left out.
         """
         count = round(seconds * _RATE_HZ)
         starts = range(0, len(self.residual) - count + 1, count)
@@ -186,7 +192,11 @@ class _Stretch:
         noise: ResidualNoise,
         prior: PayloadPrior,
     ) -> list[float]:
-        """Estimate a payload's mass in parts of one length, where there is no payload.
+        """Estimate the mass of a payload in each part of a motion without a payload.
+
+        The true mass is zero, so each estimate is an error. With residuals e and
+        payload columns Y over the noise's std, the estimate is x = (P + w Y^T Y)^-1 w
+        Y^T e with the prior's information P and the weight w of a sample.
 
         Parameters
         ----------
@@ -195,12 +205,12 @@ class _Stretch:
         noise : ResidualNoise
             Noise of the residuals.
         prior : PayloadPrior
-            Prior of a payload.
+            Prior of a payload's parameters.
 
         Returns
         -------
         list of float
-            Each estimated mass over its standard deviation [-].
+            Estimated mass over its standard deviation [-], one entry a part.
         """
         # Of one sample: the mean over a part has the variance std^2 / (1 + T / tau).
         weight = (1.0 / seconds + 1.0 / noise.correlation) / _RATE_HZ
@@ -208,17 +218,18 @@ class _Stretch:
         for part in self._parts(seconds):
             residual = self.residual[part]
             is_known = np.isfinite(residual)
-            white = np.where(is_known, residual / noise.std, 0.0).ravel()
+            # e and Y over the noise's std; samples at rest (NaN) count as zero rows.
+            e = np.where(is_known, residual / noise.std, 0.0).ravel()
             scaled = self.columns[part] * prior.scale
-            rows = np.where(
+            Y = np.where(
                 is_known[..., None],
                 scaled / noise.std[:, None],
                 0.0,
             )
-            rows = rows.reshape(-1, SIZE)
-            information = prior.information + weight * rows.T @ rows
+            Y = Y.reshape(-1, SIZE)
+            information = prior.information + weight * Y.T @ Y
             covariance = np.linalg.inv(information)
-            mass = covariance[0] @ (weight * rows.T @ white)
+            mass = covariance[0] @ (weight * Y.T @ e)  # parameter 0 is the mass
             errors.append(float(mass / np.sqrt(covariance[0, 0])))
         return errors
 
@@ -228,15 +239,18 @@ def _stretches(
     run: Measurements,
     delay: float,
 ) -> list[_Stretch]:
-    """Return residuals and payload columns of a run, filtered as the control loop
-    filters.
+    """Return residual torques and payload columns of the gap-free pieces of a run.
 
-    The run is split where its clock has gaps. Residuals are NaN where a joint rests or
-    turns.
+    residual = measured torque - torque of the arm's model, both smoothed as in the
+    control loop, whose filter lags by ``delay`` [s]. Samples are _RATE_HZ apart.
+    Residuals are NaN where a joint rests or turns round, since dry friction is unknown
+    there. Pieces shorter than twice the filter's window are dropped.
     """
     period = 1.0 / _RATE_HZ
-    parts = list[_Stretch]()
+    pieces = list[_Stretch]()
+    # Half the filter's window [samples]; a cubic needs at least two to either side.
     half = max(round(delay / period), 2)
+    # The filter's window lasts twice its delay: it must not reach across a gap.
     gaps = np.flatnonzero(np.diff(run.t) > 2.0 * delay) + 1
     for rows in np.split(np.arange(len(run.t)), gaps):
         clock = np.arange(
@@ -244,7 +258,7 @@ def _stretches(
             run.t[rows[-1]],
             period,
         )
-        if len(clock) < 4 * half:  # the filter's window has 2 half + 1 samples
+        if len(clock) < 4 * half:  # about two windows of 2 half + 1 samples
             continue
         q = interpolated(
             clock,
@@ -257,22 +271,24 @@ def _stretches(
             run.tau[rows],
         )
         position, velocity, acceleration = smooth(q, half, period)
-        torque = smooth(tau, half, period)[0]
-        motion = Motion(clock[half:-half], position, velocity, acceleration)
+        torque, _, _ = smooth(tau, half, period)
+        # The filter gives no value for half a window at both ends.
+        smoothed_clock = clock[half:-half]
+        motion = Motion(smoothed_clock, position, velocity, acceleration)
         residual = torque - estimate.torque(motion)
         # At rest, or reversing within the filters' delay: friction has any value there.
         is_turning = np.abs(velocity) < c.REST_SPEED + delay * np.abs(acceleration)
-        # A payload has the columns of the last link.
+        # A payload is rigidly held by the last link: it has that link's ten columns.
         columns = estimate.robot.regressor(position, velocity, acceleration)[..., -10:]
-        gains = estimate.model.gains
-        if gains is not None:
-            columns = columns * np.array(gains)[:, None]
-        largest = np.abs(acceleration).max(axis=0)
-        parts.append(
+        channel_gains = estimate.model.gains  # reading over true torque, a joint
+        if channel_gains is not None:
+            columns = columns * np.array(channel_gains)[:, None]
+        largest_acceleration = np.abs(acceleration).max(axis=0)
+        pieces.append(
             _Stretch(
                 residual=np.where(is_turning, np.nan, residual),
                 columns=columns,
-                acceleration=largest,
+                acceleration=largest_acceleration,
             )
         )
-    return parts
+    return pieces

@@ -149,7 +149,12 @@ class PayloadEstimator:
         forgetting: float = c.FORGETTING,
         drift: float = c.DRIFT,
     ) -> None:
-        """Check the parameters of the class and allocate all arrays of an update."""
+        """Check the parameters of the class and allocate the arrays of :meth:`update`.
+
+        All arrays are allocated here, since a control loop must not wait for memory.
+        ``noise`` describes the residual torque (measured minus the arm's model) without
+        a payload; ``delay`` is that of the smoothing filters [s].
+        """
         arm_estimate = as_estimate(estimate, "PayloadEstimator(estimate=...)")
         if not 0.0 < rate < np.inf:
             raise InputError(f"a rate of {rate:g} Hz", "give the samples a second")
@@ -173,31 +178,42 @@ class PayloadEstimator:
         )
         self._posterior = Posterior(self._prior)
         self._projection = ConeProjection()
+        # A projection takes about ten Newton steps: they are spread over its period.
         self._steps_per_update = max(1, round(10.0 * self.period / c.PROJECTION_PERIOD))
         self.noise = noise
         self._gain_errors = arm_estimate.uncertainty.gain_errors
+        # Drift: the share of a residual that offsets take over each cycle.
         self._learning = self.period / drift if drift else 0.0
         self.drift_offset = np.zeros(n)
         self.drift_friction = np.zeros(n)
+        # Samples (2n,) are positions, then torques.
         self._n = n
-        self._time: float | None = None
-        self._next = 0.0
-        self._last, self._new, self._sample = np.zeros((3, 2 * n))
-        self._smoothed = np.zeros((3, 2 * n))
+        self._time: float | None = None  # s, of the last sample
+        self._next_tick = 0.0  # s, on the regular clock
+        self._last_sample = np.zeros(2 * n)
+        self._newest_sample = np.zeros(2 * n)
+        self._sample = np.zeros(2 * n)  # interpolated at the next tick
+        self._smoothed = np.zeros((3, 2 * n))  # value, rate, acceleration
+        # Payload columns and residual [Y, e], and the same over the noise's variance.
         self._rows = np.zeros((n, WIDTH))
         self._weighted = np.zeros((n, WIDTH))
-        self._scaled = np.zeros(SIZE)
+        # Noise of the residuals, and what raises it (see _weigh).
         self._variance = (noise.inflation * noise.std) ** 2
         self._acceleration = noise.acceleration
         self._excess = 1.0
         self._settling = float(np.exp(-self.period / noise.correlation))
         self._dry_variance = self.arm.dry_friction**2
         self._friction_size = self._dry_variance + self._variance
-        self._weight, self._part, self._resting = np.zeros((3, n))
-        self._unsettled, self._load = np.zeros((2, n))
+        self._weight = np.zeros(n)
         self._weight_column = self._weight[:, None]
-        self._is_resting, self._is_moving = np.zeros((2, n), bool)
+        self._part = np.zeros(n)  # work space
+        self._resting = np.zeros(n)  # s at rest
+        self._unsettled = np.zeros(n)
+        self._load = np.zeros(n)  # torque of the payload
+        self._is_resting = np.zeros(n, bool)
+        self._is_moving = np.zeros(n, bool)
         self._mass_weight = np.zeros(n)
+        # The last certified projection.
         self._published = np.zeros(SIZE)
         self._gap = 0.0
         self._is_published = False
@@ -302,65 +318,76 @@ class PayloadEstimator:
                 f"a sample of {len(q)} positions and {len(tau)} torques",
                 f"give {self._n} joints, in the model's order",
             )
-        np.copyto(self._new[: self._n], q)
-        np.copyto(self._new[self._n :], tau)
+        np.copyto(self._newest_sample[: self._n], q)
+        np.copyto(self._newest_sample[self._n :], tau)
         # A sum is finite only if all its terms are: one test, no allocation.
-        if not np.isfinite(self._new.sum() + t):
+        if not np.isfinite(self._newest_sample.sum() + t):
             raise InputError(
                 f"a sample at {t:g} s is not finite", "leave samples out that are none"
             )
         change = None
+        # At the first sample, and after a gap, the filters start anew.
         if self._time is None or t - self._time > 2.0 * self.delay:
             self._filter.clear()
-            np.copyto(self._last, self._new)
+            np.copyto(self._last_sample, self._newest_sample)
             self._time = t
-            self._next = t
+            self._next_tick = t
         if t < self._time:
             raise InputError(
                 f"the clock runs back from {self._time:g} to {t:g} s",
                 "give samples in order",
             )
-        while self._next <= t + 1e-3 * self.period:
+        # Samples may jitter: interpolate them on a regular clock, up to t with
+        # rounding.
+        while self._next_tick <= t + 1e-3 * self.period:
             self._interpolate(t)
-            change = self._tick(self._next - self.delay) or change
-            self._next += self.period
+            change = self._tick(self._next_tick - self.delay) or change
+            self._next_tick += self.period
         self._time = t
-        np.copyto(self._last, self._new)
+        np.copyto(self._last_sample, self._newest_sample)
         return change
 
     def _interpolate(self, t: float) -> None:
-        """Write the sample at the next tick, between the last sample and that at t [s]."""
+        """Write the sample at the next tick of the regular clock to ``_sample``.
+
+        It is interpolated linearly between the last sample and the newest one, at ``t``
+        [s].
+        """
         assert self._time is not None
         span = t - self._time
-        share = 1.0 if span <= 0.0 else min((self._next - self._time) / span, 1.0)
-        np.subtract(self._new, self._last, out=self._sample)
+        share = 1.0 if span <= 0.0 else min((self._next_tick - self._time) / span, 1.0)
+        np.subtract(self._newest_sample, self._last_sample, out=self._sample)
         self._sample *= share
-        self._sample += self._last
+        self._sample += self._last_sample
 
     def _tick(self, time: float) -> PayloadChange | None:
-        """Process one instant of the regular clock, whose filtered states are of
-        ``time`` [s].
+        """Process one instant of the regular clock; return a confirmed change of
+        payload.
 
-        Returns a confirmed change of the payload, else None.
+        Steps: smooth the sample, compute the arm's torque, form the residual e and the
+        payload's columns Y, weight them by the noise, add them to the detector of
+        changes, track drift, and project the payload onto the physically consistent
+        ones. The smoothed states are those of ``time`` [s], the filters' delay ago.
+        Returns None while the filters fill or without a confirmed change.
         """
         if not self._filter.push(self._sample, self._smoothed):
             return None
+        # Of the 2n smoothed channels the first n are positions, the others torques.
         n = self._n
+        position, velocity, acceleration = self._smoothed[:, :n]
+        torque = self._smoothed[0, n:]
+        self.arm.update(position, velocity, acceleration)
+        # rows (n, 11) = [Y, e]: scaled payload columns Y (n, 10), residual e (n,).
         rows = self._rows
-        velocity = self._smoothed[1, :n]
-        self.arm.update(
-            self._smoothed[0, :n],
-            velocity,
-            self._smoothed[2, :n],
-        )
         np.multiply(
             self.arm.columns,
             self._prior.scale,
             out=rows[:, :SIZE],
         )
+        # e = torque - arm's torque - drifted offset - drifted share of friction.
         residual = rows[:, SIZE]
         np.subtract(
-            self._smoothed[0, n:],
+            torque,
             self.arm.torque,
             out=residual,
         )
@@ -371,12 +398,13 @@ class PayloadEstimator:
             out=self._part,
         )
         residual -= self._part
-        self._weigh(velocity, self._smoothed[2, :n])
+        self._weigh(velocity, acceleration)
         np.multiply(rows, self._weight_column, out=self._weighted)
         self._detector.add(rows, self._weighted, self.period, time)
         if self._learning:
             self._follow_drift(residual)
         if self.is_carrying:
+            # Information of each joint on the mass (column 0), for errors of gains.
             np.multiply(
                 rows[:, 0],
                 self._weighted[:, 0],
@@ -388,30 +416,40 @@ class PayloadEstimator:
         return None if found is None else self._believe(found)
 
     def _weigh(self, velocity: Array, acceleration: Array) -> None:
-        """Compute each joint's weight, the inverse variance of its residual.
+        """Compute each joint's weight (n,), the inverse variance of its residual
+        torque.
 
-        At rest, and where the filters' window holds a reversal, dry friction has any
-        value up to its size; it settles over SETTLING_TRAVEL. Gears lose a share of the
-        payload's torque. Accelerations beyond those of the calibration make noise that
-        fades within its correlation time.
+            variance = (s^2 + f^2 u + (LOAD_FRICTION tau_payload)^2)
+                       x (1 + t_rest / tau)
+
+        s: calibrated noise. f u: dry friction; it is unknown at rest and where the
+        filter's window holds a reversal (u = 1), and settles over the travel
+        SETTLING_TRAVEL. Gears lose the share LOAD_FRICTION of a payload's torque. x >=
+        1: squared acceleration over that of the calibration; it decays within the
+        correlation time tau [s]. t_rest: seconds at rest, which bring no new
+        information.
         """
+        # ``part`` and ``weight`` are work space (n,): a cycle allocates nothing.
         part = self._part
         weight = self._weight
+        # x = max((a / a_calibrated)^2, x decaying to 1).
         np.abs(acceleration, out=part)
         np.divide(part, self._acceleration, out=weight)
         jolt = float(weight.max()) ** 2
         self._excess = max(1.0 + (self._excess - 1.0) * self._settling, jolt)
+        # At rest: |v| < REST_SPEED + delay |a|; t_rest = s since then.
         part *= self.delay
         part += c.REST_SPEED
         np.abs(velocity, out=weight)
         np.less(weight, part, out=self._is_resting)
         self._resting += self.period
         self._resting *= self._is_resting
-        # What friction has forgotten of its last turn: all of it at rest.
+        # u: 1 at rest, then exp(-travel / SETTLING_TRAVEL).
         weight *= -self.period / c.SETTLING_TRAVEL
         np.exp(weight, out=weight)
         self._unsettled *= weight
         np.maximum(self._unsettled, self._is_resting, out=self._unsettled)
+        # s^2 + f^2 u + (LOAD_FRICTION tau_payload)^2.
         np.multiply(self._dry_variance, self._unsettled, out=weight)
         weight += self._variance
         if self.is_carrying:
@@ -423,6 +461,7 @@ class PayloadEstimator:
             np.multiply(self._load, c.LOAD_FRICTION, out=part)
             part *= part
             weight += part
+        # Times x (1 + t_rest / tau).
         np.divide(self._resting, self.noise.correlation, out=part)
         part += 1.0
         part *= self._excess
@@ -432,9 +471,11 @@ class PayloadEstimator:
     def _follow_drift(self, residual: Array) -> None:
         """Adapt offsets and friction slowly to residuals that no payload explains.
 
-        A residual (n,) counts one standard deviation at most, so that a payload that is
-        not yet known is not taken for drift.
+        Each cycle moves the offset (n,) by period / drift times the residual (n,),
+        while the joint moves. A residual counts one standard deviation at most, so that
+        a new payload is not taken for drift.
         """
+        # The unexplained torque, clipped to one standard deviation.
         if self.is_carrying:
             np.subtract(residual, self._load, out=self._part)
         else:
@@ -445,17 +486,22 @@ class PayloadEstimator:
             self.noise.std,
             out=self._part,
         )
-        self._part *= self._learning
+        self._part *= self._learning  # period / drift time
         np.logical_not(self._is_resting, out=self._is_moving)
         self._part *= self._is_moving
         self.drift_offset += self._part
+        # Friction's relative drift: a gradient step, over friction's square + variance.
         self._part *= self.arm.friction
         self._part /= self._friction_size
         self.drift_friction += self._part
 
     def _project(self) -> None:
-        """Make some Newton steps of the projection; publish the result once it is
-        certified.
+        """Make a few Newton steps of the projection onto physically consistent
+        payloads.
+
+        A projection takes several cycles of the loop. Once its gap is certified (at
+        most PROJECTION_GAP) its result is published; the next cycle starts the next
+        projection from the newest estimate.
         """
         projection = self._projection
         if projection.is_done:
@@ -472,8 +518,12 @@ class PayloadEstimator:
             self._is_published = True
 
     def _believe(self, found: Change) -> PayloadChange | None:
-        """Accept a detected change and return it; None if the mass picked up could be
-        zero.
+        """Accept a detected change of payload and return it for the user.
+
+        If a payload was picked up whose mass could be zero (its 95 % interval reaches
+        zero), the change is refused: None. Else data from before the change are
+        dropped. If the payload was put down, the reported mass is that of the payload
+        before, NaN if it was not known yet.
         """
         was_carrying = self.is_carrying
         payload_before = self.payload
@@ -494,7 +544,7 @@ class PayloadEstimator:
             kind=kind,
             time=found.time,
             time_interval=(found.lower, found.upper),
-            detected=self._next,
+            detected=self._next_tick,
             mass=mean,
             mass_std=std,
             evidence=found.evidence,
@@ -536,13 +586,15 @@ class PayloadEstimator:
         _, mass_std = self._mass(self._posterior)
         barycentric = barycentric_from_standard(theta)
         com = barycentric[1:4]
-        # The response of the centre h / m to h and m.
-        response = np.zeros((3, SIZE))
-        response[:, 0] = -com / mass
-        response[:, 1:4] = np.eye(3) * self._prior.reach / mass
-        com_variance = np.einsum("ij,jk,ik->i", response, covariance, response)
+        # Jacobian of the centre of mass h / m by the scaled parameters m, h / reach.
+        jacobian = np.zeros((3, SIZE))
+        jacobian[:, 0] = -com / mass
+        jacobian[:, 1:4] = np.eye(3) * self._prior.reach / mass
+        # Variances (3,): the diagonal of J C J^T.
+        com_variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
         return Payload(
-            time=self._next - self.period - self.delay,
+            # The last tick, less the filters' delay.
+            time=self._next_tick - self.period - self.delay,
             theta=theta,
             mass=mass,
             mass_std=mass_std,

@@ -31,7 +31,12 @@ class SmoothingFilter:
         period: float,
         delay: float,
     ) -> None:
-        """Allocate the window and compute the kernel; see the class for the parameters."""
+        """Allocate the ring buffer of samples and compute the kernel of the window.
+
+        The window holds 2 half + 1 samples, half = delay / period to either side of its
+        middle. ``channels`` signals, ``period`` and ``delay`` in s. Raises InputError
+        for a delay above MAX_DELAY or below two samples.
+        """
         half = round(delay / period)
         if not 0.0 < delay <= c.MAX_DELAY or half < 2:
             raise InputError(

@@ -92,8 +92,8 @@ def _title(method: str, data: Data) -> str:
 
 
 def drawn_pose(robot: Robot) -> Array:
-    """Return the joint positions of the picture: mid-range, or a natural pose of seven
-    joints.
+    """Return the joint positions of the picture: a natural pose for an arm of seven
+    joints, else the middle of each joint's range.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def drawn_pose(robot: Robot) -> Array:
     Returns
     -------
     (n,) array
-        [rad, m].
+        Positions [rad, m]; 0.4 for a joint without limits, so that the arm is bent.
     """
     if robot.n == len(SEVEN_JOINTS):
         return np.array(SEVEN_JOINTS)
@@ -112,7 +112,11 @@ def drawn_pose(robot: Robot) -> Array:
 
 
 def view() -> Array:
-    """Return the projection (2, 3) of the picture: to the right, and up."""
+    """Return the projection (2, 3) of a point in the base frame to the picture: to the
+    right, and up.
+
+    The camera looks horizontally along the azimuth, then down by the elevation.
+    """
     right = np.array(
         [
             np.cos(AZIMUTH),
@@ -197,6 +201,7 @@ def _figure(
     Links that cannot exist are marked, and those larger than the picture are left out;
     the caption names both.
     """
+    # The arm's skeleton as seen (k, 2) [m], and the scale that fits it into the picture.
     (poses,) = robot.poses(pose[None])
     joints = skeleton(robot, poses) @ view().T
     low = joints.min(axis=0)
@@ -207,6 +212,7 @@ def _figure(
     ellipses = ""
     impossible = list[str]()
     too_large = list[str]()
+    # An ellipse for each link that fits into the picture.
     for number, (link, carrier, joint_pose) in enumerate(
         zip(links, robot.joints, poses, strict=True), start=1
     ):
@@ -222,6 +228,7 @@ def _figure(
             f"link {number}: {link[0]:.3g} kg",
             "link" if exists else "impossible",
         )
+    # The arm as a line with dots, and the caption.
     line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
     dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/>' for x, y in places)
     verdict = "every link can exist"
@@ -267,8 +274,11 @@ def _ellipse(
     name: str,
     kind: str,
 ) -> str:
-    """Return an SVG ellipse; axes (2, 2) are its half axes as columns, in picture
-    units.
+    """Return an SVG ellipse with a title.
+
+    ``centre`` (2,) and the half axes, the columns of ``axes`` (2, 2) with the longer
+    one last, are in picture units. ``kind`` is the CSS class. SVG turns clockwise, so
+    the angle is negative.
     """
     lengths = np.linalg.norm(axes, axis=0)
     angle = -float(np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1])))
@@ -281,7 +291,8 @@ def _ellipse(
 
 
 def _section(table: Table) -> str:
-    """Return a table as an HTML section: title, headline, cells, caption and notes."""
+    """Return a table as an HTML section: title, headline, cells, caption and notes; all
+    texts are escaped."""
     cells = table.cells()
     head = "".join(f"<th scope=col>{escape(_spaced(name))}</th>" for name in cells)
     body = "".join(

@@ -149,7 +149,11 @@ def content_key(content: Iterable[object]) -> str:
 
 
 def _pieces(value: Any) -> Iterable[bytes]:
-    """Yield bytes that represent a value; values that differ yield other bytes."""
+    """Yield bytes that represent a value, with its type and size, for a hash.
+
+    Values that differ yield other bytes. Raises TypeError for a value that is no
+    number, text, array, dataclass, list or mapping.
+    """
     if isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()

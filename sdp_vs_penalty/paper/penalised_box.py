@@ -80,9 +80,10 @@ class BoxedProblem:
     def __init__(self, problem: PenalisedProblem) -> None:
         """Read the box on centres of mass [m] and inertias [kg m^2] from the task.
 
-        A coordinate without bounds gets +-farthest. Variables of a cell's relaxation:
-        theta' and the slacks of ``problem``, then six entries of Q = m c c^T for each
-        link.
+        A coordinate without bounds gets +-farthest. A cell is a box of centres of mass,
+        on which the non-convex problem is relaxed to a convex one. Variables of the
+        relaxation: theta' and the slacks of ``problem``, then six entries of Q = m c
+        c^T for each link.
         """
         self.problem = problem
         self.task = problem.task
@@ -142,6 +143,7 @@ class BoxedProblem:
         constraints += problem.between(limit)
         for k in range(n):
             constraints += self._cell(k, low[k], high[k])
+        # The loss, the cost and the bounds in all variables: theta', slacks, Q.
         data = problem.in_slacks
         without_q = np.zeros((len(data.R), 6 * n))
         widened = replace(data, R=np.hstack([data.R, without_q]))
@@ -163,6 +165,7 @@ class BoxedProblem:
             )
         theta = problem.theta(fit.theta)
         lower = max(fit.lower, 0.0)
+        # How far Q is from m c c^T on its diagonal: zero if the relaxation is exact.
         mass = theta[self.links[:, 0]]
         h = theta[self.links[:, 1:4]]
         q = fit.theta[self.first_q :].reshape(n, 6)
@@ -171,7 +174,8 @@ class BoxedProblem:
         return lower, problem.optimum(theta, weight, lower), excess
 
     def _bound(self, limit: Array) -> Array:
-        """Return the bounds (p + s,) of theta' and the slacks."""
+        """Return the bounds (p + s,) of theta' = theta + 2 s j and of the slacks:
+        slacks up to ``limit`` (s,) raise theta' above the bounds of theta."""
         raised = self.problem.links_slack @ limit[: len(self.links)]
         return np.concatenate([self.task.bound + raised, limit])
 
@@ -278,6 +282,7 @@ class BoxedProblem:
             np.array(rows).T,
             np.zeros(len(rows)),
         )
+        # The link's own slack follows the p parameters.
         with_slack = np.append(link, self.problem.p + k)
         return [
             _lifted(name, link, q),
@@ -378,6 +383,7 @@ class BoxedProblem:
         data = problem.in_slacks
         folded_data = replace(data, R=(data.R @ fold)[:, columns])
         folded = [_fold(x, fold, number) for x in constraints]
+        # Cost, start and bounds of the remaining variables.
         cost = np.append(np.zeros(problem.p), weight * problem.prices)[columns]
         start = self._start(c, c, limit)[: len(fold)][columns]
         bound = self._bound(limit)[columns]
@@ -591,7 +597,7 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
 
 
 def _row(values: dict[int, float], size: int = 16) -> Array:
-    """Return a row (size,) of zeros with these values at their indices."""
+    """Return a row (size,) that has these values at their indices, and zeros elsewhere."""
     row = np.zeros(size)
     for index, value in values.items():
         row[index] = value

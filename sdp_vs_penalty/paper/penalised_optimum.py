@@ -133,16 +133,19 @@ class PenalisedProblem:
         """
         self.task = task
         self.two_step = two_step
+        # Rows of the loss |R theta - rho|^2.
         self.data = _links_distance(task) if two_step else task.data
         self.p, self.n = len(task.bound), len(task.links)
         free = task.model.rigid_indices if two_step else np.arange(self.p)
         self.published = PenalisedLoss(task, self.data, free)
+        # Hard constraints stay; demands are what the penalty pays for when violated.
         convex = task.constraints.convex
         self.hard = [
             c for c in convex if c.family not in (*self.soft_families, "trace")
         ]
         self.hard += self._moment_limits
         self.demands = [c for c in convex if c.family in self.soft_families[1:]]
+        # A point strictly inside all of them, from which solvers start.
         self.interior = interior_point(
             task, ConstraintSet((*self.hard, *self.consistency, *self.demands))
         )
@@ -185,7 +188,12 @@ class PenalisedProblem:
 
     @cached_property
     def links_slack(self) -> Array:
-        """(p, n) change of theta' = theta + 2 s j by a unit of each link's slack s."""
+        """(p, n) derivative of theta' by each link's slack.
+
+        A link may violate its triangle inequality by a slack s [kg m^2]: the
+        relaxation's theta' = theta + 2 s j is consistent, where j has ones at the
+        link's three moments of inertia.
+        """
         change = np.zeros((self.p, self.n))
         for k, link in enumerate(self.task.links):
             change[link[list(self.moments)], k] = 2.0
@@ -293,7 +301,10 @@ class PenalisedProblem:
         return barycentric
 
     def solve(self, weight: float) -> PenalisedOptimum:
-        """Solve the relaxation at one weight.
+        """Solve the relaxation of the penalised problem at one weight.
+
+        Its variables are theta' = theta + 2 s j (j has ones at a link's moments of
+        inertia) and slacks that cost xi each; it is convex.
 
         Parameters
         ----------
@@ -305,11 +316,13 @@ class PenalisedProblem:
         PenalisedOptimum
             With its certified lower bound.
         """
+        # A start with slacks inside their limits.
         limit = self.slack_limits(weight)
         slack = self.slack_start * np.minimum(limit, 1.0)
         start = np.append(self.interior + self.links_slack @ slack[: self.n], slack)
         bound = np.append(self.bound + self.links_slack @ limit[: self.n], limit)
         constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
+        # Slacks cost xi times their prices; theta' costs nothing by itself.
         linear = np.append(np.zeros(self.p), weight * self.prices)
         solved = solve_once(self.in_slacks, linear, constraints, start, bound)
         if solved is None:
@@ -353,7 +366,9 @@ class PenalisedProblem:
 
     @cached_property
     def in_slacks(self) -> LeastSquares:
-        """The loss f as a function of theta' and all slacks, |R' x - rho|^2."""
+        """The loss |R theta - rho|^2 as a function of the relaxation's variables:
+        theta' = theta + 2 s j (p), each link's slack s (n), and the slacks of the other
+        demands, on which the loss does not depend."""
         of_demands = np.zeros((len(self.data.R), len(self.prices) - self.n))
         R = np.hstack(
             [
@@ -463,7 +478,8 @@ class PenalisedProblem:
 
     @cached_property
     def feasible(self) -> Fit:
-        """The certified optimum subject to the demands themselves (xi infinite)."""
+        """The certified optimum of the loss subject to the demands themselves, without
+        a penalty: the limit of infinite weight xi."""
         constraints = (*self.hard, *self.consistency, *self.demands)
         return solve_certified(
             self.data,
@@ -539,10 +555,10 @@ def _links_distance(task: Task) -> LeastSquares:
     squares = float(target @ target)
     return LeastSquares(
         distance.R[rows],
-        target,
-        0.0,
-        squares,
-        len(target),
+        rho=target,
+        residual_norm=0.0,
+        tau_squared=squares,
+        rows=len(target),
     )
 
 
@@ -554,19 +570,20 @@ def solve_certified(
     bound: Array,
     accuracy: float = 1e-10,
 ) -> Fit:
-    """Minimise |R x - rho|^2 + floor^2 + linear x subject to constraints, with a
-    certificate.
+    """Minimise |R x - rho|^2 + residual_norm^2 + linear x subject to convex
+    constraints, with a certificate.
 
-    The solver is our own interior-point method.
+    The solver is our own interior-point method. Its dual multipliers prove a lower
+    bound of the minimum.
 
     Parameters
     ----------
     data : LeastSquares
-        R, rho and the floor.
+        R (r, k), rho (r,) and the residual norm.
     linear : (k,) array
         Linear cost of each variable.
     constraints : iterable of Constraint
-        Convex ones.
+        Convex constraints.
     start : (k,) array
         A strictly feasible point.
     bound : (k,) array

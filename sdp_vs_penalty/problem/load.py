@@ -205,7 +205,12 @@ def _robot_of(
     kinematics: Mapping[str, Any],
     held: Mapping[str, float],
 ) -> _RobotParts:
-    """Build the robot of the section [kinematics], from a URDF or a DH table."""
+    """Build the robot of the section [kinematics] of a problem.toml.
+
+    The section names a URDF file in ``folder``, or holds a DH table (a, alpha, d, one
+    entry a joint). ``held`` are positions [rad, m] at which joints are fixed. A DH
+    table has no links or shapes: those fields stay None.
+    """
     x, y, z = map(float, kinematics.get("gravity", STANDARD_GRAVITY))
     gravity = (x, y, z)
     if "urdf" in kinematics:
@@ -230,7 +235,11 @@ def _robot_of(
 
 
 def _with_mechanism(parts: _RobotParts, mechanism: Mapping[str, Any]) -> _RobotParts:
-    """Return the robot with joints that follow others, as the section [mechanism] says."""
+    """Return the robot with dependent joints, as the section [mechanism] says.
+
+    A dependent joint follows others linearly, such as in a parallelogram. Massless
+    links are left out, so links and shapes are those of the remaining joints.
+    """
     robot = parts.robot
     if robot.mechanism is not None:
         what = "the URDF has mimic joints of its own"
@@ -252,7 +261,11 @@ def _with_bounds_of(
     data: Mapping[str, Any],
     robot: Robot,
 ) -> Problem:
-    """Return the problem with its bounds; nominal links are still zero."""
+    """Return the problem that the sections of a problem.toml (``data``) state.
+
+    Bounds come from tables of the parameters in ``folder``, the total mass and cones of
+    the centre of mass. Nominal links (links, 10) are still zero.
+    """
     bounds = data.get("bounds", {})
     box = open_box(robot.links)
     for table in bounds.get("tables", ()):
@@ -301,21 +314,22 @@ def _within_masses(problem: Problem) -> Problem:
     """
     masses = problem.nominal_links[:, 0]
     low, high = problem.box[:, 0].T
-    new = np.clip(masses, low, high)
-    is_outside = new != masses
+    new_masses = np.clip(masses, low, high)
+    is_outside = new_masses != masses
     has_mean = is_outside & (low > 0.0) & np.isfinite(high)
-    new[has_mean] = np.sqrt(low[has_mean] * high[has_mean])
-    factors = new / nonzero_or_one(masses)
+    new_masses[has_mean] = np.sqrt(low[has_mean] * high[has_mean])
+    # All ten parameters are proportional to the mass (where it is not zero).
+    factors = new_masses / nonzero_or_one(masses)
     return replace(problem, nominal_links=problem.nominal_links * factors[:, None])
 
 
 def _ellipsoids_in_the_box(problem: Problem) -> Array:
-    """Return (links, 10) standard parameters of solid ellipsoids in the centre-of-mass
+    """Return (links, 10) nominal parameters: solid ellipsoids in the centre-of-mass
     boxes.
 
-    Masses share the middle of the total-mass range in proportion to the boxes' surface.
+    The mean of the total-mass bounds is shared in proportion to the boxes' surfaces.
     Half axes are those of the box, at least 6 cm. Without an upper bound of the total
-    mass all are zero, and :func:`plausible_links` draws them.
+    mass all are zero, and :func:`plausible_links` draws links later.
     """
     links = problem.robot.links
     total = problem.total_mass
@@ -328,19 +342,23 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
         box,
         np.stack([-com, com], axis=2),
     )
-    size = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06)
+    smallest_half_axis = 0.06  # m
+    half_axes = np.maximum(0.5 * (box[..., 1] - box[..., 0]), smallest_half_axis)
     centre = box.mean(axis=2)
     # On the axis of a cone, half way into the box, a centre is inside of the cone.
     for cone in problem.cones:
         centre[cone.link - 1, ~cone.along] = 0.0
-    surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
+    # a b + b c + c a: proportional to the surface of the box.
+    surface = np.sum(half_axes * np.roll(half_axes, 1, axis=1), axis=1)
     mass = np.mean(total) * surface / surface.sum()
+    # Clearly inside the bounds of the mass.
     mass = np.clip(
         mass,
         problem.box[:, 0, 0] + 1e-3,
         0.9 * problem.box[:, 0, 1],
     )
-    second = mass[:, None] * size**2 / 5.0
+    # A solid ellipsoid: Ixx = m (b^2 + c^2) / 5. Entries 4, 6, 9 are Ixx, Iyy, Izz.
+    second = mass[:, None] * half_axes**2 / 5.0
     moments = second.sum(axis=1, keepdims=True) - second
     out = np.column_stack(
         [
@@ -354,15 +372,18 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
 
 
 def _fill_box(box: Array, path: Path) -> None:
-    """Read bounds from a table with the columns parameter, lower, upper into ``box``.
+    """Read bounds from a CSV file with the columns parameter, lower, upper.
 
-    Names are m1, c1x, I1xx and so on. Raises InputError, naming the row.
+    ``box`` (links, 10, 2) receives them. Parameters are named m1, c1x, I1xx and so on.
+    Raises InputError with the row's number for an unknown name, a missing number or a
+    lower bound above the upper one.
     """
-    places = entries(len(box))
+    place_by_name = entries(len(box))
+    # Row 1 of the file is its header.
     for number, row in enumerate(read_table(path), start=2):
         name = row.get("parameter") or ""
         try:
-            place = places[name]
+            place = place_by_name[name]
             lower = float(row["lower"])
             upper = float(row["upper"])
             if np.isnan([lower, upper]).any():
@@ -474,9 +495,11 @@ def _from_robot_file(
     file: Path,
     held: Mapping[str, float] | None,
 ) -> Problem:
-    """Build the problem of a URDF or MJCF file.
+    """Build the problem of a robot file (URDF or MJCF), without a problem.toml.
 
-    ``path`` is the user's file (perhaps a xacro), ``file`` the file that it expands to.
+    ``path`` is the user's file (perhaps a xacro, a template), ``file`` the file that it
+    expands to; ``held`` are positions [rad, m] at which joints are fixed. Bounds of the
+    masses follow from the file's masses.
     """
     values: dict[str, float] = {}
     geometry: Sequence[Geometry | None] | None = None
@@ -484,6 +507,7 @@ def _from_robot_file(
         from sdp_vs_penalty.robot.mjcf import load_mjcf
 
         robot, links, values = load_mjcf(file, held=held)
+        # Servo gains are named k...; tell the user how to give them to `identify`.
         gains = [f"{n}={x:g}" for n, x in values.items() if n.startswith("k")]
         if gains:
             text = f"{path}: gains of position actuators, for a log without torque"
@@ -491,8 +515,10 @@ def _from_robot_file(
     else:
         robot, links = load_urdf(file, held=held)
         geometry = link_geometry(file, held)
-    box = open_box(robot.links, lowest_masses(links[:, 0]))
-    box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * links[:, 0])
+    # Bounds of the masses [kg]; all other bounds stay open.
+    masses = links[:, 0]
+    box = open_box(robot.links, lowest_masses(masses))
+    box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * masses)
     bodies = link_bodies(robot, box[:, 1:4], links, geometry)
     nominal, sources = plausible_links(robot, links, bodies)
     return Problem(
@@ -554,7 +580,8 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
 def with_bounds(problem: Problem, text: str | None) -> Problem:
     """Return the problem with other bounds of parameters.
 
-    A nominal link outside of its new bound of mass is moved to the middle of the bounds.
+    A nominal link outside of its new bound of mass is moved to the middle of the
+    bounds.
 
     Parameters
     ----------

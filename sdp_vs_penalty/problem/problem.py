@@ -172,12 +172,11 @@ class Problem(Shown):
     nominal_values: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise InputError for bounds that contradict each other or have another
-        robot's shape.
-        """
+        """Check the bounds; raise InputError if they are contradictory or of another
+        robot."""
         n = self.robot.links
         low, high = self.total_mass
-        # Each array with its shape behind the number of links.
+        # Each array must have the shape (n links, *shape of one link's entry).
         shapes: dict[str, tuple[Any, ...]] = {
             "bounds": (self.box, 10, 2),
             "nominal links": (self.nominal_links, 10),
@@ -186,8 +185,8 @@ class Problem(Shown):
             "nominal_from": (self.nominal_from,),
             "gains": (self.gains,),
         }
-        for name, (value, *more) in shapes.items():
-            if value is not None and np.shape(value) != (n, *more):
+        for name, (value, *shape_of_entry) in shapes.items():
+            if value is not None and np.shape(value) != (n, *shape_of_entry):
                 what = (
                     f"the {name} are of another robot than {self.robot.name} ({n}"
                     " links)"
@@ -216,12 +215,13 @@ class Problem(Shown):
         if self.defaults is not None:
             return self.defaults
         mass = self.nominal_links[:, 0]
-        known = np.where(
+        # Distance to the next joints or to the bounds of the centre of mass.
+        bounded_centres = np.where(
             np.isfinite(self._centres),
             self._centres,
             0.0,
         )
-        reach = np.maximum(self.robot.link_reach(), known.max(axis=1))
+        reach = np.maximum(self.robot.link_reach(), bounded_centres.max(axis=1))
         joints = [self.robot.tree[k] for k in self.robot.link_joints]
         stroke = np.array(
             [j.upper - j.lower if j.kind == "prismatic" else 0.0 for j in joints]
@@ -371,17 +371,18 @@ class Problem(Shown):
                 for entry, (lower, upper) in enumerate(self.box[link, 4:].tolist())
                 if np.isfinite(lower) or np.isfinite(upper)
             ]
-        masses = model.rigid_indices[::10]
-        if len(masses) and (
-            self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1])
-        ):
-            signs, ends = _interval(*self.total_mass)
-            rows = np.tile(signs, (len(masses), 1))
+        # A link has ten parameters; the first one is its mass.
+        mass_indices = model.rigid_indices[::10]
+        lowest, highest = self.total_mass
+        is_bounded = lowest > 0.0 or np.isfinite(highest)
+        if len(mass_indices) and is_bounded:
+            signs, ends = _interval(lowest, highest)
+            rows = np.tile(signs, (len(mass_indices), 1))
             convex.append(
                 build.linear(
                     "total mass",
                     name="robot",
-                    indices=masses,
+                    indices=mass_indices,
                     coefficients=rows,
                     constant=ends,
                 )
@@ -456,12 +457,14 @@ class Problem(Shown):
         """(n, 3) bounds of |c| along each axis [m], from box and cones; infinite
         without one.
         """
+        # box (n, 10, 2): lower and upper ends; entries 1 to 3 are the centre of mass.
         com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
             link = cone.link - 1
             is_across = ~cone.along
             (ends_along,) = self.box[link, 1:4][cone.along]
             if np.all(np.isfinite(ends_along)) or cone.slope == 0.0:
+                # Widest radius + slope x between the box's ends x along the axis.
                 widest = cone.radius + max(
                     cone.slope * x for x in np.nan_to_num(ends_along)
                 )
@@ -470,8 +473,10 @@ class Problem(Shown):
 
     @cached_property
     def _boxed(self) -> NDArray[np.bool_]:
-        """(n,) whether the bounds of centre of mass and moments bound the inertia about
-        the frame.
+        """(n,) whether the bounds of a link limit its inertia about the link frame.
+
+        They do if the moments Ixx, Iyy, Izz about the centre of mass have upper bounds
+        and the centre of mass is bounded (Steiner's theorem).
         """
         known = np.column_stack(
             [
@@ -484,27 +489,31 @@ class Problem(Shown):
     @cached_property
     def link_sizes(self) -> tuple[Array, Array, Array]:
         """Bounds for every feasible link: mass (n,) [kg], |c| (n, 3) [m], moments (n,
-        3) [kg m^2].
+        3).
 
-        Moments are about the link frame.
+        The moments [kg m^2] Jxx, Jyy, Jzz are about the link frame. Where the bounds do
+        not limit them, the mass lies within the link's default radius.
         """
-        mass, radius = self.link_defaults.T[..., None]
+        # Columns (n, 1) of mass [kg] and radius [m], for links without bounds.
+        default_mass, radius = self.link_defaults.T[..., None]
+        largest_mass = self.box[:, :1, 1]
         mass = np.where(
-            np.isfinite(self.box[:, :1, 1]),
-            self.box[:, :1, 1],
-            mass,
+            np.isfinite(largest_mass),
+            largest_mass,
+            default_mass,
         )
         mass = np.minimum(mass, self.total_mass[1])
+        # Steiner: J_aa = I_aa + m (c_b^2 + c_c^2); entries 4, 6, 9 are Ixx, Iyy, Izz.
         is_boxed = self._boxed[:, None]
         squared_com = np.where(is_boxed, self._centres, 0.0) ** 2
-        moments = self.box[:, [4, 6, 9], 1] + mass * (
-            squared_com.sum(axis=1, keepdims=True) - squared_com
-        )
+        squared_distance = squared_com.sum(axis=1, keepdims=True) - squared_com
+        moments = self.box[:, [4, 6, 9], 1] + mass * squared_distance
         com = np.where(
             is_boxed,
             self._centres,
             np.minimum(self._centres, radius),
         )
+        # Without bounds all of the mass may lie at the radius.
         return mass[:, 0], com, np.where(is_boxed, moments, mass * radius**2)
 
     def _link_constraints(
@@ -526,6 +535,7 @@ class Problem(Shown):
         out = [build.pseudo_inertia(name, indices)]
         # m >= 0 is part of the pseudo-inertia: only a positive lower end is a row.
         smallest_mass = box[0, 0] if box[0, 0] > 0.0 else -np.inf
+        # Linear constraints: constant + coefficients^T parameters >= 0, one a column.
         rows, constant = _interval(smallest_mass, mass)
         out.append(
             build.linear(
@@ -538,19 +548,19 @@ class Problem(Shown):
         )
         # sign (m c_axis - m end) >= 0 for each finite end of the centre of mass's box.
         axes, ends = np.nonzero(np.isfinite(box[1:4]))
-        k = len(axes)
-        if k:
-            signs = np.array([1.0, -1.0])[ends]
-            coefficients = np.zeros((4, k))
+        n_ends = len(axes)
+        if n_ends:
+            signs = np.array([1.0, -1.0])[ends]  # lower end, upper end
+            coefficients = np.zeros((4, n_ends))
             coefficients[0] = -signs * box[1 + axes, ends]
-            coefficients[1 + axes, np.arange(k)] = signs
+            coefficients[1 + axes, np.arange(n_ends)] = signs
             out.append(
                 build.linear(
                     "centre of mass",
                     name,
                     indices=indices[:4],
                     coefficients=coefficients,
-                    constant=np.zeros(k),
+                    constant=np.zeros(n_ends),
                 )
             )
         out += [
@@ -558,10 +568,10 @@ class Problem(Shown):
         ]
         if self._boxed[link]:
             # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <=
-            # upper.
-            square = com**2
+            # upper. Entries 4, 6, 9 of a link are Ixx, Iyy, Izz.
+            squared_com = com**2
             coefficients = np.zeros((4, 3))
-            coefficients[0] = square.sum() - square
+            coefficients[0] = squared_com.sum() - squared_com
             coefficients[1:] = -np.eye(3)
             upper = box[[4, 6, 9], 1]
             out.append(
@@ -740,25 +750,26 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     KeyError, TypeError, ValueError
         If a field is missing or of another kind.
     """
-    places = entries(robot.links)
+    # Bounds: name of a parameter, such as c1x, to its place (link, entry) in the box.
+    place_by_name = entries(robot.links)
     box = open_box(robot.links)
     for name, pair in data["bounds"].items():
-        if name not in places:
+        if name not in place_by_name:
             what = f"bounds: {name!r} is no parameter of a link of this robot"
             raise InputError(what, "write the file anew")
-        box[places[name]] = _ends(pair)
-    texts = _texts(data["effects"])
+        box[place_by_name[name]] = _ends(pair)
+    effect_texts = _texts(data["effects"])
     base = data["base_parameters"]
-    drawn = data["nominal_from"]
-    parse_effects(texts, robot)
+    nominal_sources = data["nominal_from"]
+    parse_effects(effect_texts, robot)  # raises InputError for an unknown effect
     defaults = _finite(
         "link_defaults",
         [
             [
-                d["mass"],
-                d["radius"],
+                entry["mass"],
+                entry["radius"],
             ]
-            for d in data["link_defaults"]
+            for entry in data["link_defaults"]
         ],
     )
     if not np.all(defaults > 0.0):
@@ -776,10 +787,10 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
         torque_side=data["torque_side"],
         preprocessing=Preprocessing(**data["preprocessing"]),
         independent=None if base is None else _texts(base),
-        effects=texts,
+        effects=effect_texts,
         defaults=defaults,
         bodies=tuple(map(Body.from_dict, data["bodies"])),
-        nominal_from=None if drawn is None else _texts(drawn),
+        nominal_from=None if nominal_sources is None else _texts(nominal_sources),
         gains=(
             tuple(_finite("gains", data["gains"]).tolist())
             if data.get("gains")

@@ -146,9 +146,13 @@ def _holds_answers(path: Path) -> bool:
 
 
 def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
-    """Raise InputError for a missing array, one whose shape does not fit q, or infinite
-    numbers.
+    """Raise InputError unless q (K, n), gravity (K, n) and mass_matrix (K, n, n) are
+    usable.
+
+    K configurations of n joints; a message names the array that is missing, has another
+    shape, or holds a number that is not finite.
     """
+    # K configurations of n joints; the others follow from the shape of q.
     q = arrays.get("q", np.zeros(0))
     if q.ndim != 2 or not q.size:
         raise InputError(
@@ -165,16 +169,17 @@ def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
         if name not in arrays:
             remedy = "give q (K, n), gravity (K, n) and mass_matrix (K, n, n)"
             raise InputError(f"array {name} is missing", remedy, path)
-        a = arrays[name]
-        if a.shape != shape:
+        array = arrays[name]
+        if array.shape != shape:
             raise InputError(
-                f"array {name} has shape {a.shape}",
+                f"array {name} has shape {array.shape}",
                 f"with this q give it {shape}",
                 path,
             )
-        bad = np.argwhere(~np.isfinite(a))
-        if len(bad):
-            what = f"array {name}, configuration {bad[0][0] + 1}: not a finite number"
+        not_finite = np.argwhere(~np.isfinite(array))
+        if len(not_finite):
+            configuration = not_finite[0][0] + 1
+            what = f"array {name}, configuration {configuration}: not a finite number"
             raise InputError(what, "leave that configuration out", path)
 
 
@@ -209,13 +214,15 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     robot = model.robot
     n = model.robot.n
     zero = np.zeros_like(box.q)
+    # Regressors (K, n, p) of gravity, and of a unit acceleration of each joint.
     gravity = robot.regressor(box.q, zero, zero)
     inertial = []
     for unit_acceleration in np.eye(n):
-        moving = robot.regressor(box.q, zero, zero + unit_acceleration)
-        inertial.append(moving - gravity)
+        accelerated = robot.regressor(box.q, zero, zero + unit_acceleration)
+        inertial.append(accelerated - gravity)
     factors = []
     for joint, links in enumerate(robot.subtree):
+        # A joint carries the links behind it, with ten parameters each.
         first = 10 * np.array(links, np.intp)
         columns = (first[:, None] + np.arange(10)).ravel()
         equations = [(gravity, box.gravity[:, joint])]

@@ -365,7 +365,12 @@ class Regression:
 
     @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
-        """(n,) one factor a joint: all its blocks merged."""
+        """(n,) one factor a joint: its blocks merged by a QR factorisation.
+
+        A factor is a triangle [R, rho] with |R theta - rho| equal to the torque error
+        of its rows; a joint has one for each block (a fold or a piece of a run). A
+        joint without rows gets a factor with zero rows.
+        """
         merged = []
         empty = Factor(
             0,
@@ -379,7 +384,7 @@ class Regression:
             parts = parts or [empty]
             first = parts[0]
             if len(parts) == 1 and len(first.triangle) <= 2 * self.p:
-                # Few rows: as they are.
+                # So few rows that a factorisation gains nothing.
                 merged.append(replace(first, block=0))
                 continue
             triangle = triangular([part.triangle for part in parts])
@@ -423,13 +428,16 @@ class Regression:
         return LeastSquares.stacked(stack, n_rows)
 
     def by_joint(self) -> Iterator[BlocksOfJoint]:
-        """Yield the blocks of each joint that has rows, as arrays with equally many
-        rows.
+        """Yield each joint's blocks as one array (blocks, rows, columns + 1).
+
+        A block is a group of rows, such as a fold. Blocks with fewer rows are filled up
+        with zero rows, which change no sum of squares. Joints without rows are skipped.
 
         Returns
         -------
         iterator of BlocksOfJoint
-            A block with fewer rows is filled with zeros.
+            Joint (from 0), indices of its parameters, numbers of its blocks, and the
+            rows with the torque in the last column.
         """
         for joint in range(self.joints):
             factors = [factor for factor in self.factors if factor.joint == joint]
@@ -645,8 +653,10 @@ def compress_cells(
 
 
 def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
-    """Return the factors with instruments for columns, which the positions' noise does
-    not enter.
+    """Return the factors with instrumental-variable columns.
+
+    Instruments are columns that correlate with the motion but not with the noise of
+    measured positions, so that least squares is unbiased.
     """
     parts = [(f.joint, f.indices, f.triangle) for f in factors]
     out = []
@@ -689,10 +699,12 @@ def _take(
     rows: Rows,
     owner: NDArray[np.intp],
 ) -> None:
-    """Add rows to the factors ``cells`` by (block, joint), in place.
+    """Merge rows into the factors ``cells`` of their block and joint, in place.
 
-    ``owner`` (M,) is the block of each row.
+    A factor is a triangle that replaces its rows in least squares. ``rows`` are M rows
+    a joint; ``owner`` (M,) is the block (fold or piece of a run) of each row.
     """
+    # Sort the rows by block; block k of ``blocks`` begins at row begin[k].
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
@@ -703,7 +715,7 @@ def _take(
             ]
         )
         rows_and_torque = rows_and_torque.take(order, axis=0)
-        pieces = np.split(rows_and_torque, begin[1:])
+        pieces = np.split(rows_and_torque, begin[1:])  # one a block
         for block, piece in zip(blocks.tolist(), pieces, strict=True):
             empty = Factor(
                 joint,

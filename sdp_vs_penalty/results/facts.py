@@ -36,8 +36,9 @@ class Fact:
 
     @property
     def texts(self) -> list[str]:
-        """The numbers as they are printed, without unit: one for each joint, or a
-        single one.
+        """The printed numbers without unit: one for each joint, or a single one.
+
+        "-" stands for an unknown value; a value that is a text is printed unchanged.
         """
         if self.value is None:
             return ["-"]
@@ -52,7 +53,9 @@ class Fact:
         return f"{', '.join(self.texts)} {plain_unit(self.unit)}".rstrip()
 
     def of_joint(self, joint: int) -> str:
-        """Return the number of one joint (from 1) as it is printed, without unit."""
+        """Return the printed number of one joint (from 1), without unit; "-" if it is
+        unknown.
+        """
         return self.texts[joint - 1] if self.value is not None else "-"
 
     def to_dict(self) -> dict[str, Any]:
@@ -101,10 +104,11 @@ class FactMethod(Generic[T]):
         self.name = name or method.__name__.replace("_", " ")
         self.__doc__ = method.__doc__
 
+    # Types of the descriptor: of the class it is itself, of a record the fact's value.
     @overload
-    def __get__(self, record: None, owner: type) -> Self: ...
+    def __get__(self, record: None, owner: type) -> Self: ...  # of the class: itself
     @overload
-    def __get__(self, record: object, owner: type) -> T: ...
+    def __get__(self, record: object, owner: type) -> T: ...  # of a record: the value
     def __get__(
         self,
         record: object | None,
@@ -114,7 +118,9 @@ class FactMethod(Generic[T]):
         return self if record is None else self.method(record)
 
     def of(self, record: object) -> Fact:
-        """Compute the fact for a record."""
+        """Compute the fact of a record: value, unit, and the method's docstring as
+        definition.
+        """
         definition = " ".join((inspect.getdoc(self.method) or "").split())
         return Fact(
             name=self.name,
@@ -152,7 +158,10 @@ def fact(
 
 @cache
 def _fact_methods(kind: Any) -> Mapping[str, FactMethod[Any]]:
-    """Return the facts of a class by method name, those of its base classes first."""
+    """Collect the fact methods of a class by name, those of its base classes first.
+
+    A subclass replaces a method of the same name.
+    """
     methods: dict[str, FactMethod[Any]] = {}
     for base in reversed(kind.__mro__):
         methods |= {
@@ -164,7 +173,7 @@ def _fact_methods(kind: Any) -> Mapping[str, FactMethod[Any]]:
 
 
 def facts_of(record: object) -> dict[str, Fact]:
-    """Compute every fact of a record, by the name of its method."""
+    """Compute all facts of a record, by the name of the method that computes each."""
     kind: type = type(record)
     methods = _fact_methods(kind)
     return {name: method.of(record) for name, method in methods.items()}

@@ -30,14 +30,12 @@ class Shown:
         raise NotImplementedError
 
     def _table(self) -> Table | None:
-        """Return the table that a notebook shows below the summary; None for no
-        table.
-        """
+        """Return the table that notebooks show below the summary; None: there is none."""
         return None
 
     def __repr__(self) -> str:
-        """Return the title and the first lines of the summary, cut to a terminal's
-        width.
+        """Return the title and the first four lines of the summary, each cut to a
+        terminal's width.
         """
         title, entries = self._summary()
         lines = [f"  {name}: {text}" for name, text in entries[:_LINES]]
@@ -54,7 +52,7 @@ class Shown:
 
 
 def _cut(line: str) -> str:
-    """Shorten a line to the width of a terminal; three dots mark what is missing."""
+    """Shorten a line to _WIDTH (110) characters; three dots at its end mark the cut."""
     return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."
 
 
@@ -63,9 +61,10 @@ class Record(Shown):
     ``to_frame`` (all its numbers) and :meth:`facts`."""
 
     def facts(self) -> dict[str, Fact]:
-        """Return every number that a sentence about this result may use, by name.
+        """Compute all facts of this result by name.
 
-        Each has a value, a unit, a definition, and the text that every place prints.
+        A fact is a number that sentences may use, with unit, definition, and the text
+        that terminal, page and report print.
         """
         return facts_of(self)
 

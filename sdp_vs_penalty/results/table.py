@@ -99,16 +99,19 @@ class Table:
     def numeric(self) -> list[bool]:
         """Return for each column whether it holds numbers, which are aligned right.
 
-        ``words`` lists the other columns; without it, the cells decide.
+        These are the columns that ``words`` does not list; if that is None, those whose
+        cells are all numbers.
         """
         if self.words is not None:
             return [k not in self.words for k in range(len(self.headings))]
         return [is_numeric(column) for column in self.columns()]
 
     def __rich__(self) -> Any:
-        """Return what the library rich prints in a terminal.
+        """Return the table as an object of the library rich, which prints it in a
+        terminal.
 
-        The first column and short texts stay on one line; numbers are aligned right.
+        Numbers are aligned right. Numbers, the first column and short texts stay on one
+        line.
         """
         from rich import box
         from rich.markup import escape
@@ -137,10 +140,10 @@ class Table:
 
     @cached_property
     def _widths(self) -> list[int]:
-        """Minimal width of each column [characters].
+        """Smallest width of each column [characters] at which a terminal cuts nothing.
 
-        Numbers, short texts and the first column stay on one line; long texts break
-        between words, but not within a word of up to _LONGEST_WORD characters.
+        Numbers, short texts and the first column need one line. Long texts break
+        between words, but not within a word of up to _LONGEST_WORD (24) characters.
         """
         widths = []
         columns = zip(self.columns(), self.numeric(), strict=True)
@@ -177,9 +180,9 @@ class Table:
             Each repeats the first column; only the first table has the title.
         """
         first, *others = range(len(self.headings))
-        margin = 2
-        groups: list[list[int]] = []
-        used = width + 1  # so that the first column begins a group
+        margin = 2  # characters between two columns
+        groups: list[list[int]] = []  # columns of each block
+        used = width + 1  # as if a block were full: the first column begins one
         for k in others:
             needed = self._widths[k] + margin
             if used + needed > width:
@@ -193,7 +196,7 @@ class Table:
         return [first_block, *(replace(block, title="") for block in more)]
 
     def _with_columns(self, columns: Sequence[int]) -> Table:
-        """Return the same table with these columns (from 0) only."""
+        """Return the table with some of its columns (from 0), in this order."""
         words = None
         if self.words is not None:
             words = [place for place, k in enumerate(columns) if k in self.words]
@@ -235,7 +238,7 @@ class Table:
     def html(self) -> str:
         """Return the table as an HTML <table>.
 
-        All text is escaped; what stands between backticks becomes code.
+        All text is escaped; text between backticks becomes <code>.
         """
         # jinja2 takes 40 ms to import.
         from sdp_vs_penalty.results.templates import render
@@ -328,15 +331,17 @@ def cell_text(cell: Cell, digits: int = 4) -> str:
 
 
 def exact_text(cell: Cell) -> str:
-    """Return a cell with all digits that restore the same number."""
+    """Return a cell as text; a number has as many digits as restore the same float."""
     if isinstance(cell, float) and math.isfinite(cell):
         return repr(float(cell))
     return cell_text(cell)
 
 
 def is_numeric(cells: Sequence[str]) -> bool:
-    """Whether a column holds numbers: each cell is one, or empty, and not all are
-    empty.
+    """Return whether a column holds numbers: all cells that are not empty are numbers,
+    and there is at least one.
+
+    Cells "inf" and "-inf" count as empty.
     """
     filled = [cell for cell in cells if cell not in ("", "inf", "-inf")]
     return bool(filled) and all(_NUMBER.fullmatch(cell) for cell in filled)
@@ -356,9 +361,11 @@ def markdown_lines(
 
 
 def _latex_header(name: str) -> str:
-    """Return a heading for LaTeX; a data set named in it gets a line of its own.
+    """Return a column heading in LaTeX braces, so that siunitx does not read it as a
+    number.
 
-    "loss_measured" has two lines, so that its column stays narrow.
+    A heading that ends with the kind of data, such as "loss_measured", has two lines,
+    so that its column stays narrow.
     """
     first, _, data = name.rpartition("_")
     if data in ("simulated", "measured"):

@@ -35,8 +35,16 @@ def environment(*folders: Path) -> Environment:
 
 
 def render(template: str, *folders: Path, **context: Any) -> str:
-    """Fill a template, by file name, with variables; it is searched in these folders
-    first.
+    """Fill a template with variables, and return the HTML.
+
+    Parameters
+    ----------
+    template
+        File name of the template.
+    folders
+        Folders that are searched before this package's.
+    context
+        The template's variables.
     """
     return environment(*folders).get_template(template).render(context)
 

@@ -63,7 +63,7 @@ def check_finite(
     Raises
     ------
     InputError
-        Where the shape differs or an entry is not finite.
+        The shape differs or an entry is not finite.
     """
     if np.shape(value) != shape or not np.all(np.isfinite(value)):
         raise InputError(f"{what} does not fit", f"give {shape} finite numbers")

@@ -36,9 +36,8 @@ class Body(JsonRecord):
     volume: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for another shape, half axes that are not positive, or
-        another source.
-        """
+        """Raise InputError for arrays of other shapes, half axes that are not positive,
+        axes (3, 3) that are not orthonormal, or an unknown source."""
         for name, shape in (("centre", (3,)), ("half_axes", (3,)), ("axes", (3, 3))):
             check_finite(f"a body's {name}", getattr(self, name), shape)
         if not np.all(self.half_axes > 0.0):
@@ -101,14 +100,18 @@ def around(
     all points are inside.
     """
     cloud = np.asarray(points, float)
-    chunks = np.array_split(directions(), 20)  # a cloud may have many points
+    # Extreme points of the cloud in many directions. The directions are taken in chunks
+    # to limit the memory, for a cloud may have many points.
+    chunks = np.array_split(directions(), 20)
     extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in chunks])]
+    # The smallest ellipsoid in 3 dimensions: 3 times the weighted second moment has the
+    # squared half axes as eigenvalues.
     weights = _weights_of_least_ellipsoid(extremes.tobytes())
     centre = weights @ extremes
     second = (extremes * weights[:, None]).T @ extremes - np.outer(centre, centre)
-    size, axes = np.linalg.eigh(3.0 * second)
-    half_axes = np.sqrt(np.maximum(size, 0.0))
-    half_axes = np.maximum(half_axes, 1e-3 * half_axes.max())
+    squared_half_axes, axes = np.linalg.eigh(3.0 * second)
+    half_axes = np.sqrt(np.maximum(squared_half_axes, 0.0))
+    half_axes = np.maximum(half_axes, 1e-3 * half_axes.max())  # a flat cloud
     largest_distance = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
     return Body(
         centre,
@@ -137,13 +140,14 @@ def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
     weights = np.full(len(lifted), 1.0 / len(lifted))
     inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
     distance = np.sum(lifted @ inverse * lifted, axis=1)
-    # Steps grow as order over excess; next to a line, rounding may eat up the inverse
-    # before that.
+    # All distances are at most 4, the order of the lifted points, at the optimum. The
+    # number of steps grows as 4 / _EXCESS. For points near a line, rounding spoils the
+    # inverse earlier: the distances explode, and the loop ends.
     for _ in range(round(5 * 4 / _EXCESS)):
         excess = distance.max()
         if not 4.0 * (1.0 + _EXCESS) < excess < _LARGEST_EXCESS:
             break
-        # The first of those that are alike, which are not for rounding to choose from.
+        # The first of the points that are equally far, so that rounding does not choose.
         farthest = int(np.argmax(distance > (1.0 - 1e-6) * excess))
         step = (excess - 4.0) / (4.0 * (excess - 1.0))
         weights *= 1.0 - step

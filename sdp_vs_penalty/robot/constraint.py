@@ -225,11 +225,12 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
     dPi(M)[H] = U (Omega o U^T H U) U^T, with eigenvectors U and the divided differences
     Omega of max(., 0).
     """
-    group, _, width = directions.shape
+    group, _, width = directions.shape  # matrices, d * d entries, p parameters
     d = values.shape[-1]
     eigenvalues, u = np.linalg.eigh(values)
     positive = np.maximum(eigenvalues, 0.0)
     omega = _divided_differences(eigenvalues, positive)
+    # Directions as matrices H (g, p, d, d), then U^T H U.
     h = directions.reshape(group, d, d, width).transpose(
         0,
         3,
@@ -269,10 +270,13 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     along (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, clipped to [0, 1], across.
     """
     width = directions.shape[2]
+    # Points (s, u): s (g,), |u| (g,) and the unit vector u / |u| (g, d - 1).
     s = values[:, 0]
     norm = np.linalg.norm(values[:, 1:], axis=1)
     on_axis = norm <= 1e-14 * np.abs(s)
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
+    # Eigenvalues s + |u| and s - |u| of the point (2, g), of which the projection keeps
+    # the positive parts.
     on_diagonals = np.array(
         [
             np.where(on_axis, s, s + norm),
@@ -287,6 +291,7 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
             1.0,
         )
     slope_across = np.where(on_axis, s > 0.0, clipped)
+    # Derivatives of the point by the parameters, along the ray (g, p) and across it.
     on_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
     sum_and_difference = np.array(
         [directions[:, 0] + on_ray, directions[:, 0] - on_ray]
@@ -568,7 +573,8 @@ class ConstraintSet:
 
     @cached_property
     def entries(self) -> StackedCones:
-        """Convex constraints as one sparse affine map of theta."""
+        """All convex constraints stacked as one sparse affine map F(theta) = F_0 + A
+        theta, group by group; theta is feasible if each part of F lies in its cone."""
         return StackedCones.from_groups(self.groups)
 
     @cached_property
@@ -631,20 +637,20 @@ def group_cones(constraints: Sequence[Constraint]) -> list[ConeGroup]:
     list of ConeGroup
         Groups, in the order in which each kind comes first.
     """
+    # Places of the constraints in the sequence, by cone and shape.
     groups: dict[tuple[str, tuple[int, ...]], list[int]] = {}
     for place, c in enumerate(constraints):
         groups.setdefault((c.cone, c.coefficients.shape), []).append(place)
     out = []
     for (cone, _), places in groups.items():
-        arrays = [
-            (c.indices, c.constant, c.coefficients)
-            for c in (constraints[k] for k in places)
-        ]
+        members = [constraints[k] for k in places]
         out.append(
             ConeGroup(
                 cone,
-                np.array(places),
-                *map(np.array, zip(*arrays, strict=True)),
+                places=np.array(places),
+                indices=np.array([c.indices for c in members]),
+                constant=np.array([c.constant for c in members]),
+                coefficients=np.array([c.coefficients for c in members]),
             )
         )
     return out
@@ -754,20 +760,19 @@ class StackedCones:
         return margin, size
 
     def adjoint(self, flat: Array, p: int) -> Array:
-        """Return the adjoint of F's linear part: products of multipliers with dF /
-        dtheta_k.
+        """Return the adjoint of F's linear part: F(theta) = F_0 + A theta gives A^T y.
 
         Parameters
         ----------
         flat : (e,) array
-            Multipliers.
+            Multipliers y, one for each entry of F.
         p : int
             Number of parameters.
 
         Returns
         -------
         (p,) array
-            <dF / dtheta_k, flat> for each parameter.
+            A^T y: for each parameter k the product <dF / dtheta_k, y>.
         """
         return np.asarray(
             np.bincount(

@@ -62,7 +62,7 @@ def link_geometry(
     Raises
     ------
     InputError
-        Where the file is no URDF of a tree of joints.
+        The file is no URDF of a tree of joints.
     """
     out: list[Geometry | None] = []
     for parts in placed_links(path, held):
@@ -93,7 +93,7 @@ def link_surfaces(
     path: str | Path,
     held: Mapping[str, float] | None = None,
 ) -> list[Array | None]:
-    """Triangles of the moving links' visual meshes, for pictures.
+    """Return the triangles of the moving links' visual meshes, for pictures.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def link_surfaces(
     Raises
     ------
     InputError
-        Where the file is no URDF of a tree of joints.
+        The file is no URDF of a tree of joints.
     """
     surfaces: list[Array | None] = []
     for parts in placed_links(path, held):
@@ -126,7 +126,9 @@ def link_surfaces(
 
 
 def _visual_surfaces(path: Path, link: Any, placement: Array) -> Iterator[Array]:
-    """(m, 3, 3) triangles of each visual mesh of a <link> element that can be read."""
+    """Yield the triangles (m, 3, 3) [m] of each visual mesh of a <link> element that
+    can be read: m triangles, three corners, x y z. ``placement`` (4, 4) is the pose of
+    the link."""
     for visual in link.findall("visual"):
         element = visual.find("geometry/mesh")
         if element is None:
@@ -171,8 +173,11 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
 
 
 def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
-    """Return Pinocchio's model of a URDF and its collision geometry; None without
-    shapes.
+    """Return Pinocchio's model of a URDF and its collision geometry; None if the file
+    has no shapes, or some that cannot be read.
+
+    Pinocchio reads a copy of the URDF with simplified meshes, first in a child process,
+    which a broken file can end.
     """
     from sdp_vs_penalty.robot._pinocchio import pin
 
@@ -214,7 +219,7 @@ class _Collisions:
         return len(self._geometry.collisionPairs) > 0
 
     def is_free(self, poses: Array) -> bool:
-        """Whether no pair touches at any of the poses (N, n)."""
+        """Tell whether no pair of shapes touches at any of the poses (N, n) [rad, m]."""
         return not any(self._touch(q, stop_at_first=True) for q in poses)
 
     def leave_out_neighbours(self) -> None:
@@ -229,9 +234,9 @@ class _Collisions:
         self._placed = self._geometry.createData()
 
     def leave_out_what_always_touches(self) -> None:
-        """Remove pairs that touch in all of forty random poses: their shapes are drawn
-        too large.
-        """
+        """Remove pairs of shapes that touch in all of forty random poses between the
+        joint limits (at most half a turn to each side): their shapes are drawn too
+        large."""
         lowest = np.maximum(self._model.lowerPositionLimit, -np.pi)
         highest = np.minimum(self._model.upperPositionLimit, np.pi)
         shape = (40, self._model.nq)
@@ -245,9 +250,8 @@ class _Collisions:
         self._placed = self._geometry.createData()
 
     def _touch(self, q: Array, *, stop_at_first: bool) -> bool:
-        """Return whether any pair touches at q (n,); with ``stop_at_first`` the first
-        one ends it.
-        """
+        """Tell whether any pair of shapes touches at q (n,) [rad, m]; with
+        ``stop_at_first`` the check ends at the first such pair."""
         from sdp_vs_penalty.robot._pinocchio import pin
 
         return bool(
@@ -297,6 +301,7 @@ def _write_collision_copy(urdf: Path, copy: Path) -> bool:
             lines += [f"f {a} {b} {c}" for a, b, c in faces]
             (copy.parent / names[name]).write_text("\n".join(lines))
         element.set("filename", names[name])
+    # Visual meshes are not needed.
     for link in robot.findall("link"):
         for element in link.findall("visual"):
             link.remove(element)
@@ -343,9 +348,13 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
 
 
 def _solid(path: Path, shape: Any) -> Geometry | None:
-    """Return points around a box, sphere, cylinder, capsule or mesh, and its volume
-    [m^3].
+    """Return points around a solid (box, sphere, cylinder, capsule or mesh) about its
+    origin, and its volume [m^3].
+
+    ``shape`` is the child of a <geometry> element. Corner points enclose the solid.
+    None for another shape.
     """
+    # (8, 3) corners of the cube from -1 to 1.
     corners = np.array(
         [
             [
@@ -440,9 +449,8 @@ def _mesh_file(path: Path, filename: str) -> Path | None:
 
 
 def _places(path: Path, filename: str) -> Iterator[Path]:
-    """Yield where a mesh may be: beside the URDF, or in a ROS package above it or on
-    ROS's paths.
-    """
+    """Yield where a mesh file may be: beside the URDF, or, for package://NAME/PATH, in
+    a folder NAME above it or on ROS's search paths."""
     folder = path.resolve().parent
     if not filename.startswith(("package://", "model://")):
         yield folder / filename.removeprefix("file://")

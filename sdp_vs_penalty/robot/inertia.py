@@ -41,8 +41,10 @@ _ENTRIES = tuple(
 def _forms() -> tuple[Array, Array]:
     """Return PSEUDO_INERTIA_BASIS (10, 4, 4) and STEINER_FORMS (6, 3, 3).
 
-    Both are made of the dyads (e_i e_j^T + e_j e_i^T) / 2 of the six inertia entries
-    (i, j).
+    The pseudo-inertia P of a body is the sum of its ten standard parameters (mass,
+    first moments, six inertia entries) times the basis. The Steiner forms S_e give
+    entry e of the inertia of a point mass 1 at c: c^T S_e c. Both are made of the dyads
+    (e_i e_j^T + e_j e_i^T) / 2 of the six inertia entries (i, j).
     """
     unit = np.eye(3)
     i, j = np.transpose(_ENTRIES)

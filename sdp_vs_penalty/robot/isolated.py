@@ -138,7 +138,12 @@ def _is_single_threaded() -> bool:
 def _answers(
     messages: _Messages,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """Yield the arrays of a child's messages; raise its errors and repeat its warnings."""
+    """Yield the arrays of a child's messages; raise its errors and repeat its warnings.
+
+    A message is a head and arrays. The head's key says what it is: "remark" (a
+    warning), "what" (InputError with remedy and place), "not_installed", "memory",
+    "failed"; a head without these comes with arrays.
+    """
     with closing(messages):
         for head, arrays in messages:
             if "remark" in head:
@@ -169,6 +174,7 @@ def _fork_and_parse(
     """
     _function(*request["prepare"])()
     function = _function(*request["parser"])
+    # What is buffered would otherwise be written by both processes.
     sys.stdout.flush()
     sys.stderr.flush()
     read_end, write_end = os.pipe()
@@ -176,6 +182,7 @@ def _fork_and_parse(
     if child == 0:
         _be_child(function, request, write_end)
     os.close(write_end)
+    # None until the child has ended and was waited for.
     status = None
     try:
         with open(read_end, "rb", buffering=0) as pipe:
@@ -245,6 +252,7 @@ def _send_answers(
     """Send everything that a parser yields, warns of or raises, one message each."""
 
     def remark(message: Any, category: Any, *_: Any) -> None:
+        """Send a warning of ours to the parent process; leave out others."""
         if issubclass(category, Remark):
             _send(pipe, {"remark": str(message)})
 
@@ -379,8 +387,11 @@ def _send(
     head: Mapping[str, Any],
     arrays: Arrays | None = None,
 ) -> None:
-    """Send one message: the length of its head (8 bytes), the head as JSON, the
-    numbers.
+    """Send one message through a pipe: length of its head (8 bytes), the head as JSON,
+    then the numbers of its arrays (little-endian doubles).
+
+    The head's entry "arrays" lists their names and shapes, so that the receiver knows
+    how much to read.
     """
     blocks = {
         name: np.ascontiguousarray(block, "<f8")
@@ -406,6 +417,7 @@ def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
     Raises ParserEndedError for anything else: a parser that was taken over can send
     anything.
     """
+    # The length of the head, the head as JSON, then each array's numbers.
     start = bytearray(8)
     if source.read_into(memoryview(start)) < len(start):
         return None
@@ -421,6 +433,7 @@ def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
         shapes = [(str(name), tuple(map(int, shape))) for name, shape in head["arrays"]]
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ParserEndedError("its parser sent no message") from error
+    # Sizes are checked before memory is taken.
     for name, shape in shapes:
         n_bytes = 8 * int(np.prod([float(n) for n in shape]))
         if len(shape) > 3 or min(shape, default=0) < 0 or n_bytes > _LIMITS.array:
@@ -436,7 +449,8 @@ class _Server:
     """A process with one thread that forks the children of a process with several."""
 
     def __init__(self) -> None:
-        """Start a Python process that serves requests (:func:`serve`)."""
+        """Start a Python process that waits for requests on its standard input and
+        answers on its standard output (:func:`serve`)."""
         home = str(Path(__file__).parents[2])
         code = (
             f"import sys; sys.path.append({home!r});"
@@ -453,7 +467,12 @@ _idle: list[_Server] = []
 
 
 def _idle_server() -> _Server:
-    """Return an idle server of this process that still runs, or start one."""
+    """Return an idle server that this process has started and that still runs; else
+    start one.
+
+    A process forked from this one inherits the list of idle servers, but must not share
+    them.
+    """
     while _idle:
         server = _idle.pop()
         if server.owner == os.getpid() and server.process.poll() is None:

@@ -10,6 +10,7 @@ wrist, a differential, a parallelogram.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,7 +44,8 @@ class Joint(JsonRecordSkippingNone):
     effort: float = np.inf
 
     def __post_init__(self) -> None:
-        """Raise InputError for frames, axis, kind or limits that no joint can have."""
+        """Raise InputError for frames that are no poses, an axis that is no unit
+        vector, an unknown kind, or a lower limit above the upper one."""
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
         place = f"joint {self.name}"
@@ -55,6 +57,7 @@ class Joint(JsonRecordSkippingNone):
             check_finite(f"{place}: {name}", getattr(self, name), shape)
         for name in ("placement", "link_frame"):
             check_pose(f"{place}: {name}", getattr(self, name))
+        # 1e-9 allows for rounding.
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(
                 f"{place}: the axis is no unit vector", "divide it by its length"
@@ -63,6 +66,7 @@ class Joint(JsonRecordSkippingNone):
             raise InputError(
                 f"{place}: kind {self.kind!r} is unknown", "write revolute or prismatic"
             )
+        # "not <=" also refuses nan.
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
             raise InputError(f"{place}: {what}", "swap them")
@@ -81,7 +85,7 @@ def check_pose(where: str, pose: Array) -> None:
     Raises
     ------
     InputError
-        Where it is no pose.
+        It is no pose.
     """
     rotation = pose[:3, :3]
     tolerance = 1e-6
@@ -119,9 +123,8 @@ class Mechanism(JsonRecord):
     massless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError for arrays of other shapes, or if every link is declared
-        massless.
-        """
+        """Raise InputError for a matrix that is not (L, n), an offset that is not (L,),
+        or if every one of the L links is declared massless."""
         L = len(self.tree)
         n = np.shape(self.matrix)[-1]
         check_finite(f"the matrix of a mechanism of {L} joints", self.matrix, (L, n))
@@ -156,7 +159,9 @@ class ChannelNames(tuple[str, ...]):
         names: Sequence[str],
         held: Sequence[HeldJoint],
     ) -> "ChannelNames":
-        """Return the names of the driven joints, with the joints that are held."""
+        """Return a list of the driven joints' names that also holds, as its attribute
+        ``held``, the joints that stand still: readers of logs leave out their channels.
+        """
         out = cls(names)
         out.held = tuple(held)
         return out
@@ -174,14 +179,17 @@ def resolve_mimic_joints(
     """Return the independent joints of a tree with mimic joints, and how the tree
     follows them.
 
+    A mimic joint has the position q = ratio * q_leader + offset; its leader may be a
+    mimic joint too.
+
     Parameters
     ----------
     tree : sequence of Joint
         All joints.
     followers : dict
-        Leader, multiplier and offset of each mimic joint, by name.
+        (leader, ratio, offset) of each mimic joint, by its name.
     massless : sequence of int
-        Links without mass, by number in the tree.
+        Links without mass, by number in the tree from 0.
 
     Returns
     -------
@@ -232,12 +240,14 @@ def hold_followers(
 ) -> dict[str, float]:
     """Return the positions of held joints and of all mimic joints that follow them.
 
+    A mimic joint stands at ratio * (position of its leader) + offset.
+
     Parameters
     ----------
     held : mapping
-        Positions [rad, m] of held joints.
+        Positions [rad, m] of held joints, by name.
     followers : mapping
-        Whom each mimic joint follows, by name.
+        Leader, ratio and offset [rad, m] of each mimic joint, by name.
 
     Returns
     -------
@@ -253,22 +263,22 @@ def hold_followers(
 
 
 def parse_held(text: str | Sequence[str]) -> dict[str, float]:
-    """Parse the positions of held joints, such as "finger_joint=0,wheel=0.1".
+    """Parse the joints that are held still, such as "finger_joint=0,wheel=0.1".
 
     Parameters
     ----------
     text : str or sequence of str
-        Names and positions [rad, m].
+        NAME=POSITION [rad, m] of each joint, separated by commas or in a sequence.
 
     Returns
     -------
     dict
-        Positions by name.
+        Positions [rad, m] by name.
 
     Raises
     ------
     InputError
-        Where the text is another one.
+        A part of the text is not NAME=NUMBER.
 
     Examples
     --------
@@ -294,14 +304,16 @@ def parse_mechanism(
     formulas: Sequence[str],
     massless: Sequence[int] = (),
 ) -> tuple[tuple[Joint, ...], Mechanism]:
-    """Parse each tree joint's position as a formula of the independent joints.
+    """Parse each tree joint's position as a formula of the independent joints q1, q2,
+    ....
 
     Parameters
     ----------
     tree : sequence of Joint
-        All joints of the tree.
+        All joints of the tree, also those that follow others.
     formulas : sequence of str
-        A formula a joint, such as "q1" or "-q2 + 0.1".
+        One formula for each joint of the tree, such as "q1" or "-q2 + 0.1". For each
+        independent joint one formula is that joint itself.
     massless : sequence of int
         Links without mass, by number in the tree, from 1.
 
@@ -313,13 +325,17 @@ def parse_mechanism(
     Raises
     ------
     InputError
-        Where a formula is another one.
+        A formula is not a sum of joints, an independent joint is missing, or a number of
+        formulas or links does not fit the tree.
     """
     if len(formulas) != len(tree):
         what = f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints"
         raise InputError(what, "write one a joint")
+    # A row of (factors of q1, q2, ..., constant) for each joint of the tree.
     rows = np.array([parse_formula(text, len(tree)) for text in formulas])
+    # Independent joints: up to the highest number that a formula names.
     n = int(np.flatnonzero(rows[:, :-1].any(axis=0)).max(initial=-1)) + 1
+    # same[i, k]: joint i of the tree is the independent joint k itself.
     same = (rows[:, None] == np.eye(len(rows) + 1)[:n]).all(axis=2)
     for k in np.flatnonzero(~same.any(axis=0)):
         raise InputError(
@@ -343,6 +359,17 @@ SIDES = ("motor", "joint")
 _TERM = re.compile(
     r"\s*([+-])?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?\s*\*?\s*(?:q([1-9]\d{0,2}))?"
 )
+
+
+class ChannelMatrices(NamedTuple):
+    """Matrices of a transmission (q: joints' positions, tau_m: motors' torques).
+
+    from_joint_positions : (n, n) S, position channels = S q + offset
+    from_motor_torques : (n, n) T, torque channels = T tau_m
+    """
+
+    from_joint_positions: Array
+    from_motor_torques: Array
 
 
 @dataclass(frozen=True)
@@ -373,7 +400,8 @@ class Transmission(JsonRecord):
                 raise InputError(what, "write motor or joint for each")
         rows = np.linalg.norm(self.matrix, axis=1)
         # Condition number from which the joints do not follow from the motors.
-        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in self._rows):
+        matrices = self._channel_matrices
+        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in matrices):
             what = "transmission: the joints do not follow from the motors"
             raise InputError(what, "give independent motors")
 
@@ -383,19 +411,19 @@ class Transmission(JsonRecord):
         return len(self.matrix)
 
     @property
-    def _rows(self) -> tuple[Array, Array]:
-        """Matrices S and T (n, n) with position channels = S q + offset, and T tau_m =
-        torque channels.
+    def _channel_matrices(self) -> ChannelMatrices:
+        """Matrices from the joints' positions, and from the motors' torques, to what
+        the channels log.
 
-        A joint's channel has a row of the unit matrix in S, and of matrix^T in T.
+        A channel on the joint's side has a row of the unit matrix for positions, and of
+        matrix^T for torques (tau = matrix^T tau_m).
         """
-        positions = np.array([self.positions]).T == "motor"
-        torques = np.array([self.torques]).T == "motor"
+        at_motor = np.array([self.positions]).T == "motor"  # (n, 1), one flag a row
+        torque_at_motor = np.array([self.torques]).T == "motor"
         unit = np.eye(self.n)
-        return np.where(positions, self.matrix, unit), np.where(
-            torques,
-            unit,
-            self.matrix.T,
+        return ChannelMatrices(
+            from_joint_positions=np.where(at_motor, self.matrix, unit),
+            from_motor_torques=np.where(torque_at_motor, unit, self.matrix.T),
         )
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
@@ -415,25 +443,29 @@ class Transmission(JsonRecord):
         """
         at_motor = np.array(self.positions) == "motor"
         offset = np.where(at_motor & (not rates), self.offset, 0.0)
-        return np.asarray(
-            np.linalg.solve(self._rows[0], (np.asarray(channels) - offset).T).T
-        )
+        S = self._channel_matrices.from_joint_positions
+        return np.asarray(np.linalg.solve(S, (np.asarray(channels) - offset).T).T)
 
     def joint_torques(self, channels: ArrayLike) -> Array:
         """Return joint torques from logged motor or joint torques.
 
+        At each instant the channels are T tau_m, with tau_m the motors' torques. A row
+        of T is of the unit matrix where a channel logs its motor, else of matrix^T.
+        The joint torques are tau = matrix^T tau_m = matrix^T T^-1 channels.
+
         Parameters
         ----------
         channels : (N, n) array
-            Logged torques.
+            Logged torques, each of a motor or of a joint, as ``torques`` says.
 
         Returns
         -------
         (N, n) array
             Joint torques [N m, N].
         """
-        motors = np.linalg.solve(self._rows[1], np.asarray(channels, float).T)
-        return np.asarray((self.matrix.T @ motors).T)
+        T = self._channel_matrices.from_motor_torques
+        motor_torques = np.linalg.solve(T, np.asarray(channels, float).T)  # (n, N)
+        return np.asarray((self.matrix.T @ motor_torques).T)
 
 
 def parse_transmission(
@@ -441,14 +473,16 @@ def parse_transmission(
     positions: Sequence[str] = ("motor",),
     torques: Sequence[str] = ("motor",),
 ) -> Transmission:
-    """Parse a transmission from each motor's position as a formula of the joints' positions.
+    """Parse a transmission from each motor's position as a formula of the joints'
+    positions.
 
     Parameters
     ----------
     motors : sequence of str
-        A formula a motor, such as "32 q5 + 32 q6 - 0.1".
+        One formula for each motor, such as "32 q5 + 32 q6 - 0.1".
     positions, torques : sequence of str
-        "motor" or "joint" for each logged channel, or one word for all.
+        The side on which each position and torque channel is logged, "motor" or "joint";
+        one word stands for all channels.
 
     Returns
     -------
@@ -458,7 +492,7 @@ def parse_transmission(
     Raises
     ------
     InputError
-        Where a formula is another one.
+        A formula is not a sum of joints, or the joints do not follow from the motors.
 
     Examples
     --------
@@ -479,7 +513,7 @@ def parse_transmission(
 
 
 def parse_formula(text: str, n: int) -> Array:
-    """Parse a linear formula such as "32 q5 + 32 q6 - 0.1".
+    """Parse a linear formula of joint positions, such as "32 q5 + 32 q6 - 0.1".
 
     Parameters
     ----------
@@ -491,12 +525,12 @@ def parse_formula(text: str, n: int) -> Array:
     Returns
     -------
     (n + 1,) array
-        The joints' factors, then the constant.
+        The factors of q1 ... qn, then the constant.
 
     Raises
     ------
     InputError
-        Where the text is another one.
+        The text is not such a sum, or names a joint above n.
     """
     out = np.zeros(n + 1)
     place = 0
@@ -516,6 +550,7 @@ def parse_formula(text: str, n: int) -> Array:
             what = f"{text[:60]!r} names joint {joint}, there are {n}"
             raise InputError(what, f"choose from q1 to q{n}")
         value = float(number or 1.0) * (-1.0 if sign == "-" else 1.0)
+        # The last place is the constant's.
         out[n if joint is None else int(joint) - 1] += value
         place = match.end()
     return out

@@ -45,10 +45,24 @@ def read_mesh(
     *,
     triangles: bool = False,
 ) -> Mesh | None:
-    """Read a mesh file, scaled by ``scale`` (3,); None, with a warning, if it cannot be
-    read.
+    """Read a mesh file: vertices, volume and, on demand, triangles.
 
-    With ``triangles`` the mesh holds its faces too.
+    The file is copied without what is not geometry (materials, textures), and parsed in
+    a child process, which a broken file can end.
+
+    Parameters
+    ----------
+    path : Path
+        An .stl, .obj, .dae, .gltf or .glb file, by its suffix.
+    scale : (3,) array
+        Factors of the coordinates x, y and z.
+    triangles : bool
+        Whether the mesh holds its triangles too.
+
+    Returns
+    -------
+    Mesh or None
+        Lengths [m] and volume [m^3]; None, with a warning, if the file cannot be read.
     """
     suffix = path.suffix.lower()
     try:
@@ -92,7 +106,8 @@ def read_mesh(
 
 
 def load_coal() -> None:
-    """Import what :func:`mesh_of` needs, before its process is forked."""
+    """Import the collision library coal in the parent process, so that each forked
+    child that parses a mesh (:func:`mesh_of`) has it at once."""
     import coal  # noqa: F401
 
 
@@ -112,12 +127,9 @@ def mesh_of(
     except (RuntimeError, ValueError) as error:
         remedy = "export it as STL"
         raise InputError("assimp cannot read it", remedy, path) from error
-    corners = [
-        [corner[k] for k in range(3)]
-        for corner in (
-            model.tri_indices(k) for k in range(has_triangles * model.num_tris)
-        )
-    ]
+    n_triangles = model.num_tris if has_triangles else 0
+    triangles = (model.tri_indices(k) for k in range(n_triangles))
+    corners = [[triangle[k] for k in range(3)] for triangle in triangles]
     yield {
         "vertices": np.array(model.vertices(), float).reshape(-1, 3),
         "triangles": np.array(corners, float).reshape(-1, 3),
@@ -146,6 +158,8 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
     a buffer that cannot be read or lies outside of the mesh's folder.
     """
     embedded = b""
+    # Binary glTF: a header of 12 bytes; the length and kind (8 bytes) of the JSON and
+    # its text; then length and kind (8 bytes) of the buffer and its bytes.
     if content[:4] == b"glTF":
         n_json = struct.unpack_from("<I", content, 12)[0]
         embedded = content[20 + n_json + 8 :]

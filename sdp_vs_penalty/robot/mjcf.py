@@ -199,7 +199,11 @@ def _robot_of(
 
 
 def _compiled(path: Path) -> MujocoModel:
-    """Compile a file by MuJoCo in a process of its own."""
+    """Compile an MJCF file by MuJoCo, in a child process, which a broken file can end.
+
+    Returns the fields of MuJoCo's model that are needed, with the names of the robot
+    and its joints. Raises InputError for a file that MuJoCo does not read.
+    """
     try:
         first, *named_arrays = parse_isolated(
             model_arrays,
@@ -213,9 +217,12 @@ def _compiled(path: Path) -> MujocoModel:
         what = f"MuJoCo does not read it ({error})"
         raise InputError(what, "correct it", path) from error
     arrays = dict(first)
+    # The first dict holds fields of the model; the others hold one name each,
+    # "0:robot", "1:joint", ....
     x, y, z = arrays.pop("gravity").tolist()
     names = [name for part in named_arrays for name in part]
     model_name, *joint_names = names
+    # A joint without a name is called by its number.
     names_of_joints = tuple(
         text.partition(":")[2] or f"joint{k}"
         for k, text in enumerate(joint_names, start=1)
@@ -247,16 +254,35 @@ def _n_bytes_around(path: Path) -> int:
 
 
 def load_mujoco() -> None:
-    """Import MuJoCo, before the parser's process is forked."""
+    """Import MuJoCo in the parent process, so that the forked child that parses a model
+    has it at once."""
     import mujoco  # noqa: F401
 
 
 def model_arrays(path: str) -> Iterator[Arrays]:
-    """Yield the fields of MuJoCo's model, then the names of the model and of its
-    joints.
+    """Yield the fields of a compiled MuJoCo model as arrays, then the names of the
+    model and of its joints.
 
-    Only arrays pass to the parent process: a name is sent as the key "number:name" of
-    an empty array.
+    It runs in a child process, which a broken file can end. Only arrays pass from it to
+    the parent process, so a name is the key of an empty array, with its number in
+    front: {"0:panda": []}, {"1:joint1": []}, ... Number 0 is the model; joints count
+    from 1.
+
+    Parameters
+    ----------
+    path : str
+        An MJCF file.
+
+    Yields
+    ------
+    dict of str to array
+        First "gravity" (3,) [m/s^2] and the fields of MuJoCo's ``mjModel`` that are
+        read, such as "body_mass" [kg]. Then one dict for each name.
+
+    Raises
+    ------
+    InputError
+        MuJoCo does not read the file.
     """
     import mujoco
 
@@ -288,10 +314,14 @@ def _name_of_model(model: object) -> str:
 def _equalities(
     model: MujocoModel,
 ) -> tuple[dict[str, float], dict[str, Follower]]:
-    """Return joints that an equality holds (position [rad, m]), and joints that follow
+    """Return the joints that an equality holds still, and the joints that follow
     others.
 
-    Raises InputError for other equalities, such as of a closed loop.
+    MuJoCo's equality of joints is q_1 - start_1 = c_0 + c_1 (q_2 - start_2) + ..., with
+    the coefficients c_0 to c_4 in ``eq_data``. Without a second joint, joint 1 stands
+    still. The first dict maps names to positions [rad, m], the second to (leader,
+    slope, offset). Raises InputError for other equalities, such as of a closed loop,
+    and for curves.
     """
     constants = dict[str, float]()
     followers = dict[str, Follower]()
@@ -343,12 +373,13 @@ def _tree(
             kind = _kind_of(model, j)
             anchor, from_anchor = _to_anchor(model, j)
             joint = _joint(model, j, kind, carrier, pose @ anchor)
-            start = -model.start(j)
+            # The file draws bodies at the joint's reference position, ours is zero.
+            to_zero = -model.start(j)
             if joint.name in still:
-                motion = joint_motion(joint, still[joint.name] + start)
+                motion = joint_motion(joint, still[joint.name] + to_zero)
                 pose = pose @ anchor @ motion @ from_anchor
                 continue
-            placement = joint.placement @ joint_motion(joint, start)
+            placement = joint.placement @ joint_motion(joint, to_zero)
             joints.append(_joint(model, j, kind, carrier, placement))
             links.append(np.zeros(10))
             carrier = len(joints) - 1
@@ -398,8 +429,11 @@ def _joint(
     parent: int,
     placement: Array,
 ) -> Joint:
-    """Return joint j of MuJoCo's model, placed (4, 4) in the frame of its parent's
-    joint.
+    """Return joint j of MuJoCo's model as ours.
+
+    ``parent`` is the index of the joint that carries its body's parent, -1 for the
+    world; ``placement`` (4, 4) is its pose in that joint's frame. Limits that the file
+    does not give are infinite; MuJoCo has no limits of velocity.
     """
     lower = -np.inf
     upper = np.inf
@@ -436,6 +470,7 @@ def _inertial(model: MujocoModel, body: int) -> Array:
 def _pose(position: Array, quaternion: Array) -> Array:
     """Return the pose (4, 4) of a position [m] and a quaternion w, x, y, z."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    # Rotation R = 1 + 2 w k + 2 k k, with k the cross product by (x, y, z).
     k = np.array(
         [
             [0.0, -z, y],
@@ -476,6 +511,7 @@ def _servo_gains(
         number = number_by_joint.get(model.integer("actuator_trnid", a))
         if not is_on_joint or not is_servo or number is None:
             continue
+        # MuJoCo: force = gear * (gainprm[0] u + biasprm[1] gear q + biasprm[2] gear dq).
         gear = model.number("actuator_gear", a)
         stiffness = model.number("actuator_gainprm", a)
         damping = -float(model.row("actuator_biasprm", a)[2])

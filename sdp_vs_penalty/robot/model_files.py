@@ -46,7 +46,7 @@ def expanded_robot(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        Where the package xacro is not installed, or refuses the file.
+        The package xacro is not installed, or refuses the file.
     """
     if not re.search(rb"<xacro:[a-z]", read_bytes(path)):
         yield path
@@ -90,7 +90,7 @@ def described_robot(name: str) -> Path:
     Raises
     ------
     InputError
-        Where the package is not installed, or has no such robot.
+        The package is not installed, or has no such robot.
     """
     try:
         importlib.import_module("robot_descriptions")

@@ -112,6 +112,8 @@ def _odd_inertias(
     if not wide:
         return
     radii = [_radius(x) for x in wide]
+    # A usual link has a radius of gyration of 0.3 times the size. Inertias grow with
+    # its square: the nearest power of 1000 is by how much they are too large.
     excess = float(np.median(radii)) / (0.3 * size)
     factor = min((1e3, 1e6, 1e9), key=lambda f: abs(np.log(excess**2 / f)))
     factor *= 1e3 if are_masses_in_grams else 1.0
@@ -121,7 +123,8 @@ def _odd_inertias(
 
 
 def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
-    """Yield links that together are lighter than any drive could show."""
+    """Yield one remark if all links together weigh less than _LIGHTEST [kg], which no
+    drive's torque could show; its factor is the sum of the masses [kg]."""
     total = sum(x.mass for x in links)
     if links and total < _LIGHTEST:
         how = f"all links together weigh {total:.3g} kg: no drive shows such masses."

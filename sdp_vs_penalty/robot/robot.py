@@ -51,13 +51,14 @@ class Robot(JsonRecordSkippingNone):
     held: tuple[HeldJoint, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError for other shapes, equal names, or joints that are not depth
-        first.
-        """
+        """Raise InputError for a gravity that is not (3,) finite numbers, a
+        transmission or mechanism with another number of joints, equal names, or joints
+        that are not depth first."""
         check_finite("the gravity x,y,z [m/s^2]", np.array(self.gravity), (3,))
         if self.transmission is not None and self.transmission.n != self.n:
             what = f"{self.n} joints, its transmission {self.transmission.n} motors"
             raise InputError(f"robot {self.name} has {what}", "give one motor a joint")
+        # Names tell joints apart.
         for name, count in Counter(self.joint_names).items():
             if count > 1:
                 raise InputError(
@@ -67,6 +68,8 @@ class Robot(JsonRecordSkippingNone):
         if self.mechanism is not None and self.mechanism.matrix.shape[1] != self.n:
             what = f"robot {self.name} has {self.n} joints, its mechanism others"
             raise InputError(what, "give it the same joints")
+        # Depth first: a joint's parent lies on the way from the base to the joint
+        # before it.
         branch = [-1]  # from the base to the last joint
         for i, joint in enumerate(self.tree):
             if joint.parent not in branch:
@@ -134,7 +137,7 @@ class Robot(JsonRecordSkippingNone):
         Raises
         ------
         InputError
-            Where a name is no joint, or every joint is held.
+            A name is no joint, or every joint is held.
         """
         if not held:
             return self
@@ -142,6 +145,8 @@ class Robot(JsonRecordSkippingNone):
         stays = [k for k in range(self.n) if k not in places]
         value = np.zeros(self.n)
         value[list(places)] = [held[self.joint_names[k]] for k in places]
+        # Positions of the tree's joints are matrix q + offset; columns of held joints
+        # go into the offset.
         m = self.mechanism or Mechanism(
             self.tree, matrix=np.eye(self.n), offset=np.zeros(self.n), massless=()
         )
@@ -168,22 +173,23 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def leader(self, place: int) -> tuple[str, float, float]:
-        """Return the joint that a joint of the tree follows.
+        """Return the joint that a joint of the tree follows: q = multiplier q_leader +
+        offset.
 
         Parameters
         ----------
         place : int
-            Index of the joint in the tree.
+            Index of the following joint in the tree, from 0.
 
         Returns
         -------
-        tuple
-            Name of the leading joint, multiplier and offset.
+        tuple of (str, float, float)
+            Name of the leading joint, multiplier, and offset [rad, m].
 
         Raises
         ------
         InputError
-            Where it follows several.
+            The joint follows several joints.
         """
         assert self.mechanism is not None
         row = self.mechanism.matrix[place]
@@ -257,9 +263,8 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def subtree(self) -> tuple[tuple[int, ...], ...]:
-        """For each driven joint the links that it moves: only their parameters make
-        torque on it.
-        """
+        """For each driven joint the indices of the links that it moves, such as ((0, 1,
+        2), (1, 2), (2,)) for a chain: only their parameters make torque on it."""
         # Joints of the tree that each joint carries, itself included; children come
         # after their parents.
         carried: list[list[int]] = [[i] for i in range(len(self.tree))]
@@ -311,9 +316,9 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def random_columns(self) -> Array:
-        """(r, 10 links) triangle with the inner products of the regressor at
-        :attr:`random_states`.
-        """
+        """(r, 10 links) upper triangle R of a QR decomposition of the regressor Y at
+        :attr:`random_states`: R^T R = Y^T Y, so R shows which parameters are
+        independent."""
         rows = self.regressor(*self.random_states)
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
@@ -331,8 +336,11 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def _link_reach(self) -> Array:
-        """(links,) distance [m] from each link frame to the farthest joint that the
-        link bears.
+        """(links,) distance [m] from each link frame's origin to the farthest joint
+        that the link bears, or to its own joint.
+
+        A link for which that is zero, such as the last one, gets the distance of its
+        parent; none is below 0.1 m.
         """
         reach = np.array(
             [np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree]
@@ -449,10 +457,12 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def _model(self) -> Any:
-        """Pinocchio's model of the tree, without inertias."""
+        """Pinocchio's model of the tree: joints with their placements and axes, and
+        gravity; its links have no mass yet."""
         pin = self._pin
         model = pin.Model()
         model.gravity = pin.Motion(np.array(self.gravity, float), np.zeros(3))
+        # Pinocchio counts joints from 1; 0 is the base.
         for joint in self.tree:
             unaligned = getattr(pin, f"JointModel{joint.kind.capitalize()}Unaligned")
             placement = pin.SE3(
@@ -505,6 +515,7 @@ class Robot(JsonRecordSkippingNone):
         data = self._model.createData()
         for k, row in enumerate(zip(*states, strict=True)):
             out[k] = rows(model, data, *row)
+        # (N, n, joints of the tree, 10): parameters by link, about the joints' frames.
         blocks = self._projected(out).reshape(
             len(out),
             self.n,
@@ -513,13 +524,17 @@ class Robot(JsonRecordSkippingNone):
         )
         if self.mechanism is not None:
             blocks = blocks[:, :, list(self.link_joints)]
+        # From the joints' frames to the links' frames.
         if self._link_maps is not None:
             blocks = np.einsum("kjla,lab->kjlb", blocks, self._link_maps)
         return blocks.reshape(len(out), self.n, -1)
 
     def _with_inertias(self, theta: ArrayLike) -> Any:
-        """Return Pinocchio's model with the links' standard parameters theta (10
-        links,).
+        """Return Pinocchio's model with the links' standard parameters.
+
+        theta (10 links,) is about the links' frames; Pinocchio takes it about the
+        joints' frames, so each link is transformed (``_link_maps`` (links, 10, 10),
+        None if the frames coincide).
         """
         pin = self._pin
         model = self._model.copy()
@@ -692,8 +707,10 @@ class Robot(JsonRecordSkippingNone):
             model = pin.Model()
             model.gravity = self._model.gravity
             for i, joint in enumerate(self.tree):
+                # Pinocchio counts joints from 1; 0 is the base.
                 parent = 0 if joint.parent == -1 else int(rows[joint.parent]) + 1
                 pose = inertias.jointPlacements[i + 1]
+                # Three prismatic, then three revolute joints along x, y and z.
                 for k in range(6):
                     kind = (
                         pin.JointModelPrismaticUnaligned
@@ -846,7 +863,7 @@ def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ..
     Raises
     ------
     InputError
-        Where a name is no driven joint, or every joint is held.
+        A name is no driven joint, or every joint is held.
     """
     for name in held:
         require_known("joint", name, names, "--hold")

@@ -47,7 +47,8 @@ class FourierTrajectory:
     duration: float
 
     def __post_init__(self) -> None:
-        """Raise InputError for a frequency, blend or duration that do not fit."""
+        """Raise InputError unless frequency and blend are positive and the duration
+        exceeds both blends, 2 blend [s]."""
         if (
             self.blend <= 0.0
             or self.duration <= 2.0 * self.blend
@@ -60,10 +61,13 @@ class FourierTrajectory:
             )
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return positions, velocities and accelerations; at rest outside of the
-        duration.
+        """Return positions, velocities and accelerations of the trajectory.
 
-        The acceleration jumps where a blend meets the series, as in the authors' generator.
+        The first ``blend`` seconds speed up from rest to the first velocity v of the
+        series, dq = v (1 - cos(w t)) / 2 with w = pi / blend; the last ones slow down
+        likewise. The Fourier series runs in between. Before and after, the robot is at
+        rest. The acceleration jumps where a blend meets the series, as in the authors'
+        generator.
 
         Parameters
         ----------
@@ -73,14 +77,16 @@ class FourierTrajectory:
         Returns
         -------
         tuple of (N, n) arrays
-            q, dq, ddq.
+            q [rad, m], dq, ddq.
         """
         t = np.asarray(t, float)[:, None]
         end = self.duration - self.blend
         w = np.pi / self.blend
         in_series = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
+        # Position and velocity at the beginning and at the end of the series.
         q1, v1, _ = self._series(np.array([0.0]))
         q2, v2, _ = self._series(np.array([end - self.blend]))
+        # Time within the first and within the last blend, and q, dq, ddq there.
         rising = np.clip(t, 0.0, self.blend)
         falling = np.clip(t - end, 0.0, self.blend)
         first = (
@@ -110,6 +116,9 @@ class FourierTrajectory:
     def _series(self, s: Array) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (K, n) of the Fourier series at instants s (K,) [s] after
         the blend.
+
+        q = q_0 + sum_k a_k sin(w_k s) / w_k - b_k cos(w_k s) / w_k, with w_k = k
+        frequency.
         """
         w = self.frequency * np.arange(1, self.a.shape[1] + 1)
         cos = np.cos(np.outer(s, w))
@@ -217,6 +226,10 @@ class PointTrajectory:
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Return positions, velocities and accelerations at given instants.
 
+        A move from p over d in T seconds is q = p + d (35 x^4 - 84 x^5 + 70 x^6 - 20
+        x^7), with x = t / T from 0 to 1: velocity, acceleration and jerk are zero at
+        both ends. Between moves (pauses) the robot stands still.
+
         Parameters
         ----------
         t : (N,) array
@@ -225,9 +238,10 @@ class PointTrajectory:
         Returns
         -------
         tuple of (N, n) arrays
-            q, dq, ddq.
+            q [rad, m], dq [rad/s, m/s], ddq [rad/s^2, m/s^2].
         """
         instants = np.asarray(t, float)
+        # Number of the move that each instant belongs to.
         move = np.clip(
             np.searchsorted(self._starts, instants, side="right") - 1,
             0,
@@ -266,12 +280,14 @@ def shortest_moves(
         Durations [s].
     """
     d = np.abs(np.diff(points, axis=0))
-    # Extremes of the smooth step's derivatives, one to three.
+    # Largest velocity c_1 d / T, acceleration c_2 d / T^2 and jerk c_3 d / T^3 of a move
+    # over d in T seconds, by the smooth step of PointTrajectory: c_k and the limit.
     extremes = (35.0 / 16.0, velocity), (7.5132, acceleration), (52.5, jerk)
     durations = [
         (c * d / limit) ** (1.0 / k) for k, (c, limit) in enumerate(extremes, start=1)
     ]
-    return np.maximum(np.max(durations, axis=(0, 2)), 1e-2)
+    shortest_s = 1e-2  # of a move over no distance
+    return np.maximum(np.max(durations, axis=(0, 2)), shortest_s)
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:

@@ -122,7 +122,7 @@ def pose_of(element: Any) -> Array:
     Raises
     ------
     InputError
-        Where its attributes are no numbers.
+        Its attributes are no numbers.
     """
     origin = element.find("origin")
     out = np.eye(4)
@@ -169,7 +169,7 @@ def read_inertial(link: Any) -> Array:
     Raises
     ------
     InputError
-        Where its attributes are no numbers.
+        Its attributes are no numbers.
     """
     element = link.find("inertial")
     if element is None:
@@ -229,7 +229,7 @@ def load_urdf(
     Raises
     ------
     InputError
-        Where the file is no URDF, has a floating or planar joint or a loop, or no joint
+        The file is no URDF, has a floating or planar joint or a loop, or no joint
         moves.
     """
     still = tuple[HeldJoint, ...]()
@@ -280,7 +280,9 @@ def _followers(root: Any) -> dict[str, Follower]:
 def placed_links(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Parts]:
-    """Return the inertials that make up each moving link with a mass.
+    """Return the elements that make up each moving link with a mass.
+
+    A link that is fixed to a moving one belongs to it.
 
     Parameters
     ----------
@@ -292,12 +294,14 @@ def placed_links(
     Returns
     -------
     list of Parts
-        One entry a link.
+        For each moving link its <link> elements, each with its pose (4, 4) in the
+        moving
+        link's joint frame; the moving link itself comes first.
 
     Raises
     ------
     InputError
-        As :func:`load_urdf` does.
+        The file is no URDF of a tree of joints (see :func:`load_urdf`).
     """
     parts = _read(path, held)[2]
     with errors_located_in(path):
@@ -341,7 +345,7 @@ def parse_urdf(path: str | Path) -> Any:
     Raises
     ------
     InputError
-        Where the file is no XML.
+        The file is no XML.
     """
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
     parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
@@ -365,6 +369,7 @@ def _read(
     joints: list[Joint] = []
     parts: list[Parts] = []
 
+    # ``body`` is the number of the moving link that carries a link; -1 is the base.
     def visit(name: str, body: int, pose: Array) -> None:
         """Add a link and what hangs on it; pose is the link's in the frame of its
         moving body."""
@@ -431,6 +436,7 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
             "no <link>", "name a URDF; a xacro file has to be expanded first"
         )
     children: dict[str, list[Any]] = {name: [] for name in links}
+    # Links that some joint carries; exactly one link, the base, is not carried.
     carried: set[str] = set()
     for element in root.findall("joint"):
         name = element.get("name")
@@ -472,8 +478,11 @@ def _end_of_joint(
 
 
 def _joint(element: Any, parent: int, placement: Array) -> Joint:
-    """Return the moving joint of a <joint> element, placed (4, 4) in its parent's joint
-    frame.
+    """Return the moving joint of a <joint> element.
+
+    ``parent`` is the index of the joint that carries its parent link, -1 for the base;
+    ``placement`` (4, 4) is its pose in that joint's frame. Raises InputError for
+    another type than revolute, continuous and prismatic, or an axis of length zero.
     """
     kind = element.get("type")
     name = element.get("name")
@@ -482,6 +491,7 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         raise InputError(
             f"joint {name!r} {what}", "make it one of these (fix a floating base)"
         )
+    # URDF's default axis is x.
     axis = np.array(
         _numbers(
             element.find("axis"),
@@ -496,6 +506,8 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         raise InputError(
             f"joint {name!r} has an axis of length zero", "correct the file"
         )
+    # Lower and upper position, velocity and effort; infinite where there is no limit. A
+    # continuous joint has no ends, even if the file writes some.
     limit = element.find("limit")
     limits = []
     for key, no_limit in (
@@ -529,7 +541,7 @@ def joint_motion(joint: Joint, value: float) -> Array:
     joint : Joint
         The joint.
     value : float
-        Its position [rad, m].
+        Position of the joint [rad, m].
 
     Returns
     -------

@@ -25,7 +25,7 @@ from sdp_vs_penalty.shootout.judge import Answer, no_answer
 
 #: Logarithms of a factor's diagonal end here, in units of an interior point: at what
 #: doubles resolve.
-_LEAST = float(np.log(np.finfo(float).eps))
+_SMALLEST_LOGARITHM = float(np.log(np.finfo(float).eps))
 #: Of the demands (100 fails on the Panda), and rounds of multipliers.
 _WEIGHT = 10.0
 _ROUNDS = 60
@@ -87,43 +87,31 @@ class Chart:
         LinAlgError
             If ``inside`` is not strictly feasible.
         """
+        # Which parameters in theta (p,) are those of links (links, 10), which others.
         links = _link_demands(demands)
         self.indices = np.array([c.indices for c in links], np.intp).reshape(-1, 10)
         self.others = np.setdiff1d(np.arange(len(inside)), self.indices)
         self.scale = np.maximum(np.abs(inside[self.others]), 1e-2)
         self.shift = np.array([c.constant for c in links]).reshape(-1, 16)
+        # A link's P is linear in its ten parameters; the maps invert that.
         maps = [np.linalg.pinv(c.coefficients.reshape(10, 16)) for c in links]
-        self.maps = np.array(maps).reshape(
-            -1,
-            16,
-            10,
-        )
-        values = np.array([c.value(inside) for c in links]).reshape(
-            -1,
-            4,
-            4,
-        )
-        roots = np.sqrt(
-            np.diagonal(
-                values,
-                axis1=1,
-                axis2=2,
-            )
-        )
+        self.maps = np.array(maps).reshape(-1, 16, 10)
+        values = np.array([c.value(inside) for c in links]).reshape(-1, 4, 4)
+        # Divided by these roots, P has a unit diagonal, and L rows of length 1.
+        roots = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
         self.corners = roots[:, :, None]
         factors = np.linalg.cholesky(values / (self.corners * roots[:, None, :]))
         logarithms = np.log(factors[:, self.diagonal, self.diagonal])
         factors[:, self.diagonal, self.diagonal] = logarithms
         of_links = factors[:, *self.lower].ravel()
-        self.start = np.concatenate(
-            [
-                of_links,
-                inside[self.others] / self.scale,
-            ]
-        )
+        of_others = inside[self.others] / self.scale
+        self.start = np.concatenate([of_links, of_others])
 
     def theta(self, x: Array) -> tuple[Array, Array]:
-        """Return the parameters that belong to the variables.
+        """Compute the parameters theta from the variables x.
+
+        For each link, x holds the lower triangle of L with logarithms on the diagonal;
+        the link's parameters are the linear map of L L^T minus a constant.
 
         Parameters
         ----------
@@ -134,30 +122,35 @@ class Chart:
         Returns
         -------
         tuple of ((p,) array, (links, 4, 4) array)
-            Parameters, and the factors L.
+            Parameters in SI units, and the factors L.
         """
         count = self.indices.size
         factors = np.zeros((len(self.indices), 4, 4))
         factors[:, *self.lower] = x[:count].reshape(-1, 10)
+        # Logarithms end where doubles do, so that no step overflows.
         logarithms = factors[:, self.diagonal, self.diagonal]
-        pivots = np.exp(np.clip(logarithms, _LEAST, -_LEAST))
+        pivots = np.exp(np.clip(logarithms, _SMALLEST_LOGARITHM, -_SMALLEST_LOGARITHM))
         factors[:, self.diagonal, self.diagonal] = pivots
-        factors *= self.corners
+        factors *= self.corners  # back from the units of the start
         demands = factors @ factors.transpose(0, 2, 1)
         flat = demands.reshape(-1, 16) - self.shift
         theta = np.empty(len(x))
+        # k: link; e: entry of its 4x4 matrix; i: one of its ten parameters.
         theta[self.indices] = np.einsum("ke,kei->ki", flat, self.maps)
         theta[self.others] = x[count:] * self.scale
         return theta, factors
 
     def slope(self, factors: Array, gradient: Array) -> Array:
-        """Return the gradient in the variables from that in the parameters (chain
-        rule).
+        """Compute the gradient in the variables from the gradient in theta by the chain
+        rule.
+
+        With G = df/dP of a link's matrix P = L L^T, it is df/dL = (G + G^T) L; a
+        logarithm's derivative is that of its diagonal entry times the entry.
 
         Parameters
         ----------
         factors : (links, 4, 4) array
-            The factor L of each link, P = L L^T.
+            The factor L of each link.
         gradient : (p,) array
             Gradient in the parameters.
 
@@ -166,6 +159,7 @@ class Chart:
         (n,) array
             Gradient in the variables.
         """
+        # k: link; e: entry of its 4x4 matrix; i: one of its ten parameters.
         of_links = np.einsum("kei,ki->ke", self.maps, gradient[self.indices])
         matrix = of_links.reshape(-1, 4, 4)
         symmetric = matrix + matrix.transpose(0, 2, 1)
@@ -173,18 +167,14 @@ class Chart:
         pivots = factors[:, self.diagonal, self.diagonal] / self.corners[:, :, 0]
         pull[:, self.diagonal, self.diagonal] *= pivots
         of_others = gradient[self.others] * self.scale
-        return np.concatenate(
-            [
-                pull[:, *self.lower].ravel(),
-                of_others,
-            ]
-        )
+        return np.concatenate([pull[:, *self.lower].ravel(), of_others])
 
 
 def _link_demands(demands: Sequence[Constraint]) -> list[Constraint]:
-    """Return the 4x4 demand of each link; that of a minimum thickness goes first.
+    """Return the 4x4 matrix constraint of each link that its variables are built on.
 
-    A link is recognised by the index of its first parameter.
+    A link (recognised by the index of its first parameter) may have two: physical
+    consistency, and a minimum thickness. The latter implies the former and is returned.
     """
     by_first_index: dict[int, Constraint] = {}
     for c in sorted(demands, key=lambda c: c.family == "minimum thickness"):
@@ -210,19 +200,16 @@ class Round:
 
     @cached_property
     def turn(self) -> Array:
-        """(n, n) scaling T of the variables, with T^T H T = 1 for the Gauss-Newton
-        matrix H.
+        """(n, n) matrix T that scales the variables: T^T H T = 1 for the Gauss-Newton
+        matrix H of the augmented Lagrangian at x.
 
-        L-BFGS works in T^-1 x. Curvatures below 1 / weight are raised to that, so that
-        no variable is stretched further.
+        L-BFGS works with z in x + T z, where all curvatures are about 1. Curvatures of
+        H below 1 / weight are raised to that, so that no variable is stretched further.
         """
         scale = self.penalty.theta_scale
         theta, factors = self.chart.theta(self.x)
-        _, slopes = self.penalty.rows(
-            theta / scale,
-            self.shifts,
-            self.weight,
-        )
+        _, slopes = self.penalty.rows(theta / scale, self.shifts, self.weight)
+        # The penalty is a sum of squares without the factor 1/2: H = 2 J^T J.
         rows = np.sqrt(2.0) * slopes / scale
         in_variables = np.array([self.chart.slope(factors, row) for row in rows])
         values, vectors = np.linalg.eigh(in_variables.T @ in_variables)
@@ -252,14 +239,16 @@ class Round:
             value += 0.5 * float(rise) / self.weight
             slope -= push.ravel() @ part.jacobian(theta) / penalty.theta_scale
         in_variables = self.turn.T @ self.chart.slope(factors, slope)
+        # Overflow counts as a huge value, from which the line search steps back.
         return (value if np.isfinite(value) else 1e300), in_variables
 
 
 def solve(instance: Instance, accuracy: float) -> Answer:
-    """Minimise from the interior point in rounds, each followed by new multipliers.
+    """Minimise the augmented Lagrangian in rounds, from the interior point.
 
-    An optimum is claimed if gradient, violation and change of the multipliers are
-    within the accuracy.
+    Each round minimises in the log-Cholesky variables x with fixed shifts (multipliers
+    over the weight of the penalty), then updates the shifts. An optimum is claimed if
+    gradient, violation and change of the shifts are within the accuracy.
 
     Parameters
     ----------
@@ -271,11 +260,13 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     Returns
     -------
     Answer
-        Without multipliers, since the variables leave none for the links.
+        Without multipliers: the variables keep the links' matrices positive, so that
+        those have none.
     """
     inside = instance.interior
     if inside is None:
         return no_answer(instance, "no interior point to start from")
+    # Matrix constraints hold by construction; the penalty imposes all others.
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
     penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
     chart = Chart(instance.sent, inside)

@@ -275,7 +275,9 @@ class Entry:
 
     @property
     def measured(self) -> bool:
-        """Whether the instance needs real measurements, which a computer may lack."""
+        """Whether the instance needs real measurements, which may be absent on this
+        computer.
+        """
         return " measured " in self.name
 
     def make(self) -> Instance:
@@ -285,11 +287,10 @@ class Entry:
     @property
     def folder(self) -> str:
         """Folder of the instance in the library: its group and its name in plain
-        letters.
+        letters, such as "panda/panda-simulated-14-s-one-step-plain".
         """
-        return (
-            f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
-        )
+        plain_name = re.sub(r"[^a-z0-9]+", "-", self.name.lower()).strip("-")
+        return f"{self.group}/{plain_name}"
 
     @property
     def quick(self) -> bool:
@@ -308,12 +309,16 @@ def library() -> list[Entry]:
 
 
 def catalogue() -> dict[str, Entry]:
-    """Return the instances, by name, that a shootout runs unless it is told which."""
+    """Return the instances that a shootout runs if no names are given, by name."""
     return {e.name: e for e in everything() if re.fullmatch(_CATALOGUE, e.name)}
 
 
 def _robots() -> Iterator[Entry]:
-    """Yield instances of known robots, simulated and measured, in every formulation."""
+    """Yield instances of known robots, simulated and measured.
+
+    There is one for each step of the identification and each demand on the links'
+    shapes; the Panda has four lengths of the run.
+    """
     for robot in ("two_link", "panda", "ur10e", "emps", "tx40"):
         sources = ("simulated",) if robot == "two_link" else ("simulated", "measured")
         stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
@@ -330,7 +335,8 @@ def _robots() -> Iterator[Entry]:
 def _chains() -> Iterator[Entry]:
     """Yield instances of random serial arms of 2 to 60 links.
 
-    Every size comes once in every shape; small arms come with two more draws.
+    Each size comes with each demand on the links' shapes ("plain" and "cones" up to 14
+    links). Arms of up to 8 links have two more random draws for "plain" and "gyration".
     """
     for n in (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 20, 30, 40, 60):
         for shape, demand in _SHAPES.items():
@@ -355,8 +361,10 @@ def _chain(
     shape: str = "gyration",
     draw: int = 0,
 ) -> Instance:
-    """Build an instance of the draw-th random arm of n links, which fits its
-    torques.
+    """Build an instance of the draw-th random arm of n links that fits its torques in
+    one step.
+
+    ``shape`` is the demand on the links' shapes, as in :func:`posed`.
     """
     return posed(chain_task(n, draw), "one-step", shape)
 
@@ -378,6 +386,7 @@ def _changed() -> Iterator[Entry]:
             continue  # its R has no more than twenty rows
         # The last change has no words, because the library leaves it out.
         sentence = words and f"{robot} with links at least 2 cm thick, {words}."
+        # Defaults bind the loop's present values: the lambda is called later.
         build = lambda make=make, base=base: make(base())  # noqa: E731
         yield Entry(f"{robot} {change}", "ill-conditioned", build, sentence)
 

@@ -28,7 +28,12 @@ def solve_cvxpy(
     accuracy: float,
     solver: str | None,
 ) -> Answer:
-    """Solve an instance by CVXPY, written as its formulas read.
+    """Solve an instance by CVXPY as a user would write it: formulas, and default
+    options.
+
+    Minimised is |R theta - rho|^2, plus weight * sum of (trace(P0^-1 P) - log det P)
+    over the links' pseudo-inertias P and nominal ones P0, if the instance has an
+    entropy.
 
     Parameters
     ----------
@@ -42,7 +47,7 @@ def solve_cvxpy(
     Returns
     -------
     Answer
-        Without dual multipliers.
+        Without dual multipliers; theta is NaN if the solver returned none.
     """
     import cvxpy as cp
 
@@ -68,7 +73,7 @@ def solve_cvxpy(
         else:
             constraints.append(flat >= 0)
     objective = cp.sum_squares(data.R @ theta - data.rho)
-    if entropy is not None:
+    if entropy is not None:  # a distance from the nominal links
         for link, nominal in zip(entropy.links, entropy.nominal, strict=True):
             trace = cp.trace(np.linalg.inv(nominal) @ matrix(link))
             divergence = trace - cp.log_det(matrix(link))
@@ -149,13 +154,13 @@ class Contestant:
 
     @property
     def is_certified(self) -> bool:
-        """Whether this is a conic solver inside our loop of scaling and
-        certification.
+        """Whether this is a conic solver inside our certified fit, which scales the
+        problem and proves the gap of the answer.
         """
         return self.name.endswith(" certified")
 
     def asked(self, accuracies: Iterable[float]) -> list[float]:
-        """Return the accuracies to run this contestant at, from loose to tight.
+        """Return the accuracies at which this contestant runs, from loose to tight.
 
         Parameters
         ----------
@@ -165,7 +170,8 @@ class Contestant:
         Returns
         -------
         list of float
-            Only the accuracy that it promises, if it has no setting for accuracy.
+            All of them; or only the accuracy that the contestant promises, if it has no
+            setting for accuracy.
         """
         if self.options is None:
             return [self.promise]
@@ -275,27 +281,31 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
 
 
 def _conic(solver: Solver) -> Contestant:
-    """Make a contestant of a conic solver, by itself and without our loop around it."""
+    """Make a contestant of a conic solver alone, without our scaling loop and
+    certificate.
+    """
 
     def solve(instance: Instance, accuracy: float) -> Answer:
+        """Solve an instance to an accuracy, and bring the answer back to its units."""
         sdp = instance.sdp
         solution = solver.solve(sdp.conic, accuracy)
+        multipliers = sdp.multipliers(solution)
         return Answer(
-            sdp.theta(solution),
-            solution.claims,
-            solution.status,
-            instance.constraints.stack_multipliers(sdp.multipliers(solution)),
-            sdp.entropy_slopes(solution),
+            theta=sdp.theta(solution),
+            claims=solution.claims,
+            status=solution.status,
+            multipliers=instance.constraints.stack_multipliers(multipliers),
+            entropy_slopes=sdp.entropy_slopes(solution),
         )
 
     return Contestant(
-        solver.name,
-        solver.description,
-        solve,
-        solver.version,
-        solver.absent,
-        solver.options,
-        entropy="exp" in solver.cones,
+        name=solver.name,
+        description=solver.description,
+        solve=solve,
+        version=solver.version,
+        absent=solver.absent,
+        options=solver.options,
+        entropy="exp" in solver.cones,  # log det needs exponential cones
         warm_up=lambda: None if solver.absent else solver.warm_up(),
     )
 
@@ -306,9 +316,10 @@ def _in_our_loop(
     solver: str | None,
     finest: float,
 ) -> Answer:
-    """Solve an instance by the certified fit with a conic solver.
+    """Solve an instance by our certified fit with a conic solver inside.
 
-    It claims an optimum only if its own certificate proves the accuracy.
+    The fit scales the problem, calls the solver, and proves a gap from its multipliers.
+    It claims an optimum only if that gap is within the accuracy.
 
     Parameters
     ----------
@@ -320,6 +331,11 @@ def _in_our_loop(
         Name of the conic solver; None for the default of lmi-sdp.
     finest : float
         Accuracy that is asked of the solver.
+
+    Returns
+    -------
+    Answer
+        With the multipliers, and the number of calls of the solver as attempts.
     """
     try:
         posed = PosedSdp(
@@ -332,13 +348,13 @@ def _in_our_loop(
         gap = fit.gap
     except InputError as error:
         return no_answer(instance, error)
-    solver_words: list[str] = fit.details["solver_said"]
+    solver_words: list[str] = fit.details["solver_said"]  # one text for each call
     return Answer(
-        fit.theta,
-        "optimal" if gap <= accuracy else "inaccurate",
-        f"certified gap {gap:.1e}; " + ", ".join(solver_words),
-        fit.multipliers,
-        fit.entropy_slopes,
+        theta=fit.theta,
+        claims="optimal" if gap <= accuracy else "inaccurate",
+        status=f"certified gap {gap:.1e}; " + ", ".join(solver_words),
+        multipliers=fit.multipliers,
+        entropy_slopes=fit.entropy_slopes,
         attempts=len(solver_words),
     )
 

@@ -101,10 +101,10 @@ class Instance:
 
     @cached_property
     def sent(self) -> list[Constraint]:
-        """The constraints that are posed to solvers.
+        """The constraints that solvers get.
 
-        The formulation "residual" leaves redundant ones out; the others, which stand
-        for what users write, keep all.
+        The formulation "residual" leaves out redundant ones; the other formulations,
+        which imitate what users write, keep all.
         """
         if self.formulation == "residual":
             return essential(self.constraints, self.objective)
@@ -154,24 +154,26 @@ def unscaled_sdp(
     constraints: Sequence[Constraint],
     formulation: str,
 ) -> SdpProblem:
-    """Pose a problem as users write it, without a centre, and without scaling anything.
+    """Pose a problem as users write it, without a centre and without any scaling.
 
-    gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is
-           left out; "gram in float32" sums R^T R and R^T rho in single precision
-    rows   minimise |z|^2 subject to R theta - z = rho
+    "gram": minimise theta^T (R^T R) theta - 2 rho^T R theta; the constant rho^T rho is
+    left out. "gram in float32": the same with R^T R and R^T rho in single precision.
+    "rows": minimise |z|^2 subject to R theta - z = rho.
 
     Parameters
     ----------
     data : LeastSquares
         R (r, p), rho (r,).
     constraints : sequence of Constraint
-        On theta.
+        Constraints on theta (p,).
     formulation : str
         "gram", "gram in float32" or "rows".
 
     Returns
     -------
     SdpProblem
+        minimise 1/2 x^T P x + q^T x over cones, and how theta and the loss follow from
+        x.
     """
     r, p = data.R.shape
     groups = list[ConeGroup]()
@@ -190,6 +192,8 @@ def unscaled_sdp(
         P = scipy.sparse.csc_matrix(np.triu(2.0 * gram))
         q = -2.0 * (R.T @ rho).astype(float)
         offset += float(data.rho @ data.rho)
+    # The r equations, if any, are the first rows of the conic problem. Centre 0 and
+    # scales 1 leave the constraints as they are.
     first = r if groups else 0
     more, placed = scaled(
         constraints,
@@ -223,7 +227,11 @@ class Units:
 
     @property
     def corner(self) -> Array:
-        """(4,) factors of the rows, and of the columns, of a pseudo-inertia matrix."""
+        """(4,) factors d with P' = diag(d) P diag(d), for a pseudo-inertia matrix P in
+        SI units and P' in these units.
+
+        P = [[second moments (3x3), first moments], [first moments^T, mass]].
+        """
         lengths = np.array([1.0, 1.0, 1.0, self.length])
         return lengths / (self.length * np.sqrt(self.mass))
 
@@ -464,8 +472,8 @@ def _task(robot: str, source: str, stop: float) -> Task:
 def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
     """Return the first ``stop`` seconds of a run.
 
-    For stops below 5 s they begin where the robot moves, and get as many rows more as
-    the filters lose at both ends.
+    A run below 5 s begins where the robot has started to move. It is extended by the
+    time that the filters lose at both ends.
     """
     if stop >= 5.0:
         return run.window(0.0, stop)
@@ -482,9 +490,10 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
 
 
 def _seed_of_chain(base: int, n: int, draw: int) -> list[int]:
-    """Return the seed of a random arm of n links.
+    """Return the seed of the draw-th random arm of n links.
 
-    The first draw leaves its number out, as when there was one arm of each size.
+    The first draw (0) is left out of the seed, so that it stays the arm of earlier
+    versions, which had one arm for each n.
     """
     return [base, n] if draw == 0 else [base, n, draw]
 

@@ -230,7 +230,7 @@ def classified(
         return "silently_wrong", f"claims {claims}, which is proved wrong"
     if reference.verdict == "infeasible":
         return "silently_wrong", "solves what is proved infeasible"
-    if violation <= allowed and error <= allowed:  # of what is no number neither holds
+    if violation <= allowed and error <= allowed:  # False for NaN
         if reference.gap > allowed and reference.verdict == "feasible":
             return "inaccurate", "our interval is wider than what was asked"
         return "right", ""
@@ -247,13 +247,22 @@ def _primal(
     reference: Reference,
     theta: Array,
 ) -> tuple[float, float]:
-    """Return how far an answer's theta (p,) is from the proved optimum.
+    """Compute the error and the violation of an answer's theta.
+
+    Parameters
+    ----------
+    instance : Instance
+        The problem.
+    reference : Reference
+        The proved interval of its optimum.
+    theta : (p,) array
+        The answer; NaN if there is none.
 
     Returns
     -------
     tuple of (float, float)
-        Relative distance of the objective from the interval (inf unless a feasible
-        point is proved), and relative violation of the constraints.
+        Distance of the objective from the interval, relative to the loss (inf unless a
+        feasible point is proved), and relative violation of the constraints.
     """
     if not np.all(np.isfinite(theta)):
         return np.inf, np.inf
@@ -275,9 +284,10 @@ def _primal(
 
 
 def _dual(instance: Instance, answer: Answer) -> float:
-    """Return the lower bound of the optimum that the contestant's multipliers prove.
+    """Return the rigorous lower bound of the optimum that the contestant's multipliers
+    prove.
 
-    -inf if it returned none, or some that are not finite.
+    -inf if it returned no multipliers, or numbers that are not finite.
     """
     multipliers = answer.multipliers
     slopes = answer.entropy_slopes
@@ -336,6 +346,7 @@ def relative_violation(
         else:
             terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
             size = nonzero_or_one(np.maximum(terms, np.abs(c.constant)))
+            # The rows of a second-order cone belong together and have one scale.
             size = size.max() if c.cone == "soc" else size
             margin = float(cone_margin(c.cone, value / size))
         worst = max(worst, -margin)

@@ -170,7 +170,8 @@ def _interval_cells(
     low, high = map(float, interval)
     # The objective is never negative.
     gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)
-    # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
+    # Accuracies from loose to tight. A problem is easy if its interval is as narrow as
+    # the tightest one, and medium if it is as narrow as the next.
     _, medium, easy = Shootout.accuracies
     difficulty = "hard"
     if gap <= easy:
@@ -186,10 +187,11 @@ def _interval_cells(
 
 
 def _npz(problem: ConicProblem) -> bytes:
-    """Return a conic problem as the bytes of an .npz file.
+    """Return a conic problem as the bytes of an .npz file with c, b, A and the cones.
 
-    It stands for: minimise c^T x subject to b - A x in a product of cones, with
-    matrices stacked as scaled vectors (svec), as README.md of the library explains.
+    The problem is: minimise c^T x subject to b - A x in a product of cones. Symmetric
+    matrices are vectors of their upper triangle with off-diagonals times sqrt(2)
+    (svec), as the library's README.md explains.
     """
     file = io.BytesIO()
     A = problem.A.tocoo()

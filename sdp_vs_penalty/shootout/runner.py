@@ -124,12 +124,15 @@ class Results:
             Number of runs dropped.
         """
         before = len(self.runs)
-        is_current = self.runs["problem"].map(current)
-        self._write(self.runs[is_current.isna() | (is_current == self.runs["hash"])])
+        current_hash = self.runs["problem"].map(current)  # NaN: another problem
+        is_current = current_hash.isna() | (current_hash == self.runs["hash"])
+        self._write(self.runs[is_current])
         return before - len(self.runs)
 
     def _write(self, runs: pandas.DataFrame) -> None:
-        """Sort the runs, and rewrite runs.csv atomically."""
+        """Sort all runs, and rewrite runs.csv atomically: a crash leaves the old file
+        whole.
+        """
         self.runs = runs.sort_values(**_ORDER, ignore_index=True)
         write_text(self.path, self.runs.to_csv(index=False, lineterminator="\n"))
 
@@ -200,8 +203,8 @@ def perform(task: Assignment) -> list[Row]:
         )
         remedy = "use the same version and data on all machines"
         raise InputError(what, remedy, f"instance {task.problem!r}")
-    # Cached properties that are no contestant's work: computed before the fork, so that
-    # every child has them.
+    # Cached properties are computed before the fork, so that every child has them: they
+    # are no work of a contestant, and not part of its time.
     _ = (
         problem_instance.interior,
         problem_instance.constraints.groups,
@@ -223,7 +226,14 @@ def perform(task: Assignment) -> list[Row]:
 
 
 def _prove_interval(task: Assignment, problem_instance: Instance) -> Row:
-    """Prove an instance's interval in a child process.
+    """Prove the interval of an instance's optimum in a child process, within limits.
+
+    Parameters
+    ----------
+    task : Assignment
+        Names the limits on time and memory.
+    problem_instance : Instance
+        The problem.
 
     Returns
     -------
@@ -256,22 +266,22 @@ def run_one(
 ) -> Row:
     """Run a contestant once in a child process, and judge its answer.
 
-    Time is processor time, programs that the contestant runs included, because machines
-    are shared.
+    The time that counts is processor time, with that of programs that the contestant
+    runs, because other runs share the machine.
 
     Parameters
     ----------
     task : Assignment
         The assignment, with the proved interval of the optimum.
     contestant : Contestant
-        Who solves.
+        The solver.
     problem_instance : Instance
         The problem.
     accuracy : float
         Relative accuracy that is asked for.
     stopped : str
-        A looser setting that exceeded the time limit: the run is then skipped, because
-        it would exceed it too. "" for none.
+        A looser setting that exceeded the time limit, or "". With one the run is not
+        done, because it would exceed the limit, too.
 
     Returns
     -------
@@ -281,13 +291,14 @@ def run_one(
     assert task.reference is not None
 
     def timed() -> tuple[Answer, float]:
+        """Solve, and return the answer with the processor time that it took [s]."""
         used = _processor()
         answer = contestant.solve(problem_instance, accuracy)
         return answer, _processor() - used
 
     remark = ""
-    kind: str
-    outcome: Any
+    kind: str  # "ended", or how it failed
+    outcome: Any  # answer and seconds, or a message
     if stopped:
         remark = f"not run: {stopped} exceeded the time limit"
         kind, outcome, seconds = "timeout", "", task.time_limit
@@ -295,7 +306,7 @@ def run_one(
         kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
     if kind == "ended":
         answer, seconds = outcome
-        if seconds > task.time_limit:
+        if seconds > task.time_limit:  # limits of the system are whole seconds
             kind = "timeout"
             outcome = f"took {seconds:.2g} s of processor time"
     if kind == "ended":
@@ -317,7 +328,9 @@ def run_one(
 
 
 def _processor() -> float:
-    """Return the processor time of this process and of the programs that it ran [s]."""
+    """Return the processor time [s] used so far by this process and by the programs
+    that it has run and that have ended.
+    """
     programs = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + programs.ru_utime + programs.ru_stime
 
@@ -514,7 +527,8 @@ def _references(
 
 
 def _known_references(path: Path) -> dict[str, dict[str, Any]]:
-    """Read references.json; empty if there is no such file.
+    """Read the proved intervals in references.json, by instance; empty if there is no
+    file.
 
     Raises InputError if its content is not what a shootout writes.
     """
@@ -561,10 +575,27 @@ def _pending(
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
-    """Return the assignments whose runs the folder does not hold yet.
+    """List the assignments whose runs the output folder does not hold yet.
 
-    The second result lists what is left out: problem, solver, and the reason why the
-    problem cannot be posed to the solver.
+    Parameters
+    ----------
+    setup : Shootout
+        Limits and accuracies.
+    entries : sequence of Entry
+        The problems.
+    competing : sequence of Contestant
+        The solvers.
+    references : dict
+        Hash and proved interval of each problem by name.
+    results : Results
+        The runs that the folder holds.
+
+    Returns
+    -------
+    list of Assignment
+        One for each problem and solver with missing runs.
+    list of (str, str, str)
+        Problem, solver, and the reason why the problem cannot be posed to the solver.
     """
     done = set(results.runs[KEY].itertuples(index=False, name=None))
     tasks = list[Assignment]()
@@ -623,10 +654,10 @@ def in_child(
     parent = os.getpid()
     child = os.fork()
     if child == 0:
-        _child(work, writer, limit, memory, parent)
+        _child(work, writer, limit, memory, parent)  # never returns
     writer.close()
-    ended = 0
-    status = 0
+    ended = 0  # number of the child's process once it has ended
+    status = 0  # of the ended process, as waitpid returns it
     answer = None
     # The pipe's end alone does not tell that the child has ended: a child of another
     # thread may hold it open.
@@ -659,9 +690,22 @@ def _child(
     memory: float,
     parent: int,
 ) -> None:
-    """Run in the forked child: set the limits, work, send the result, exit.
+    """Run in the forked child process: set the limits, work, send the result, exit.
 
-    Every failure is sent as ("crash", "timeout" or "failed", a message).
+    The pipe gets ("ended", result), or a message with "crash", "timeout" or "failed".
+
+    Parameters
+    ----------
+    work : callable
+        The work; its result must be picklable.
+    writer : Connection
+        The pipe to the parent.
+    limit : float
+        Processor time [s] beyond what the process used before the fork.
+    memory : float
+        Memory [GB] beyond what the process already uses.
+    parent : int
+        Process number of the parent: the child ends with it.
     """
     try:
         os.setsid()  # a group of its own, so that programs it starts are killed with it
@@ -672,14 +716,13 @@ def _child(
         os.dup2(silence, 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         used = resource.getrusage(resource.RUSAGE_SELF)
-        whole_seconds = math.ceil(
-            used.ru_utime + used.ru_stime + limit
-        )  # whole seconds: the kernel's grain
+        # The kernel counts whole seconds. It warns by SIGXCPU, and kills two later.
+        whole_seconds = math.ceil(used.ru_utime + used.ru_stime + limit)
         resource.setrlimit(resource.RLIMIT_CPU, (whole_seconds, whole_seconds + 2))
-        try:  # the address space in use, where the system says it
+        try:  # Linux tells how much address space is in use
             pages = int(Path("/proc/self/statm").read_text("utf-8").split()[0])
             size = pages * resource.getpagesize() + int(memory * 1e9)
-        except OSError:
+        except OSError:  # elsewhere 8 GB are assumed
             size = int(8e9 + memory * 1e9)
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
         writer.send(("ended", work()))

@@ -72,7 +72,7 @@ def at_accuracy(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
 
 
 def accuracies(runs: pandas.DataFrame) -> list[float]:
-    """Return the accuracies that contestants were asked for, from loose to tight.
+    """List the accuracies that contestants were run at, from loose to tight.
 
     Parameters
     ----------
@@ -82,7 +82,8 @@ def accuracies(runs: pandas.DataFrame) -> list[float]:
     Returns
     -------
     list of float
-        [1e-8] if no contestant has a setting for it.
+        [1e-8], which certified fits promise, if no contestant has a setting for
+        accuracy.
     """
     values = runs.loc[runs["settings"] != "default", "accuracy"].unique()
     return sorted(values, reverse=True) or [1e-8]
@@ -112,6 +113,7 @@ def profile(
     count = runs["problem"].nunique()
     right = runs_at_accuracy[reached(runs_at_accuracy, accuracy)]
     seconds = right["seconds"].clip(lower=1e-6)
+    # Time over that of the fastest solver on the same problem.
     ratio = seconds / seconds.groupby(right["problem"]).transform("min")
     profiles = {}
     for solver in sorted(runs_at_accuracy["solver"].unique()):
@@ -176,6 +178,7 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
             curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
                 ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
+                # The curve goes on to the right end of the axis.
                 last = shares[-1:] if len(shares) else 0.0
                 x = np.append(ratios, 1e5)
                 y = np.append(shares, last)
@@ -283,6 +286,8 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
                 if solver not in curves:
                     continue
                 seconds, shares, wrong = curves[solver]
+                # The curve begins at share 0 left of the axis, and goes on to the right
+                # end; a solver without any success stays at 0.
                 x = np.concatenate([[1e-4], seconds, [longest]])
                 y = np.concatenate([[0.0], shares, shares[-1:], [0.0]])[: len(x)]
                 width = 2.2 if solver == "lmi-sdp" else 1.2
@@ -294,8 +299,9 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
                     color=f"C{k}",
                     linewidth=width,
                 )
-                at = y[np.searchsorted(x, wrong, side="right") - 1]
-                panel.plot(wrong, at, "x", color=f"C{k}", markersize=6)
+                # Crosses lie on the curve, at the times of the wrong answers.
+                share_at_cross = y[np.searchsorted(x, wrong, side="right") - 1]
+                panel.plot(wrong, share_at_cross, "x", color=f"C{k}", markersize=6)
             panel.set(
                 xscale="log",
                 xlim=(1e-3, longest),
@@ -330,7 +336,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def _small(value: float) -> str:
-    """Write a small number with one decimal and an exponent; "-" if it is not known."""
+    """Write a small number as "1.2e-07"; "-" stands for NaN, an unknown number."""
     return "-" if np.isnan(value) else f"{value:.1e}"
 
 
@@ -584,7 +590,9 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
 
 
 def _option_rows(runs: pandas.DataFrame) -> list[list[str]]:
-    """Return name and options of each solver that ran, at both ends of the accuracies."""
+    """Return a row (name, options) for each solver that ran, at the loosest and at the
+    tightest accuracy.
+    """
     asked = accuracies(runs)
     loosest_and_tightest = asked[0], asked[-1]
     solvers = runs["solver"].unique()

@@ -89,10 +89,8 @@ class Sensor:
 
     @property
     def poles(self) -> Array:
-        """(n, 1 + k) coefficients of the filter that whitens each joint's torque noise.
-
-        This is the denominator 1 - sum_m a_m z^-m of the autoregressive process.
-        """
+        """(n, 1 + k) coefficients of the denominator 1 - sum_m a_m z^-m of each joint's
+        torque noise, an autoregressive process; (n, 1) ones for white noise."""
         ones = np.ones((len(self.torque_std), 1))
         if self.torque_ar is None:
             return ones
@@ -104,6 +102,9 @@ class Sensor:
         rng: np.random.Generator,
     ) -> Array:
         """Draw samples of the torque noise at the controller's rate.
+
+        White noise passes the filter gain / poles (an autoregressive process); the gain
+        makes the standard deviation of the result ``torque_std``.
 
         Parameters
         ----------
@@ -182,6 +183,7 @@ class Sensor:
             times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
             times = np.concatenate([[0.0], times[times > 0.0]])
             times = times[times <= duration]
+        # The controller's sample that is current at each entry; 1e-9 against rounding.
         last_renewed = np.floor(times * self.rate + 1e-9).astype(np.intp)
         rows = np.clip(last_renewed, 0, len(q) - 1)
         return (
@@ -192,10 +194,8 @@ class Sensor:
 
 
 def innovation_share(poles: Array) -> float:
-    """Return the variance of an autoregressive process's white input over its own
-    variance.
-
-    This is 1 / sum h_k^2 with the impulse response h of 1 / poles.
+    """Return the variance of an autoregressive process's white input over the variance
+    of the process itself: 1 / sum h_k^2 with the impulse response h of 1 / poles.
 
     Parameters
     ----------
@@ -318,6 +318,7 @@ class Experiment:
         Returns
         -------
         Measurements
+            Positions (N, n) and noisy torques (N, n) at the sensor's time stamps.
         """
         return simulate(
             self.trajectory,
@@ -386,10 +387,13 @@ def experiment(problem: Problem) -> Experiment:
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
-    """Make the experiment that simulation.toml describes."""
+    """Make the experiment that a problem's simulation.toml describes: true links and
+    friction, exciting trajectory, sensor, and number and length of the validation runs.
+    """
     truth = data["truth"]
     motion = data["trajectory"]
     limits = data["validation"]
+    # The trajectory of a published table, or a random one from a seed.
     if "table" in motion:
         trajectory = published_trajectory(problem, motion)
     else:
@@ -410,6 +414,7 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         sensor[name] = (
             np.array(value, float) if isinstance(value, list) else float(value)
         )
+    # The sensor's first three fields in their order; the others are passed by name.
     needed = [sensor.pop(name) for name in ("rate", "torque_std", "position_step")]
     return Experiment(
         problem,
@@ -425,8 +430,8 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
 def _assumed(problem: Problem) -> Experiment:
     """Assume an experiment for a robot without simulation.toml.
 
-    Nominal links, a random trajectory of 21 s, friction of 2 % and noise of 0.1 % of
-    each joint's RMS torque.
+    The links are the nominal ones, and the trajectory is a random one of 21 s. Friction
+    saturates at 2 % and the noise has 0.1 % of each joint's RMS torque.
     """
     robot = problem.robot
     zeros = np.zeros(problem.robot.n)

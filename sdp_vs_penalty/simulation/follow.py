@@ -72,11 +72,17 @@ class Ahead(JsonRecord):
         Parameters
         ----------
         seconds : float
-            Horizon [s].
+            Horizon: time from the start of a window [s].
         error : (K, n) array
             Simulated minus measured, for each window and joint.
         naive : (K, n) array
             The same for a guess of constant velocity.
+
+        Returns
+        -------
+        Ahead
+            RMS of the errors (n,), 5 % and 95 % quantiles of their sizes (2, n), and
+            RMS of the guess (n,).
         """
         band = np.quantile(
             np.abs(error),
@@ -121,7 +127,8 @@ class FreeRun(JsonRecord):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Make a free run from the JSON of :meth:`to_dict`; its motion is empty."""
+        """Make a free run from the JSON of :meth:`to_dict`, which holds its figures
+        only: the simulated and the measured motion of the result are empty."""
         torque = np.array(data["torque"], float)
         nothing = np.zeros((0, len(torque)))
         spread, loop = data["spread"], data["loop"]
@@ -175,24 +182,27 @@ class Following(Record):
 
     @fact("", digits=9)
     def worst_joint(self) -> int:
-        """The joint (from 1) whose simulation is worst against the simplest guess."""
+        """The joint (from 1) with the largest share: its error relative to the simple
+        alternative of constant velocity, or its loop torque relative to the measured
+        torque."""
         return int(np.argmax(self.share)) + 1
 
     @fact("thousandths of rad or m", name="drift of the worst joint")
     def worst_drift(self) -> float:
-        """Root mean square error of the worst joint's position after a tenth of a second
-        of simulation."""
+        """Root mean square error of the worst joint's position at the horizon (a tenth
+        of a second by default), in thousandths of rad or m."""
         return 1e3 * float(self.ahead.rms[self.worst_joint - 1])
 
     @fact("thousandths of rad or m", name="the same at constant velocity")
     def worst_guess(self) -> float:
-        """The same error of going on at the measured velocity."""
+        """Root mean square error of the worst joint's position, in thousandths of rad
+        or m, if it went on at the measured velocity."""
         return 1e3 * float(self.ahead.naive[self.worst_joint - 1])
 
     @fact("%", name="torque from the loop")
     def loop_percent(self) -> float | None:
-        """Torque that the control loop adds on the worst joint, over the measured one;
-        without a loop there is none."""
+        """Torque that the control loop adds on the worst joint, in per cent of its
+        measured torque; None without a loop."""
         if self.drive != "pd":
             return None
         return 100.0 * float(self.share[self.worst_joint - 1])
@@ -203,6 +213,7 @@ class Following(Record):
 
         It grades nothing: the grade of a model comes from estimation/verdict.py.
         """
+        # Numbers with their units, as all texts show them.
         facts = self.facts()
         j = self.worst_joint - 1
         if self.drive == "pd":
@@ -258,6 +269,7 @@ class Following(Record):
         Columns: velocity after one step; position at the horizon with its 5 % and 95 %
         quantiles, and for a constant velocity; the free run with its 95 % band.
         """
+        # The first run stands for all free runs.
         free, ahead = self.free[0], self.ahead
         columns = {
             "velocity after 1 step [/s]": self.one_step.rms,
@@ -305,7 +317,8 @@ class Following(Record):
 
     @property
     def explained(self) -> str:
-        """Sentence that explains the columns of :meth:`table`."""
+        """Sentence that explains the columns of :meth:`table`: what each error is, in
+        which unit, over which time."""
         free = self.free[0]
         text = (
             "RMS errors in thousandths of the unit: of the velocity after one step, of"
@@ -334,7 +347,9 @@ class Following(Record):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON: verdict, errors, free runs and facts."""
+        """Return the result as JSON: verdict, drive and units, errors after one step
+        and at the horizon, free runs (without their motion), effects left out, and
+        facts."""
         held = {
             "drive": self.drive,
             "units": list(self.units),
@@ -377,6 +392,9 @@ def follow(
 ) -> Following:
     """Run a model forward along measured runs, and compare the motion.
 
+    Short windows of each run are simulated from measured states, and each run as a
+    whole from its first moving state ("free run").
+
     Parameters
     ----------
     model : Estimate, str or Path
@@ -387,21 +405,20 @@ def follow(
         What moves the arm: the measured torque alone, this torque and a loop on the
         measured motion, or the command, through the model's servos.
     seed : int
-        Of the draws.
+        Seed of the random models that give the free runs' band.
     steps : int, optional
-        Of the free runs, together, at most. Of a long recording windows are followed
-        then, as many as show its noise.
+        Largest number of simulation steps of all free runs together. If it is given,
+        a long recording is reduced to windows, as many as show its noise.
     progress : callable
-        Hears where the computation stands, a short text each time.
+        Called with a short text at each step of the computation.
     horizon : float
         Length of a window [s].
     bandwidth : float
-        Of the loop [Hz].
+        Bandwidth of the loop of drive "pd" [Hz].
     draws : int
-        So many models are drawn from the parameters' intervals, for the band of the
-        free run.
+        Number of models drawn from the parameters' intervals, for the free runs' band.
     windows : int
-        So many windows a run, at most.
+        Largest number of windows of each run.
 
     Returns
     -------
@@ -483,9 +500,8 @@ class _Ride:
 
     @property
     def substeps(self) -> int:
-        """Number of simulation steps within a sample, so that none is longer than
-        STEP.
-        """
+        """Number of simulation steps within a sample of the log: as few as make no step
+        longer than STEP [s]; 1e-9 allows for rounding."""
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
     def added(
@@ -544,6 +560,7 @@ class _Ride:
         course = self.course
         h = self.course.dt / self.substeps
         for m in range(self.substeps):
+            # A servo follows the command; otherwise a torque drives the arm.
             if self.servo is not None:
                 if course.command is None:
                     raise InputError(
@@ -623,7 +640,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     estimate : Estimate
         The model; its uncertainty holds a factor of the covariance.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     draws : int
         Number of samples.
 
@@ -632,6 +649,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     (1 + d, p) array
         The estimate itself first; d <= draws.
     """
+    # (p, r) factor L of the covariance L L^T, and the standard deviations (p,).
     factor = np.nan_to_num(estimate.uncertainty.factor)
     if not np.any(factor):
         return estimate.theta[None]
@@ -670,12 +688,15 @@ def _free_run(
     -------
     FreeRun
     """
+    # All samples of the parameters are simulated at once; row 0 is the model itself.
     ride = replace(measured, plant=Plant(estimate.model, drawn))
     course = ride.course
     states = ride.course.states
     size = len(drawn)
+    # Distance from which the simulation counts as having left the measured motion.
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
+    # Every simulation starts from the measured state.
     state = states.rows(np.full(size, start))
     q = [state.q]
     added = []
@@ -690,12 +711,14 @@ def _free_run(
             added.append(loop_torque[0])
         state = ride.step(state, sample)
         q.append(state.q)
+        # "not <=" is true for nan as well, where the simulation has overflown.
         if not np.all(np.abs(state.q[0] - states.q[k + 1]) <= limit):
             left = True
             break
     motion = np.array(q)  # (samples, 1 + d, n): the model's motion first
     until = start + len(q)
     error = motion[:, 0] - states.q[start:until]
+    # Half width of the 95 % band that the parameters' uncertainty makes of the motion.
     spread = None
     if size > 2:
         deviation = motion[:, 1:] - motion[:, :1]

@@ -144,7 +144,7 @@ def simulate(
     level : {"strong", "medium", "weak"} or float
         The hidden torque's RMS over that of the raw noise, or a name for it.
     seed : int
-        Of everything random.
+        Seed of everything random.
 
     Returns
     -------
@@ -341,11 +341,12 @@ def _sized_effects(
     factor: float,
     rng: np.random.Generator,
 ) -> list[Hidden]:
-    """Make one effect on each of its joints, scaled to ``factor`` times the noise.
+    """Make one effect on each of its joints, scaled so that its torque has ``factor``
+    times the RMS of the sensor noise.
 
-    Without joints (from 0) these are all on which it can act; there it may make no
-    torque, and is left out. Raises InputError for an effect that cannot be simulated,
-    or makes no torque where it was asked for.
+    ``joints`` count from 0. If none is named, the effect is made on every joint on
+    which it can act, and left out where it makes no torque. Raises InputError for an
+    effect that cannot be simulated, or that makes no torque on a joint that was named.
     """
     if name not in MAKERS:
         raise InputError(
@@ -369,9 +370,11 @@ def _sized_effects(
 
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
-    """Return the motion of run k; ``local`` (N,) is time since the run's start [s].
+    """Return the motion of run k (from 0) at the times ``local`` (N,) since its start
+    [s].
 
-    Its time stamps continue from run to run, since the gears warm up meanwhile.
+    The time stamps of the result count from the start of run 0, since the gears warm up
+    from run to run.
     """
     return TrueMotion(local + _start(k), *trajectory.states(local))
 
@@ -391,12 +394,15 @@ def _measure(
     seed: int,
     k: int,
 ) -> Measurements:
-    """Simulate run k as the sensor logs it, with the hidden effects.
+    """Simulate run k (from 0) as the sensor logs it, with the hidden effects.
 
-    The blends into and out of the motion are cut off.
+    The first and last _BLEND seconds, in which the trajectory blends into and out of
+    the motion, are cut off. Temperatures are logged only if an effect depends on them.
     """
 
     def torque(motion_now: Motion) -> Array:
+        """Return the true torque (N, n) with hidden effects, at the instants of a
+        motion."""
         motion = _motion(trajectory, motion_now.t, k)
         return world.torque(motion) + sum(torques(world, motion, hidden))
 

@@ -31,9 +31,18 @@ class Clarabel(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
-        """Solve the problem by Clarabel and return x (m,) and multipliers z (rows,)."""
+        """Solve a conic problem by the package Clarabel.
+
+        The problem is: minimise x^T P x / 2 + q^T x so that b - A x lies in a product
+        of cones. ``options`` are Clarabel's settings by name. Returns the variables x
+        (m,), the multipliers z (rows,) and Clarabel's status.
+        """
         import clarabel
 
+        # Clarabel takes an entry of b beyond 1e20 for infinite: it drops the row, or
+        # panics.
+        if np.max(np.abs(problem.b), initial=0.0) >= 1e20:
+            return Solution.none(problem, "data beyond 1e20")
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
@@ -46,18 +55,14 @@ class Clarabel(Solver):
         settings.static_regularization_constant = 1e-10
         for key, value in options.items():
             setattr(settings, key, value)
-        kinds = {
+        make_cone_of_kind = {
             "zero": clarabel.ZeroConeT,
             "nonnegative": clarabel.NonnegativeConeT,
             "soc": clarabel.SecondOrderConeT,
             "psd": clarabel.PSDTriangleConeT,
             "exp": lambda size: clarabel.ExponentialConeT(),
         }
-        cones = [kinds[c.kind](c.size) for c in problem.cones]
-        # Which it takes for infinite: rows with such a right side are dropped, or make
-        # it panic.
-        if np.max(np.abs(problem.b), initial=0.0) >= 1e20:
-            return Solution.none(problem, "data beyond 1e20")
+        cones = [make_cone_of_kind[cone.kind](cone.size) for cone in problem.cones]
         solver = clarabel.DefaultSolver(
             problem.P,
             problem.q,

@@ -220,19 +220,22 @@ def cbf_text(problem: ConicProblem) -> str:
         BCOORD), psd cones by HCOORD and DCOORD.
     """
     m = len(problem.q)
+    # First row of each cone, and the number of rows.
     starts = np.cumsum(
         [
             0,
             *(c.rows for c in problem.cones),
         ]
     )
+    # 1. Head: m free variables, and the orders of the matrices.
     lines = ["VER", "3", ""]
     lines += ["OBJSENSE", "MIN", ""]
     lines += ["VAR", f"{m} 1", f"F {m}", ""]
-    psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
-    if psd.any():
+    is_psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
+    if is_psd.any():
         sizes = [str(cone.size) for cone in problem.cones if cone.kind == "psd"]
         lines += ["PSDCON", str(len(sizes)), *sizes, ""]
+    # 2. The other cones, and their rows in CBF's order.
     rows = [np.zeros(0, np.intp)]
     cones = []
     for start, cone in zip(starts, problem.cones, strict=False):
@@ -245,10 +248,12 @@ def cbf_text(problem: ConicProblem) -> str:
     order = np.concatenate(rows)
     if cones:
         lines += ["CON", f"{len(order)} {len(cones)}", *cones, ""]
+    # 3. Coefficients: of the objective, of matrices (H, D) and of other rows (A, B).
+    # Row r of the problem is entry (i, j) of cone ``block``, up to svec's factor.
     block, i, j, factor = svec_entries(problem.cones)
-    number = np.cumsum(psd) - 1  # of each psd cone
+    number = np.cumsum(is_psd) - 1  # of a psd cone among the psd cones
     matrix = scipy.sparse.csr_matrix(-problem.A)
-    psd_rows = np.flatnonzero(psd[block])
+    psd_rows = np.flatnonzero(is_psd[block])
     nonzero = matrix[psd_rows].tocoo()
     row = psd_rows[nonzero.row]
     lines += _section("OBJACOORD", *_nonzero(problem.q))

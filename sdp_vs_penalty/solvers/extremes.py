@@ -58,13 +58,16 @@ class Slice:
         theta: Array,
         bound: Array,
     ) -> None:
-        """Find an interior point of the slice, an orthonormal basis, and limits of its
+        """Find an interior point of the slice, a basis of it, and limits of its
         coordinates.
 
-        Parameters are those of the class. Raises InputError if the slice has no
+        The slice are all feasible theta (p,) = interior + basis x with equalities @
+        theta as given. x (k,) are coordinates with |x_k| <= limit_k. In the basis all
+        constraints have about the same scale. Raises InputError if the slice has no
         interior point.
         """
         self.solver = solver("clarabel")
+        # Directions free (p, k) that change no equality.
         rows = equalities / np.linalg.norm(
             equalities,
             axis=1,
@@ -96,12 +99,12 @@ class Slice:
         # Limits of x = r free^T (theta - interior), since free is orthonormal.
         largest_step = bound + np.abs(self.interior)
         self.limit = np.abs(r @ free.T) @ largest_step
-        # The certified extremes of each coordinate are tighter limits.
-        extremes = [
-            [self._solve(sign * row)[1] for sign in (1.0, -1.0)]
-            for row in np.eye(len(self.limit))
+        # Certified lower bounds of x_k and of -x_k are tighter limits.
+        lower_bounds = [
+            [self._solve(sign * axis)[1] for sign in (1.0, -1.0)]
+            for axis in np.eye(len(self.limit))
         ]
-        self.limit = np.minimum(self.limit, -np.array(extremes).min(axis=1))
+        self.limit = np.minimum(self.limit, -np.array(lower_bounds).min(axis=1))
 
     def minimum(self, slope: Array) -> Extreme:
         """Return the smallest value of a linear function over the slice.
@@ -151,8 +154,10 @@ class Slice:
         )
 
     def _solve(self, g: Array) -> tuple[Array, float]:
-        """Minimise g^T x with |g| = 1; return the solver's x (k,) and a certified lower
-        bound.
+        """Minimise g^T x over the slice's coordinates x (k,), with |g| = 1.
+
+        Returns the solver's x (k,) and a certified lower bound of the minimum, from the
+        solver's multipliers and the limits |x_k| <= limit_k.
         """
         problem = replace(self.sdp.conic, q=g)
         solution = self.solver.solve(problem, 1e-10)
@@ -205,7 +210,10 @@ def _interior(
 
 
 def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
-    """Return a constraint in coordinates x (k,) with theta = origin + free x."""
+    """Return a constraint on theta as one on x (k,), with theta = origin + free x.
+
+    constant' = F(origin), coefficients'_k = sum_i free_ik F_i.
+    """
     coefficients = np.tensordot(
         free[c.indices].T,
         c.coefficients,

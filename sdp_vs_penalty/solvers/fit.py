@@ -60,10 +60,11 @@ class Fit:
 
     @cached_property
     def lower(self) -> float:
-        """Rigorous lower bound of the optimum, valid for any multipliers.
+        """Rigorous lower bound of the optimal objective, valid for any multipliers.
 
-        First from the multipliers as they are; unless that is within half of TIGHT,
-        also from polished ones.
+        The quick bound uses the solver's multipliers as they are. If the gap of theta
+        to it exceeds half of TIGHT (the gap that counts as certified), a second bound
+        with polished multipliers is computed, and the larger one returned.
         """
         assert self.bound is not None
         objective = self.objective
@@ -100,20 +101,21 @@ class Fit:
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
-    """Collect what a lower bound of the objective follows from.
+    """Collect what a lower bound of the objective |R theta - rho|^2 + ... follows from.
 
     Parameters
     ----------
     fit : Fit
         Fit with its multipliers.
     polished : bool
-        Improve the multipliers until little of the dual slope is left.
+        Improve the multipliers until little of the dual slope is left (the gradient of
+        the Lagrangian by theta, zero for exact multipliers).
 
     Returns
     -------
     DualEvidence
-        Multipliers, residual y, slopes of the prior, and the map from a dual slope to
-        y.
+        Multipliers, residual y = R theta - rho (r,), matrices of the prior's gradient
+        (links, 4, 4), and the map from a dual slope (p,) to a shift of y (r,).
     """
     assert fit.multipliers is not None
     assert fit.bound is not None
@@ -131,8 +133,10 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
             links = [link.value(theta) for link in objective.entropy.links]
             inverse = np.linalg.inv(np.array(links))
             slopes = np.where(is_definite[:, None, None], slopes, inverse)
+    # Cholesky factor of R^T R in units of the bounds; a ridge keeps it definite.
     gram = bound[:, None] * data.curvature * bound
-    ridge = _RIDGE * np.trace(gram) + float(not gram.any())
+    without_data = float(not gram.any())  # 1: any ridge will do
+    ridge = _RIDGE * np.trace(gram) + without_data
     gram[np.diag_indices_from(gram)] += ridge
     # LAPACK itself: SciPy's wrappers take as long again.
     cholesky, failed = scipy.linalg.lapack.dpotrf(
@@ -173,19 +177,27 @@ def _polished(
 ) -> DualEvidence:
     """Return evidence whose multipliers leave less of the dual slope.
 
-    Part of a slope cannot be removed by shifting y, as the data do not determine it. It
-    is put into the multiplier of each link's last 4x4 constraint, which can hold any
-    slope of that link's parameters. The multipliers are then projected back onto their
-    cones, and again, as long as a round improves the lower bound.
+    The dual slope (p,) is the gradient of the Lagrangian by theta; what is left of it
+    lowers the bound. A round has three steps:
+    1. project the multipliers onto their cones;
+    2. shift y (the dual variable of the residual), which removes the slope in all
+       directions that the data determine;
+    3. put the remaining slope into the multiplier of each link's last 4x4 constraint,
+       which can hold any slope of that link's ten parameters.
+    Rounds go on as long as one improves the lower bound by _WORTHWHILE of what the
+    remaining slope costs.
     """
     data = objective.least_squares
     entries = constraints.entries
     p = len(bound)
+    # Gradient (p,) of the objective's linear terms, the entropic prior included.
     slope = objective.linear
-    pull = 2.0 * data.R.T
-    if (entropy := objective.entropy) is not None:
+    entropy = objective.entropy
+    if entropy is not None:
         pulls = entropy.weight * (entropy.nominal_terms[0] - e.entropy_slopes)
         slope = slope + entropy.entries.adjoint(pulls.ravel(), p)
+    # Directions that the data determine, in units of the bounds.
+    pull = 2.0 * data.R.T
     u, strength, vt = np.linalg.svd(data.R * bound, full_matrices=False)
     is_active = strength > _CUT * strength.max(initial=0.0)
 
@@ -198,8 +210,8 @@ def _polished(
             u[:, is_active] @ (in_directions / (2.0 * strength[is_active]))
         )
 
-    # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near
-    # depends on units.
+    # Scale each matrix F to T F T with a unit diagonal: else the projection would
+    # depend on units.
     terms = zip(
         entries.groups,
         entries.split(entries.at(bound)[1]),

@@ -192,7 +192,7 @@ def least_squares_sdp(
     p = len(bound)
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)
-    # Unit of each parameter: what makes all the torque, or moves no matrix far.
+    # 1. Unit of each parameter: what makes all the torque, or moves no matrix far.
     is_seen = norms * bound > UNSEEN * torque
     unit = np.where(
         is_seen,
@@ -213,7 +213,8 @@ def least_squares_sdp(
         np.minimum(bound, finer * unit),
         unit,
     )
-    # Equality rows: R (theta - centre) / loss_scale - z = (rho - R centre) / loss_scale.
+    # 2. Equality rows: R (theta - centre) / loss_scale - z = (rho - R centre) /
+    # loss_scale; the objective is |z|^2, and the constraints follow.
     residual = np.hstack(
         [
             rows * (scale / unit) / loss_scale,
@@ -228,8 +229,9 @@ def least_squares_sdp(
         first=r,
     )
     groups = [plain_rows("zero", residual, -rho / loss_scale), *scaled_constraints]
-    quadratic = np.repeat([0.0, 2.0], [p, r])
+    quadratic = np.repeat([0.0, 2.0], [p, r])  # of x (p,) and z (r,)
     linear = np.zeros(p + r)
+    # 3. The prior w (tr(P0^-1 P) - log det P + ...), with further variables t.
     start = 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
@@ -243,6 +245,7 @@ def least_squares_sdp(
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
         linear[:p] = weight * scale * entropy.entries.adjoint(inverse.ravel(), p)
+        # Each link adds ten entries of a triangular matrix, and its logarithms t.
         n_new = logs.size + 10 * len(inverse)
         quadratic = np.pad(quadratic, (0, n_new))
         linear = np.pad(linear, (0, n_new))
@@ -427,6 +430,8 @@ def scaled(
     groups = list[ConeGroup]()
     placed = dict[int, Placed]()
     for group in group_cones(constraints):
+        # A group has g constraints of one size: constant (g, ...), coefficients
+        # (g, k, ...) of the parameters ``indices`` (g, k).
         local = theta_scale[group.indices][:, :, None]
         is_psd = group.cone == "psd"
         indices = group.indices
@@ -507,25 +512,29 @@ def _log_det(
     theta_scale: Array,
     width: int,
 ) -> tuple[list[ConeGroup], NDArray[np.intp], ConeGroup]:
-    """Return cones that bound sum t <= log det P for each link.
+    """Return cones that bound sum t <= log det P for each link's pseudo-inertia P
+    (4x4).
 
     log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower
-    triangular (4x4), and exp(t_k) <= Z_kk. The ten entries of Z and the four t of each
-    link are the entries of x from ``width`` on. P is scaled to a diagonal of ones at
-    the nominal link.
+    triangular (4x4), and exp(t_k) <= Z_kk. P is scaled to a diagonal of ones at the
+    nominal link. The variables of the conic problem are x = (theta's, others); from
+    index ``width`` on each link has 14 new ones: ten entries of Z and four t. theta =
+    centre + theta_scale x.
 
     Returns the groups of cones, the indices of all t in x, and the links'
     pseudo-inertias.
     """
     (links,) = group_cones(entropy.links)
     n = len(links.places)
-    # Entries (i, j) of Z. Each link's 8x8 matrix depends on ten parameters, then Z.
+    # Entries (i, j) of Z. Each link's 8x8 matrix depends on 20 variables: its ten
+    # parameters, then the ten entries of Z (numbers ``z``).
     i, j = np.tril_indices(4)
     z = 10 + np.arange(10)
     factors = unit_diagonal_factors(entropy.nominal)
-    blocks = np.zeros((n, 20, 8, 8))
+    blocks = np.zeros((n, 20, 8, 8))  # coefficient of each variable
     constant = np.zeros((n, 8, 8))
     local = theta_scale[links.indices][:, :, None, None]
+    # Upper left 4x4: P. Upper right: Z, lower left: Z^T. Lower right: diag(Z).
     blocks[:, :10, :4, :4] = links.coefficients * factors[:, None] * local
     blocks[:, z, i, 4 + j] = 1.0
     blocks[:, z, 4 + j, i] = 1.0
@@ -605,8 +614,9 @@ def moving_scale(
     (p,)
         Unit of each parameter.
     """
-    moves = np.zeros(len(bound))
+    moves = np.zeros(len(bound))  # relative change of the matrices by a unit of theta
     for group in group_cones([c for c in constraints if c.cone == "psd"]):
+        # |T F_k T^T| (g, k), with T F(reference) T^T = 1.
         t = _whitening(group.values(reference))[:, None]
         size = np.linalg.norm(
             t @ group.coefficients @ np.swapaxes(t, 2, 3), axis=(2, 3)

@@ -44,15 +44,18 @@ class Cvxopt(Solver):
         problem: ConicProblem,
         settings: Mapping[str, Any],
     ) -> Solution:
-        """Solve the problem by CVXOPT's conelp and return x (m,) and multipliers z
-        (rows,).
+        """Solve a conic problem by CVXOPT's conelp.
+
+        The problem is: minimise q^T x so that b - A x lies in a product of cones
+        (equalities first). ``settings`` are CVXOPT's options. Returns the variables x
+        (m,), the multipliers z (rows,) and CVXOPT's status.
         """
         import cvxopt
         from cvxopt import solvers
 
-        dims = sizes(problem.cones)
+        dims = sizes(problem.cones)  # SCS's names: z zero, l nonnegative, q, s
         coo = problem.A.tocoo()
-        equal = dims["z"]
+        n_equal = dims["z"]  # rows of equalities; they come first
         rows = coo.row.astype(int)
         columns = coo.col.astype(int)
         A = cvxopt.spmatrix(
@@ -67,24 +70,23 @@ class Cvxopt(Solver):
         try:
             result = solvers.conelp(
                 cvxopt.matrix(problem.q),
-                A[equal:, :],
-                b[equal:],
+                A[n_equal:, :],
+                b[n_equal:],
                 cones,
-                A[:equal, :],
-                b[:equal],
+                A[:n_equal, :],
+                b[:n_equal],
                 kktsolver="ldl",
                 options=options,
             )
         except (ValueError, ArithmeticError) as error:
             return Solution.none(problem, str(error))
-        z = (
-            flat(result["y"], equal),
-            flat(result["z"], len(problem.b) - equal),
-        )
+        equality_multipliers = flat(result["y"], n_equal)
+        cone_multipliers = flat(result["z"], len(problem.b) - n_equal)
+        z = np.concatenate([equality_multipliers, cone_multipliers])
         x = flat(result["x"], len(problem.q))
         return self.make_solution(
             x,
-            np.concatenate(z),
+            z,
             result["status"],
             result["iterations"],
         )
@@ -118,38 +120,44 @@ class Qics(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
-        """Solve the problem by QICS and return x (m,) and multipliers z (rows,)."""
+        """Solve a conic problem by the package QICS.
+
+        The problem is: minimise q^T x so that b - A x lies in a product of cones
+        (equalities first, exponential cones last). ``options`` are QICS's. Returns the
+        variables x (m,), the multipliers z (rows,) and QICS's status.
+        """
         import qics
 
-        answer = {
+        make_cone_of_kind = {
             "nonnegative": qics.cones.NonNegOrthant,
+            # QICS does not count a second-order cone's bound.
             "soc": lambda size: qics.cones.SecondOrder(size - 1),
             "psd": qics.cones.PosSemidefinite,
+            # An exponential cone is a relative entropy of one number.
             "exp": lambda size: qics.cones.ClassRelEntr(1),
         }
         cones = [
-            answer[cone.kind](cone.size)
+            make_cone_of_kind[cone.kind](cone.size)
             for cone in problem.cones
             if cone.kind != "zero"
         ]
+        # y exp(x / y) <= z holds if and only if -x >= y log(y / z). So the first of an
+        # exponential cone's three rows changes its sign; these cones come last.
         dims = sizes(problem.cones)
-        rows = len(problem.b)
-        # y exp(x / y) <= z exactly if -x >= y log(y / z): of three rows the first with
-        # another sign.
-        signs = np.ones(rows)
-        equal = dims["z"]
-        signs[rows - 3 * dims["ep"] :: 3] = -1.0
+        n_rows = len(problem.b)
+        n_exponential_rows = 3 * dims["ep"]
+        signs = np.ones(n_rows)
+        signs[n_rows - n_exponential_rows :: 3] = -1.0
         A = scipy.sparse.csr_matrix(scipy.sparse.diags(signs) @ problem.A)
         b = (signs * problem.b)[:, None]
-        parts = {
-            "A": A[:equal],
-            "b": b[:equal],
-            "G": A[equal:],
-            "h": b[equal:],
-        }
+        # Equalities come first: A x = b; then the cones: h - G x in K.
+        n_equal = dims["z"]
         model = qics.Model(
             problem.q[:, None],
-            **parts,
+            A=A[:n_equal],
+            b=b[:n_equal],
+            G=A[n_equal:],
+            h=b[n_equal:],
             cones=cones,
         )
         info = qics.Solver(
@@ -157,48 +165,47 @@ class Qics(Solver):
             verbose=0,
             **options,
         ).solve()
-        duals = (
-            info["y_opt"],
-            getattr(info["z_opt"], "vec", info["z_opt"]),
-        )  # as versions have it
+        # Some versions of QICS wrap the cones' multipliers; ``vec`` is the array.
+        cone_multipliers = getattr(info["z_opt"], "vec", info["z_opt"])
+        duals = [info["y_opt"], cone_multipliers]
         flat_duals = [np.asarray(dual, float).ravel() for dual in duals]
         z = signs * np.concatenate(flat_duals)
         x = np.asarray(info["x_opt"]).ravel()
-        more = f"({info['exit_status']})"
+        exit_status = f"({info['exit_status']})"
         return self.make_solution(
             x,
             z,
             info["sol_status"],
             info["num_iter"],
-            more,
+            exit_status,
         )
 
     def warm_up(self) -> None:
-        """Solve a tiny problem with all cones: QICS compiles its code for each on first
-        use.
+        """Solve a tiny problem with one cone of each kind, so that timings are fair.
+
+        QICS compiles its code for a cone on first use; timings should not contain that.
         """
-        rows = np.eye(2)
-        square = np.array(
-            [
-                [1.0, 0.0],
-                [0.0, 0.0],
-                [0.0, 1.0],
-            ]
-        )
         cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
-        below = [[0, 0], [1, 0], [0, 1]], square, [[1, 0], [0, 0], [0, 1]]
-        A = scipy.sparse.csc_matrix(-np.vstack([rows, *below]))
+        # b - A x lies in these cones, with x (2,):
+        minus_A = [
+            [[1, 0], [0, 1]],  # x >= 0
+            [[0, 0], [1, 0], [0, 1]],  # |x| <= 9
+            [[1, 0], [0, 0], [0, 1]],  # [[x1, s], [s, x2]] >= 0, s = 1 / sqrt 2
+            [[1, 0], [0, 0], [0, 1]],  # exp(x1) <= x2 + 9
+        ]
+        A = scipy.sparse.csc_matrix(-np.vstack(minus_A).astype(float))
         b = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 9.0])
-        empty = scipy.sparse.csc_matrix((2, 2))
+        coarse_accuracy = 1e-4
+        without_quadratic_term = scipy.sparse.csc_matrix((2, 2))
         self.solve(
             ConicProblem(
-                empty,
+                without_quadratic_term,
                 q=np.ones(2),
                 A=A,
                 b=b,
                 cones=cones,
             ),
-            1e-4,
+            coarse_accuracy,
         )
 
 
@@ -229,29 +236,35 @@ class Scs(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
-        """Solve the problem by SCS and return x (m,) and multipliers z (rows,).
+        """Solve a conic problem by the package SCS.
 
-        SCS takes the lower triangle of matrices column by column, we the upper one.
+        The problem is: minimise x^T P x / 2 + q^T x so that b - A x lies in a product
+        of cones. Of a symmetric matrix SCS takes the lower triangle column by column,
+        and we the upper one, so the rows of A and b are reordered. ``options`` are
+        SCS's. Returns the variables x (m,), the multipliers z (rows,) in our order, and
+        SCS's status.
         """
         import scs
 
-        rows = [np.zeros(0, np.intp)]
+        # Row k of SCS's problem is our row scs_order[k].
+        orders_of_cones = [np.zeros(0, np.intp)]
         start = 0
         for cone in problem.cones:
-            places = np.arange(cone.rows)
+            rows_of_cone = np.arange(cone.rows)
             if cone.kind == "psd":
-                # Entry (j, i), j >= i, column by column of the lower triangle, is in
-                # svec's column j, which begins at j (j + 1) / 2.
+                # SCS's next entry is (j, i), j >= i, of the lower triangle, column by
+                # column. By symmetry it is our (i, j): column j of the upper triangle
+                # begins at j (j + 1) / 2.
                 i, j = np.triu_indices(cone.size)
-                places = j * (j + 1) // 2 + i
-            rows.append(start + places)
+                rows_of_cone = j * (j + 1) // 2 + i
+            orders_of_cones.append(start + rows_of_cone)
             start += cone.rows
-        lower = np.concatenate(rows)
-        A = problem.A.tocsr()[lower].tocsc()
+        scs_order = np.concatenate(orders_of_cones)
+        A = problem.A.tocsr()[scs_order].tocsc()
         data = {
             "P": problem.P,
             "A": A,
-            "b": problem.b[lower],
+            "b": problem.b[scs_order],
             "c": problem.q,
         }
         result = scs.SCS(
@@ -260,23 +273,20 @@ class Scs(Solver):
             verbose=False,
             **options,
         ).solve()
-        z = np.empty(len(lower))
+        z = np.empty(len(scs_order))
         info = result["info"]
-        z[lower] = result["y"]
-        # The first word of its status; what follows says that it is inaccurate.
-        word, _, more = info["status"].partition(" ")
+        z[scs_order] = result["y"]  # back to our order
+        # "solved", or "solved (inaccurate - ...)": the first word is the status.
+        word, _, remark = info["status"].partition(" ")
         solution = self.make_solution(
             np.array(result["x"]),
             z,
             word,
             info["iter"],
-            more,
+            remark,
         )
-        return (
-            replace(solution, claims="inaccurate")
-            if word == "solved" and more
-            else solution
-        )
+        is_inaccurate = word == "solved" and remark
+        return replace(solution, claims="inaccurate") if is_inaccurate else solution
 
 
 class Sdpa(Solver):
@@ -300,12 +310,18 @@ class Sdpa(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
-        """Solve the problem by SDPA and return x (m,) and multipliers z (rows,)."""
+        """Solve a conic problem by SDPA (the package sdpap).
+
+        The problem is: minimise q^T x so that b - A x lies in a product of cones
+        (nonnegative rows first, then matrices). ``options`` are SDPA's. Returns the
+        variables x (m,), the multipliers z (rows,) and SDPA's status.
+        """
         import sdpap
 
         dims = sizes(problem.cones)
-        # minimise c^T x subject to (-A) x - (-b) in J, x free
-        free = sdpap.SymCone(f=len(problem.q))
+        # SDPA's form: minimise c^T x subject to A' x - b' in the cones and x free.
+        # Ours, b - A x in the cones, is that with A' = -A and b' = -b.
+        free_variables = sdpap.SymCone(f=len(problem.q))
         cones = sdpap.SymCone(
             l=dims["l"],
             s=tuple(dims["s"]),
@@ -315,19 +331,17 @@ class Sdpa(Solver):
             "print": "no",
             "numThreads": 1,
         }
-        x, y, info, _, more = sdpap.solve(
+        x, z, info, _, statistics = sdpap.solve(
             -problem.A,
             -problem.b,
             problem.q,
-            free,
+            free_variables,
             cones,
             settings,
         )
-        x = np.asarray(x.todense()).ravel()
-        z = np.asarray(y.todense()).ravel()
         return self.make_solution(
-            x,
-            z,
+            np.asarray(x.todense()).ravel(),
+            np.asarray(z.todense()).ravel(),
             str(info.get("phasevalue")),
-            more.get("iteration", 0),
+            statistics.get("iteration", 0),
         )

@@ -103,11 +103,16 @@ class _InteriorPoint:
         data: LeastSquares,
         start: Array | Iterate,
     ) -> None:
-        """Set slacks S = constant + slack_map theta and multipliers Z of the start.
+        """Start the interior-point method at slacks S and multipliers Z inside the
+        cones.
 
-        A point without multipliers gets Z = max(w, mu) S^-1, on the central path of its
-        blocks (w the weight of their log det). Raises LinAlgError unless the start is
-        strictly inside.
+        Cones are nonnegative rows and 4x4 blocks. ``both`` (2, rows + 16 blocks) holds
+        S = constant + slack_map theta and Z, flat; ``rows`` (2, rows) and ``mats`` (2,
+        blocks, 4, 4) are views of it. ``change`` is their change in a step, ``target``
+        where Z is to move. A start without multipliers gets Z = mu / s for rows and
+        max(w, mu) S^-1 for blocks, on the central path (w is the weight of a block's
+        -log det in the objective). Raises LinAlgError unless the start is strictly
+        inside.
         """
         self.cones = cones
         self.data = data
@@ -172,7 +177,8 @@ class _InteriorPoint:
         """
         best: Optimum | None = None
         central = self.iterate()
-        for k in range(60):  # twice what the slowest of the shootout's instances needs
+        n_steps = 60  # twice what the slowest of the shootout's instances needs
+        for k in range(n_steps):
             try:
                 error = self.factorize()
             except np.linalg.LinAlgError:
@@ -198,19 +204,23 @@ class _InteriorPoint:
         return Iterate(self.theta, self.both[1].copy())
 
     def factorize(self) -> float:
-        """Factorise S, Z and H = R^T R + curvature of the cones, and solve for the
+        """Factorise the Newton system H = R^T R + curvature of the cones; solve the
         predictor.
 
-        Sets ``step`` (p,), the predictor, and ``correction`` (p,), the Newton step that
-        removes the dual residual. Returns the error: duality gap plus the cost of the
-        dual residual, over the loss.
+        Index 0 of ``rows`` and ``mats`` are slacks S, index 1 multipliers Z. Sets
+        ``step`` (p,), the predictor (a Newton step towards complementarity zero), and
+        ``correction`` (p,), the Newton step that removes the dual residual (gradient -
+        adjoint of Z). Returns the error: duality gap plus the cost of the dual
+        residual, over the loss.
         """
         cones = self.cones
+        # 1. Blocks: S = L L^T and Z likewise; roots L^-1, their transposes, and S^-1.
         self.factors = np.linalg.cholesky(self.mats)
         self.roots = np.linalg.inv(self.factors)
         self.turned = np.swapaxes(self.roots, -1, -2)
         self.inverse = self.turned[0] @ self.roots[0]
         self.evaluate()
+        # 2. The Hessian H: z / s of the rows, Kronecker products of S^-1 and Z.
         ratios = self.products[: cones.rows]
         np.divide(
             self.rows[1],
@@ -223,7 +233,7 @@ class _InteriorPoint:
         H = self.data.curvature.copy()
         flat = H.ravel()
         flat[cones.places] += cones.curvature @ self.products
-        flat[:: len(H) + 1] *= 1.0 + _RIDGE
+        flat[:: len(H) + 1] *= 1.0 + _RIDGE  # the diagonal
         self.cholesky, failed = scipy.linalg.lapack.dpotrf(
             H.T,
             lower=1,
@@ -232,7 +242,7 @@ class _InteriorPoint:
         )
         if failed:
             raise np.linalg.LinAlgError
-        # Predictor and correction of the dual residual, by one pair of triangular
+        # 3. Predictor and correction of the dual residual, by one pair of triangular
         # solves.
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
         self.set_target(0.0)
@@ -244,7 +254,7 @@ class _InteriorPoint:
             lower=1,
         )
         self.step, self.correction = solutions.T
-        # Duality gap: <S, Z> - sum w (4 + log det S Z - 4 log w) over the blocks.
+        # 4. Duality gap: <S, Z> - sum w (4 + log det S Z - 4 log w) over the blocks.
         products = float(self.both[0] @ self.both[1])
         gap = products - ORDER * float(cones.weight.sum())
         diagonals = np.diagonal(
@@ -256,13 +266,16 @@ class _InteriorPoint:
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
         # Half the square of Newton's decrement: the cost of the dual residual.
         cost = 0.5 * float(self.leftover @ self.correction)
+        # The loss, or rounding of it where a model explains all; 1 without torque.
         scale = max(self.loss, 1e-12 * self.data.tau_squared) or 1.0
         error = float((max(gap, 0.0) + max(cost, 0.0)) / scale)
         return error if math.isfinite(error) else math.inf
 
     def set_target(self, mu: float) -> None:
-        """Set ``target``, to which Z is to move: mu / s for rows, max(w, mu) S^-1 for
-        blocks.
+        """Set ``target``, to which Z is to move for a complementarity mu.
+
+        Rows: z = mu / s. Blocks: Z = max(w, mu) S^-1, with w the weight of -log det S
+        in the objective, for which Z = w S^-1 is optimal.
         """
         np.divide(mu, self.rows[0], out=self.target_rows)
         weight = np.maximum(self.weight, mu)
@@ -275,10 +288,10 @@ class _InteriorPoint:
         mats: Array,
         row: Array,
     ) -> Array:
-        """Return the change of Z that belongs to a change of S, or a second-order term.
+        """Return how Z changes when S does (or a second-order term of that), flat.
 
-        Blocks: sym(S^-1 mats by), all (blocks, 4, 4). Rows: change * row / s, all
-        (rows,).
+        Rows (rows,): change row / s. Blocks (blocks, 4, 4): the symmetric part of
+        S^-1 mats by. Called with (ds, Z, dS, z) for the first-order change.
         """
         out = np.empty_like(self.target)
         rows, blocks = self._views(out[None])
@@ -336,8 +349,12 @@ class _InteriorPoint:
         return float(rows[0] @ rows[1] + np.abs(by_block).sum())
 
     def advance(self) -> bool:
-        """Make one predictor-corrector step (Mehrotra); return False if hardly any step
-        is possible.
+        """Make one predictor-corrector step (Mehrotra) of theta, slacks S and
+        multipliers Z.
+
+        1. The predictor shows how far one can go and how much complementarity <S, Z>
+        that leaves. 2. The corrector aims at that share of it, with the predictor's
+        second-order term. Returns False if hardly any step is possible.
         """
         cones = self.cones
         # Predictor: how far it reaches, and which share of complementarity it leaves.
@@ -345,6 +362,7 @@ class _InteriorPoint:
         before = self.complementarity(self.both)
         after = self.complementarity(self.both + reach * self.change)
         remaining = after / (before or 1.0)
+        # Mehrotra's heuristic: the better the predictor, the less centring.
         centring = min(max(remaining ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
         # Corrector: the predictor's second-order term and the centred target.
         second = self.scaled(
@@ -358,7 +376,7 @@ class _InteriorPoint:
         step = scipy.linalg.lapack.dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)
         share = min(1.0, (_SHARE + (0.999 - _SHARE) * reach**2) * longest)
-        if not share > _SHORTEST:
+        if not share > _SHORTEST:  # NaN, too, ends the iteration
             return False
         self.theta = self.theta + share * step
         self.both[1] += share * self.change[1]
@@ -366,9 +384,11 @@ class _InteriorPoint:
         return bool(np.all(self.rows[0] > 0.0))
 
     def polished(self) -> Iterate:
-        """Return the iterate after the Newton step that removes the dual residual.
+        """Return the iterate after the Newton step ``correction``, without a dual
+        residual.
 
-        If that leaves the cones, the present iterate is returned.
+        If that leaves the cones (rows > 0, blocks positive definite), the present
+        iterate is returned.
         """
         change = self.cones.slack_map @ -self.correction
         all_rows, all_mats = self._views(change[None])

@@ -149,8 +149,12 @@ class Program(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
-        """Write the problem in the sparse SDPA format, run the program, and read its
-        solution.
+        """Solve a conic problem by a solver that is a program of its own.
+
+        The problem is written as a file in the sparse SDPA format to a temporary
+        folder, the program runs there, and its solution file is read: variables x (m,)
+        and multipliers z (rows,). ``options`` are the program's. Without a readable
+        solution the Solution has no numbers, and says what the program claims.
         """
         command = self.command(options)
         program = command[0]
@@ -167,6 +171,7 @@ class Program(Solver):
                 text=True,
                 errors="replace",
             )
+            # A negative return code is minus the signal that ended the program.
             _raise_on_signal(program, -done.returncode)
             claims, status, iterations = self.ended(done.stdout, done.returncode)
             answer = self.answer(folder, problem)
@@ -179,6 +184,7 @@ class Program(Solver):
                 status,
                 iterations,
             )
+        # A program that claims success without a readable solution has failed.
         if claims in ("optimal", "inaccurate"):
             claims = "failed"
         return Solution.none(

@@ -278,10 +278,11 @@ def difference(proof: Proof, recomputed: Proof) -> str:
 
 
 def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
-    """Yield the numbers of a problem, as (name, values, sizes) with arrays of equal
-    shape.
+    """Yield the numbers of a stated problem, to compare two statements of it.
 
-    A difference counts relative to ``sizes``.
+    Each item is (name for messages, values, sizes): arrays of equal shape. A difference
+    of two values counts relative to ``sizes``. The dictionary ``p`` holds numbers as
+    texts of fractions.
     """
 
     def squares(gram: Array) -> Array:
@@ -289,11 +290,12 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
         size = np.sqrt(np.diagonal(gram))
         return np.outer(size, size)
 
-    def itself(x: Array) -> Array:
+    def magnitude(x: Array) -> Array:
         """Return |x|, raised so that the rounding of the largest entry does not count."""
         rounding = safe_depth(1) * np.abs(x).max(initial=0.0)
         return np.abs(x) + rounding / TIGHT
 
+    # The data: [R, rho]^T [R, rho], with the loss floor^2 that no theta can avoid.
     rows = np.column_stack(
         [
             _array(p["R"]).reshape(-1, len(p["bound"])),
@@ -304,24 +306,27 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
     gram[-1, -1] += float(Fraction(p["floor"])) ** 2
     yield "R, rho or floor", gram, squares(gram)
     for name, bound in zip(p["parameters"], _array(p["bound"]), strict=True):
-        yield f"bound of {name}", bound, itself(bound)
-    for c in p["constraints"]:
+        yield f"bound of {name}", bound, magnitude(bound)
+    for constraint in p["constraints"]:
+        title = _title(constraint)
         for field in ("constant", "coefficients"):
-            entries = _array(c[field])
-            yield f"{field} of {_title(c)}", entries, itself(entries)
-        numbers = [np.zeros(0)]
+            entries = _array(constraint[field])
+            yield f"{field} of {title}", entries, magnitude(entries)
+        # The entropic prior of the constraint's link: none or one entry.
+        values = [np.zeros(0)]
         sizes = [np.zeros(0)]
-        for e in c["entropy"]:
-            weight = _array([e["weight"]])
-            log_det = _array([e["log_det"]])
-            inverse = _array(e["inverse"])
-            numbers += [weight, log_det, inverse]
+        for prior in constraint["entropy"]:
+            weight = _array([prior["weight"]])
+            log_det = _array([prior["log_det"]])
+            inverse = _array(prior["inverse"])
+            values += [weight, log_det, inverse]
             # An error of a logarithm is a relative error of the determinant: size one.
+            size_of_log_det = np.ones(1)
             size_of_inverse = squares(inverse.reshape(4, 4)).ravel()
-            sizes += [itself(weight), np.ones(1), size_of_inverse]
+            sizes += [magnitude(weight), size_of_log_det, size_of_inverse]
         yield (
-            f"entropy of {_title(c)}",
-            np.concatenate(numbers),
+            f"entropy of {title}",
+            np.concatenate(values),
             np.concatenate(sizes),
         )
 
@@ -347,10 +352,12 @@ def _proof(
     evidence: DualEvidence,
     entropy: Entropy | None = None,
 ) -> Proof:
-    """Return a stated problem with the multipliers that prove something of it.
+    """Return a stated problem together with the multipliers that prove its claim.
 
-    ``kind`` is "optimum" or "infeasible". Each constraint gets its multiplier ("dual"),
-    and each link with a prior the matrix that bounds its log det.
+    ``kind`` says what is proved: "optimum" (a lower bound) or "infeasible". Each
+    constraint gets its multiplier ("dual"). With an entropic prior, each link's prior
+    also gets the matrix that bounds its log det from above ("dual"), written as a sum
+    of squares so that it is positive semidefinite by construction.
     """
     slopes = list[tuple[Constraint, Array]]()
     if entropy is not None:
@@ -469,8 +476,9 @@ def _signed(proof: Proof) -> Proof:
 
 
 def _checked(proof: Proof) -> Proof:
-    """Return the signed proof after verifying it with verify_proof, which raises
-    ValueError.
+    """Return the signed proof after checking it by the stand-alone verify_proof.
+
+    verify_proof raises ValueError for a proof that does not hold.
     """
     signed_proof = _signed(proof)
     verify_proof.check(signed_proof)

@@ -175,10 +175,11 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     if problem.P.nnz == 0:
         return unchanged(problem)
     factor = quadratic_factor(problem)
-    rows, m = factor.shape
-    size = rows if group is None else group
-    starts = list(range(0, rows, size))
-    columns = len(starts)
+    n_rows, m = factor.shape
+    size = n_rows if group is None else group
+    starts = list(range(0, n_rows, size))
+    n_new = len(starts)  # number of variables t, behind the m variables x
+    # Blocks of rows of A in the columns [x, t].
     blocks: list[list[Any]] = [[problem.A, None]]
     constants = [problem.b]
     cones = list(problem.cones)
@@ -186,7 +187,7 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
         part = factor[start : start + size]
         size_of_part = part.shape[0]
         # b - A x is (t_k + 1, t_k - 1, sqrt(2) G x).
-        minus_t = scipy.sparse.csr_matrix(([-1.0], ([0], [k])), (1, columns))
+        minus_t = scipy.sparse.csr_matrix(([-1.0], ([0], [k])), (1, n_new))
         blocks.append([None, minus_t])
         blocks.append([None, minus_t])
         blocks.append([-np.sqrt(2.0) * part, None])
@@ -194,14 +195,15 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
         constants.append(np.zeros(size_of_part))
         cones.append(Cone("soc", 2 + size_of_part))
     rewritten = ConicProblem(
-        scipy.sparse.csc_matrix((m + columns, m + columns)),
-        q=np.concatenate([problem.q, np.ones(columns)]),
+        scipy.sparse.csc_matrix((m + n_new, m + n_new)),
+        q=np.concatenate([problem.q, np.ones(n_new)]),
         A=scipy.sparse.csc_matrix(scipy.sparse.bmat(blocks)),
         b=np.concatenate(constants),
         cones=tuple(cones),
     )
 
     def back(x: Array, z: Array) -> tuple[Array, Array]:
+        """Return x and z of the first problem, without t and the new cones."""
         return x[:m], z[: len(problem.b)]
 
     return Rewritten(rewritten, back)
@@ -226,18 +228,19 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
         If an equality has no such variable.
     """
     are_equalities = [np.full(c.rows, c.kind == "zero") for c in problem.cones]
-    equal = np.concatenate(
+    is_equal = np.concatenate(
         [
             np.zeros(0, bool),
             *are_equalities,
         ]
     )
-    if not equal.any():
+    if not is_equal.any():
         return unchanged(problem)
+    # Equalities E x = e, and the rows of all other cones.
     A = scipy.sparse.csr_matrix(problem.A)
-    E = scipy.sparse.csc_matrix(A[equal])
-    e = problem.b[equal]
-    inequalities = A[~equal]
+    E = scipy.sparse.csc_matrix(A[is_equal])
+    e = problem.b[is_equal]
+    inequalities = A[~is_equal]
     # Variables that occur in one equality only: its row, and the coefficient there.
     candidates = np.flatnonzero(np.diff(E.indptr) == 1)
     row_of = E.indices[E.indptr[candidates]]
@@ -259,19 +262,19 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
         scipy.sparse.csc_matrix((len(free_columns), len(free_columns))),
         q=problem.q[free_columns] - slope.T @ problem.q[pivots],
         A=scipy.sparse.csc_matrix(inequalities[:, free_columns] - of_pivots @ slope),
-        b=problem.b[~equal] - of_pivots @ offset,
+        b=problem.b[~is_equal] - of_pivots @ offset,
         cones=tuple(c for c in problem.cones if c.kind != "zero"),
     )
 
     def back(x: Array, z: Array) -> tuple[Array, Array]:
         """Return x and z of the problem with equalities."""
         full_x = np.zeros(A.shape[1])
-        full_z = np.zeros(len(equal))
+        full_z = np.zeros(len(is_equal))
         full_x[free_columns] = x
         full_x[pivots] = offset - slope @ x
-        full_z[~equal] = z
+        full_z[~is_equal] = z
         # Stationarity in the pivots: q + A^T z = 0.
-        full_z[equal] = -(problem.q[pivots] + of_pivots.T @ z) / size
+        full_z[is_equal] = -(problem.q[pivots] + of_pivots.T @ z) / size
         return full_x, full_z
 
     return Rewritten(rewritten, back, float(problem.q[pivots] @ offset))
@@ -295,7 +298,7 @@ def arrows(problem: ConicProblem) -> Rewritten:
     """
     if not any(c.kind == "soc" for c in problem.cones):
         return unchanged(problem)
-    maps = []
+    maps = []  # one a cone, from its rows to those of the new cone
     cones = []
     for cone in problem.cones:
         d = cone.size
@@ -314,6 +317,7 @@ def arrows(problem: ConicProblem) -> Rewritten:
                 j[1:],
             ]
         )
+        # The axis goes to all d diagonal entries; svec weights others by sqrt(2).
         values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
         shape = (d * (d + 1) // 2, d)
         maps.append(scipy.sparse.csr_matrix((values, (rows, columns)), shape))
@@ -331,7 +335,11 @@ def _mapped(
     change: scipy.sparse.csr_matrix,
     home: scipy.sparse.csr_matrix,
 ) -> Rewritten:
-    """Return the problem with rows ``change`` A and b; ``home`` maps multipliers back."""
+    """Return the problem with rows ``change`` A and ``change`` b, and the way back.
+
+    ``change`` maps the rows b - A x of the old cones to those of the new ones; ``home``
+    maps the new multipliers back to the old ones. The variables x stay.
+    """
     mapped = replace(
         problem,
         A=scipy.sparse.csc_matrix(change @ problem.A),

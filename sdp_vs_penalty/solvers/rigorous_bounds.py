@@ -167,11 +167,14 @@ def _entropy_tangent(
     slopes: Array,
     p: int,
 ) -> tuple[Extended, Extended]:
-    """Return slope (2, p) and constant (2,) of an affine lower bound of the prior.
+    """Return an affine lower bound of the entropic prior, as slope (2, p) and constant
+    (2,).
 
-    -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly,
-    ``slopes`` (links, 4, 4) near S. The second entries are sums of absolute values.
-    Raises LinAlgError unless all slopes are positive definite.
+    The prior is w sum (tr(P0^-1 P) - log det P + log det P0 - 4) over the links'
+    pseudo-inertias P. Its bound uses -log det P >= log det S + 4 - tr(S P), for
+    S = V V^T exactly, near ``slopes`` (links, 4, 4). Entry 0 of slope and constant is
+    the value, entry 1 the sum of absolute values, which bounds the rounding. Raises
+    LinAlgError unless all slopes are positive definite.
     """
     symmetric = 0.5 * (slopes + _transposed(slopes))
     v = np.asarray(np.linalg.cholesky(symmetric), float)
@@ -241,6 +244,8 @@ def lower_bound(
     float
         -inf if the slopes of the prior are not positive definite.
     """
+    # 1. Slope (2, p) and constant (2,) of the affine function in theta: entry 0 is the
+    # value, entry 1 the sum of absolute values, which bounds its rounding.
     data = objective.least_squares
     signs = np.array([-1, 1])
     dual, dual_sizes = in_cones(constraints, evidence.multipliers)
@@ -272,7 +277,7 @@ def lower_bound(
             return -np.inf
         slope = slope + tangent[0]
         constant = constant + tangent[1]
-    # y is corrected first in doubles, then in extended precision.
+    # 2. y is corrected first in doubles, then in extended precision.
     push = evidence.push
     first_slope = np.asarray(slope[0], float) + 2.0 * (evidence.y @ data.R)
     first_y = evidence.y - push(bound * first_slope)
@@ -289,7 +294,7 @@ def lower_bound(
             break
         y = y - push(scaled_leftover)
         leftover = slope[0] + 2 * (y @ R)
-    # Sums of absolute values times gamma bound the rounding of the sums.
+    # 3. Sums of absolute values times gamma bound the rounding of the sums.
     gamma = _gamma(operations)
     sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))
     largest_leftover = np.abs(leftover) + gamma * (slope[1] + sizes) + _TINY
@@ -407,7 +412,10 @@ _WELL_INSIDE = np.sqrt(np.finfo(float).eps)
 def _exact_value(
     constraint: Constraint, theta: Mapping[int, Fraction]
 ) -> list[Fraction]:
-    """Return the entries of F(theta) as Fractions; a matrix is made symmetric."""
+    """Return the entries of F(theta) = F_0 + sum_k theta_k F_k as Fractions.
+
+    ``theta`` maps indices of parameters to values. A matrix is made symmetric.
+    """
     out = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
         flat = coefficient.ravel()

@@ -69,7 +69,13 @@ class SmallCones:
         constraints: ConstraintSet,
         p: int,
     ) -> None:
-        """Prepare the cones of an SDP with p parameters.
+        """Prepare the maps from theta (p,) to slacks: nonnegative rows, then 4x4
+        blocks.
+
+        Slacks = constant + slack_map theta. Smaller matrices are padded to 4x4 by ones
+        on the diagonal. ``adjoint`` is slack_map^T; ``curvature`` maps products of
+        slacks and multipliers to the entries ``places`` of the flat Hessian (p, p).
+        Maps are dense where that is faster (fewer than _DENSE entries).
 
         Raises NotApplicableError for a matrix or second-order cone of an order above
         four.
@@ -92,7 +98,7 @@ class SmallCones:
         n_blocks = (image.shape[0] - self.rows) // ORDER**2
         self.weight = np.zeros(n_blocks)
         self.linear = np.zeros(p)
-        self._count = len(links)
+        self._n_links_with_prior = len(links)
         if entropy is not None and links:
             self._weigh(entropy)
         places = (cones.row, cones.column)
@@ -109,11 +115,14 @@ class SmallCones:
             self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
 
     def _weigh(self, entropy: Entropy) -> None:
-        """Set the weight of each block's log det, and the slope of the prior's trace
-        term.
+        """Set the prior's terms of the objective: w (tr(P_0^-1 P(theta)) - log det
+        P(theta)).
+
+        ``weight`` (blocks,) is w for the links' blocks, else zero; ``linear`` (p,) is
+        the gradient of the trace term.
         """
         self.weight = np.zeros_like(self.weight)
-        self.weight[: self._count] = entropy.weight
+        self.weight[: self._n_links_with_prior] = entropy.weight
         # tr(P_0^-1 P(theta)) is linear in theta.
         nominal_inverse, _ = entropy.nominal_terms
         p = len(self.linear)
@@ -134,7 +143,7 @@ class SmallCones:
         SmallCones
             Unchanged if the cones have no prior.
         """
-        if not self._count:
+        if not self._n_links_with_prior:
             return self
         assert entropy is not None
         assert entropy.weight > 0.0
@@ -173,10 +182,11 @@ def _parts(
     links: Sequence[Constraint],
     groups: Sequence[ConeGroup],
 ) -> list[_Part]:
-    """Return the groups of cones in the order of the slacks: rows, links of the prior,
-    blocks.
+    """Return the groups of cones in the order of the slacks.
 
-    Constraints that others imply, or that a link's log det implies, are left out.
+    The order is: nonnegative rows, the links of the entropic prior, other blocks.
+    Constraints that others imply are left out, and so is the pseudo-inertia of a link
+    with a prior, since -log det P keeps it positive definite.
     """
     # -log det P keeps P positive definite by itself.
     kept_by_log_det = {("pseudo-inertia", *link.indices.tolist()) for link in links}
@@ -189,6 +199,7 @@ def _parts(
     start = 0
     for number, group in enumerate(groups):
         is_of_links = number >= len(constraints.groups)
+        # ``turn`` sorts the parts: 0 rows, 1 links of the prior, 2 other blocks.
         if is_of_links:
             members = np.arange(len(group.places))
             turn = 1
@@ -197,7 +208,7 @@ def _parts(
             members = np.flatnonzero(is_needed)
             turn = 0 if group.cone == "nonnegative" else 2
         image, ones = _image(group.cone, group.constant.shape[1])
-        begins = start + image.shape[1] * members
+        begins = start + image.shape[1] * members  # first entry of each cone
         parts.append(
             _Part(
                 turn,
@@ -211,23 +222,27 @@ def _parts(
 
 
 def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> scipy.sparse.csr_matrix:
-    """Return the sparse map (slacks, entries) from all cones' entries to all parts'
-    slacks.
+    """Return the sparse map (slacks, entries) from the cones' entries to the slacks.
+
+    All cones of a part have the same small map, ``part.image``; it is placed once for
+    each cone, at the first entry ``part.begins`` of that cone.
     """
+    # Row, column and value of each nonzero; the first items are for no parts at all.
     rows = [np.zeros(0, np.intp)]
     columns = [np.zeros(0, np.intp)]
     values = [np.zeros(0)]
-    first = 0
+    n_slacks = 0
     for part in parts:
         row, column = np.nonzero(part.image)
         n_cones = len(part.begins)
-        first_rows = first + len(part.image) * np.arange(n_cones)
+        first_rows = n_slacks + len(part.image) * np.arange(n_cones)
         rows.append((first_rows[:, None] + row).ravel())
         columns.append((part.begins[:, None] + column).ravel())
         values.append(np.tile(part.image[row, column], n_cones))
-        first += part.n_slacks
+        n_slacks += part.n_slacks
     places = (np.concatenate(rows), np.concatenate(columns))
-    return scipy.sparse.csr_matrix((np.concatenate(values), places), (first, n_entries))
+    shape = (n_slacks, n_entries)
+    return scipy.sparse.csr_matrix((np.concatenate(values), places), shape)
 
 
 def _image(cone: str, d: int) -> tuple[Array, Array]:

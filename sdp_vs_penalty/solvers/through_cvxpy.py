@@ -74,8 +74,11 @@ class ThroughCvxpy(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
-        """State the problem in CVXPY, solve it, and return x (m,) and multipliers z
-        (rows,).
+        """State a conic problem in CVXPY and solve it there by this class's solver.
+
+        The problem is: minimise x^T P x / 2 + q^T x so that b - A x lies in a product
+        of cones. ``options`` are the solver's. Returns the variables x (m,), the
+        multipliers z (rows,) and CVXPY's status.
         """
         import cvxpy as cp
 
@@ -84,30 +87,32 @@ class ThroughCvxpy(Solver):
         objective = problem.q @ x
         if problem.P.nnz:
             objective = objective + 0.5 * cp.sum_squares(quadratic_factor(problem) @ x)
-        constraints = []
-        at = 0
+        constraints = []  # one a cone: its rows of b - A x lie in it
+        first_row = 0
         for cone in problem.cones:
-            rows = slice(at, at + _n_rows(cone))
-            at = rows.stop
+            rows = slice(first_row, first_row + _n_rows(cone))
+            first_row = rows.stop
             constraints.append(_membership(cone, problem.b[rows] - A[rows] @ x))
         model = cp.Problem(cp.Minimize(objective), constraints)
+        # CVXPY takes some solvers' options as one dictionary, others' one by one.
+        keywords = {self.group: options} if self.group else options
         try:
             with warnings.catch_warnings(action="ignore"):
                 model.solve(
                     solver=self.name.upper(),
-                    **({self.group: options} if self.group else options),
+                    **keywords,
                 )
         except cp.error.SolverError as error:
             return Solution.none(problem, str(error))
         z = np.concatenate(
             [_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)]
         )
-        steps = model.solver_stats.num_iters or 0
+        iterations = model.solver_stats.num_iters or 0
         return self.make_solution(
             flat(x.value, len(problem.q)),
             z,
             model.status,
-            steps,
+            iterations,
         )
 
 
@@ -139,8 +144,10 @@ def _membership(cone: Cone, slack: Any) -> Any:
 
 
 def _dual(cone: Cone, constraint: Any) -> Array:
-    """Return a constraint's multiplier in the order of the cone's rows; NaN without
-    one.
+    """Return the multiplier (rows,) of a solved CVXPY constraint, NaN if it has none.
+
+    The order is that of the cone's rows. CVXPY gives second-order and exponential cones
+    a list of arrays, other cones one array; a matrix is made symmetric.
     """
     value = constraint.dual_value
     if value is None or (isinstance(value, list) and value[0] is None):

@@ -19,7 +19,7 @@ from point_mass_arm import (
 
 from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.equivalence import _may_do_the_same
+from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
 from sdp_vs_penalty.effects import TorqueFilter
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
@@ -152,19 +152,18 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
 
 
 @pytest.mark.parametrize(
-    ("finding_joints", "candidate_joints", "asked"),
-    [
-        ([{1}], (0,), True),
-        ([{1}], (1,), True),
-        ([{0}, {1}], (1,), False),
-        ([{0}, {1}], (0, 1), True),
-    ],
+    ("left_beside_rival", "same"),
+    [(0.5, True), (100.0, False)],
 )
-def test_a_rival_of_one_finding_may_act_on_any_joint(
-    finding_joints, candidate_joints, asked
-):
-    """Masses that are fitted again turn a gain of one joint into one of another."""
-    group = SimpleNamespace(terms=[SimpleNamespace(joints=j) for j in finding_joints])
-    form = SimpleNamespace(replaces_own_constant=False)
-    batch = SimpleNamespace(forms=[form], joints=candidate_joints)
-    assert _may_do_the_same(group, batch) == asked
+def test_a_rival_on_another_joint_explains_the_same_torque(left_beside_rival, same):
+    """And not as much torque of its own joint."""
+    term = SimpleNamespace(form=None, columns=None)
+    group = SimpleNamespace(terms=[term], others=[], fit=None, deviance_margin=10.0)
+    search = SimpleNamespace(
+        nuisances=SimpleNamespace(with_law_misfits=list),
+        score=SimpleNamespace(
+            fit=lambda terms, near: None,
+            evidence_of=lambda *_: SimpleNamespace(drop=left_beside_rival),
+        ),
+    )
+    assert _explains_the_same(search, group, object()) == same

@@ -10,7 +10,12 @@ from scipy.integrate import solve_ivp
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Model, effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Array
-from sdp_vs_penalty.effects.forward import Plant, State, _solved, advance
+from sdp_vs_penalty.effects.forward import (
+    Plant,
+    State,
+    _solve_friction_impulses,
+    advance,
+)
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.robot import inertia
@@ -214,7 +219,7 @@ def test_impulses_of_dry_friction_solve_their_law(width):
     G = np.einsum("kij,klj->kil", A, A) + 0.05 * np.eye(m)
     y0 = 3.0 * rng.normal(size=(count, m))
     p = rng.uniform(0.1, 2.0, (count, m))
-    f = _solved(
+    f = _solve_friction_impulses(
         y0,
         G,
         p,

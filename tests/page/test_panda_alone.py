@@ -42,7 +42,6 @@ def test_a_fifth_of_the_run_is_judged(session):
 
 def test_no_finding_is_confident_that_few_splits_show(session):
     for finding in session.findings.effects:
-        print(finding.text, finding.rating, finding.splits_sentence)
         if finding.rating == "confident":
             assert finding.n_splits >= N_SPLITS - 1
             assert finding.n_splits_showing >= CONFIRMED_SHARE * finding.n_splits - 1e-9

@@ -84,7 +84,7 @@ def test_other_splits_judge_as_much(two_link, run):
 
 
 @pytest.mark.long
-def test_a_spring_in_a_run_alone_is_shown_by_its_splits(tmp_path):
+def test_friction_in_a_run_alone_is_shown_by_its_splits(tmp_path):
     """Dropped alone, identified and diagnosed: the card counts the splits."""
     from page_sessions import Here, Screen, saved
 
@@ -92,7 +92,7 @@ def test_a_spring_in_a_run_alone_is_shown_by_its_splits(tmp_path):
     from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
     problem = load_problem("two_link")
-    (run, *_) = hidden_runs(problem, [("joint_spring", [1])], "strong", 24, 1).runs
+    (run, *_) = hidden_runs(problem, [("stribeck_friction", [0])], "strong", 24, 1).runs
     session = Sessions(Here()).new()
     screen = Screen(session)
     screen.do(session.start, session.choose_robot, "two_link")
@@ -100,8 +100,8 @@ def test_a_spring_in_a_run_alone_is_shown_by_its_splits(tmp_path):
     session.arrived |= saved(tmp_path, [thin], "alone.csv")
     screen.do(session.read_arrived)
     screen.click("identify", "diagnose")
-    (spring,) = (f for f in session.findings.effects if f.effect == "joint_spring")
-    assert spring.n_splits >= 4
-    assert spring.n_splits_showing >= splits.CONFIRMED_SHARE * spring.n_splits - 1e-9
-    assert spring.rating == "confident"
-    assert spring.splits_sentence in screen.text("findings")
+    (found,) = session.findings.effects
+    assert (found.effect, found.rating) == ("stribeck_friction", "confident")
+    assert found.n_splits == splits.N_SPLITS
+    assert found.n_splits_showing >= splits.CONFIRMED_SHARE * found.n_splits - 1e-9
+    assert found.splits_sentence in screen.text("findings")

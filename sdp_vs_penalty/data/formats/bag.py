@@ -502,7 +502,9 @@ def _say_what_is_skipped(
     names: Sequence[str],
     unmatched: int,
 ) -> None:
-    """Warn of messages that were left out: with empty fields, or without a partner."""
+    """Warn of messages that were left out: those of the leading topic with empty
+    fields, and the ``unmatched`` rows of the leading stream without a partner in the
+    others."""
     empty = sum(
         len(s.values)
         for s in streams

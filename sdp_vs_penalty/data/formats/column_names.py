@@ -227,8 +227,13 @@ def _is_telling(unit: NamedUnit) -> bool:
 
 
 def _read_tokens(tokens: list[str], joints: JointNames | None) -> Reading | None:
-    """Read tokens of a name: without the robot's joint name that they contain, and,
-    where the remaining tokens say nothing, with it."""
+    """Read the quantity that the tokens of a column's name say, such as "q" for
+    "elbow", "position".
+
+    The robot's joint name is taken out first, if the tokens contain one. If the other
+    tokens say no quantity, all tokens are read: the joint's name may have the word that
+    says it ("torque_motor"). None where no tokens say a quantity.
+    """
     match = joints.find(tokens) if joints is not None else None
     if match is not None:
         joint, others = match

@@ -32,15 +32,17 @@ class ColumnSet:
 
     @property
     def keys(self) -> frozenset[Hashable]:
-        """Joints, numbers or words that tell the columns apart."""
+        """What tells the columns apart: the robot's joints (from 0), the numbers, or
+        the words in their names."""
         return frozenset(self.columns)
 
     @property
     def preference(self) -> tuple[int, int, int, int]:
-        """Sort key by which sets of one quantity compete; the smallest wins.
+        """Sort key among the sets of one quantity; the smallest wins.
 
-        In this order: rank of the word, number of further words, style, and size (the
-        larger set wins).
+        In this order: rank of the word that says the quantity (0 for the most certain
+        word), number of further words in the names, style (how the names tell the
+        joints apart), and minus the size, so that the larger set wins.
         """
         style = _STYLES.index(self.style)
         return self.rank, len(self.other_words), style, -len(self.columns)
@@ -86,10 +88,14 @@ def _sets_of_names(
     names: Sequence[str],
     readings: Mapping[str, Reading],
 ) -> list[dict[Hashable, str]]:
-    """Make the sets of some columns that share style, rank and further words.
+    """Make sets of columns, each with one column for each joint, of some names.
 
-    Usually that is one set. Position columns with two ways of numbering (motor_pos_1
-    and link_pos_1) give none together; they are split by their names.
+    The names share a style (how they tell the joints apart: "joint", "number", "name"
+    or "block") and their further words. Usually they are one set. Position columns with
+    two ways of numbering (motor_pos_1 and link_pos_1) have two columns for each joint,
+    so they are split by their names.
+
+    Returns the columns by joint, number or words; an empty list if they are no set.
     """
     columns = _columns_by_joint(style, names, readings)
     if columns:
@@ -115,7 +121,10 @@ def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
     """List the styles of the sets to which a column can belong, each with the further
     words that all columns of the set share.
 
-    "name" shares none: there the further words tell the joints apart.
+    The style says what tells the joints apart: "joint" (the robot's joint names),
+    "number", "name" (further words, so that the columns share none) or "block" (one
+    column with all joints). Example: [("name", ()), ("number", ("left",))] for
+    "left_q_1".
     """
     if reading.joint is not None:
         return [("joint", reading.other_words)]
@@ -132,10 +141,13 @@ def _columns_by_joint(
     names: Sequence[str],
     readings: Mapping[str, Reading],
 ) -> dict[Hashable, str]:
-    """Order the columns of one set by their joint.
+    """Order the columns of one set by what tells their joints apart: {0: "q_1", 1:
+    "q_2"}.
 
-    Empty where they are no set: two columns of one joint, numbers with a gap, a "block"
-    of several columns, or one "name" alone.
+    By style that is the robot's joint ("joint"), a number ("number", from 0 in the
+    result), the further words of the name ("name"), or "" for one column that holds all
+    joints ("block"). Empty if the columns are no set: two columns of one joint, numbers
+    with a gap, several blocks, or a single "name".
     """
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
@@ -151,7 +163,8 @@ def _columns_by_joint(
 
 def _key_of(style: str, reading: Reading) -> Hashable:
     """Return what tells a column's joint apart in a set of this style: the robot's
-    joint, a number, or the further words."""
+    joint from 0 ("joint"), a number ("number"), or the further words and the number of
+    its name ("name")."""
     if style == "joint":
         return reading.joint
     if style == "number":

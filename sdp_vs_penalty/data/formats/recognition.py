@@ -61,8 +61,12 @@ class AmbiguousColumnsError(InputError):
     """
 
     def __init__(self, what: str, words: str) -> None:
-        """Keep the value of ``--rename`` that takes the first set, beside the message
-        ``what``."""
+        """Make the error that several sets of columns are equally good as positions.
+
+        ``what`` names the sets, for the message. ``words`` is the value of ``convert
+        --rename`` that takes the first set; the remedy shows it, and callers read it
+        again.
+        """
         super().__init__(what, f"choose with `convert --rename {words}`")
         self.words = words
 

@@ -71,10 +71,11 @@ def read_pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]
 
 
 def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
-    """Read chosen columns by PyArrow, one list of arrays a piece; its errors name no
-    cell.
+    """Read chosen columns by PyArrow: one list of arrays, one for each column, for each
+    piece of rows.
 
-    Lists and time stamps come as texts and are parsed here.
+    Lists and time stamps come as texts and are parsed here. PyArrow raises
+    ArrowException for a cell that is no number, without naming it.
     """
     from pyarrow import csv as arrow
 

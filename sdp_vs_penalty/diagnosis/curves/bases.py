@@ -26,7 +26,7 @@ from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
-from sdp_vs_penalty.effects.transmission import combinations
+from sdp_vs_penalty.effects.transmission import list_joint_combinations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -53,7 +53,7 @@ class Axis:
 
     @property
     def is_sign(self) -> bool:
-        """Whether the variable is the sign of a velocity, which takes two values only."""
+        """Whether the variable is the sign of a velocity, which is -1 or 1."""
         return self.variable.word == "sign(dq)"
 
     def columns(self, x: Array) -> Array:
@@ -69,12 +69,9 @@ class Axis:
         if self.is_sign:
             return np.column_stack([np.ones_like(x), x])
 
-        # The last knot belongs to what lies below it.
-        inside = np.clip(
-            x,
-            self.low,
-            self.high - 1e-9 * (self.high - self.low),
-        )
+        # B-splines of SciPy end before the last knot: the upper end is moved below it.
+        just_below = self.high - 1e-9 * (self.high - self.low)
+        inside = np.clip(x, self.low, just_below)
         step = (self.high - self.low) / (self.count - _DEGREE)
         knots = self.low + step * np.arange(-_DEGREE, self.count + 1)
         return np.asarray(
@@ -260,8 +257,8 @@ def _coupled_variables(j: int, robot: Robot) -> list[Variable]:
     """
     out = []
     for first in range(j + 1):
-        for ratios in combinations(robot, first):
-            # Keys are "c" and the joint, which counts from 1.
+        for ratios in list_joint_combinations(robot, first):
+            # ratios, such as {"c4": 1.0, "c5": 0.5}: joints count from 1.
             joints = [int(key[1:]) - 1 for key in ratios]
             if len(joints) != 2 or j not in joints:
                 continue
@@ -279,6 +276,9 @@ class Variables:
     def __init__(self, rows: SegmentedRuns, robot: Robot) -> None:
         """Keep the rows and the robot; values of variables are computed at their first
         use.
+
+        ``on_rows(variable)`` returns low-passed values (M,), and ``keep`` (M,) flags
+        the rows in which the log counts on some joint.
 
         Parameters
         ----------
@@ -375,6 +375,7 @@ class Variables:
         """
 
         def along(motion: Motion) -> Array:
+            """Return the columns (N, m) at the N samples of a motion, unfiltered."""
             values = [axis.variable.along(motion) for axis in basis.axes]
             return law(np.column_stack(values))
 
@@ -454,23 +455,29 @@ class CurveColumns:
         joint: int,
         robust: bool = True,
     ) -> CurveColumns:
-        """Compute the products of a curve's columns with each other and with the
-        residual of a fit.
+        """Compute the products of a curve's columns z with each other and with the
+        residual r of a fit, after projection off the fit's columns.
+
+        With Q (M, r) an orthonormal basis of the fit's columns: D = z'z - (Q'z)'(Q'z),
+        and s = z'r, since r has no part in Q. v, the number of correlated rows that
+        count as one, comes from the residual after a fit of the curve, c = (D + z'z /
+        N)^-1 s.
 
         Parameters
         ----------
         score
             The scorer, which knows the clusters of correlated rows.
         fit
-            The model with some effects, fitted.
+            The fit of the model with some effects.
         white
             (M, k) columns of the curve's functions, weighted so that the noise is
             independent with variance 1 (white).
         joint
             Joint (from 0) whose torque the curve explains.
         robust
-            True: v, the number of correlated rows that count as one, is estimated from
-            clusters of rows. False: rows count as independent, v = 1.
+            True: v is estimated from clusters of rows. False: rows count as
+            independent, v = 1. N / COARSENING_ROWS is added in both cases, since no law
+            is exact.
 
         Returns
         -------
@@ -514,8 +521,9 @@ class CurveColumns:
         """Return the evidence J of curves that lower the squared error of this joint.
 
         J = dD / v - freedom log(N / v) - 2 log(looked), where dD is the drop of the
-        deviance, N the number of rows, and v the number of correlated rows that count
-        as one.
+        deviance (-2 log likelihood), N the number of rows, and v the number of
+        correlated rows that count as one. The terms subtracted are the price of
+        coefficients, and of the choice among bases.
 
         Parameters
         ----------
@@ -536,9 +544,10 @@ class CurveColumns:
         # (..., n) squared errors of all joints, of which only this one's falls.
         rss = np.repeat(fit.rss[None], np.size(drop), axis=0)
         rss = rss.reshape(*np.shape(drop), -1)
+        # ``drop`` is in units of the fit's level (its RMS residual).
         rss[..., j] = np.maximum(fit.rss[j] - drop * fit.level[j] ** 2, 0.0)
         deviance_drop = fit.deviance(fit.rss) - fit.deviance(rss)
-        n_independent = max(self.count / self.v, 3.0)
+        n_independent = max(self.count / self.v, 3.0)  # a positive logarithm
         price = freedom * np.log(n_independent)
         selection = 2.0 * np.log(max(looked, 1))
         return np.asarray(deviance_drop / self.v - price - selection)
@@ -548,10 +557,12 @@ class CurveColumns:
         fold: NDArray[np.intp],
         P: Array,
     ) -> Array:
-        """Return the curve's coefficients (F, k) fitted without each of F folds.
+        """Fit the curve's coefficients F times, each time without the rows of one fold.
 
-        The model's own columns are fitted again on the same rows; a prior that is worth
-        one row holds them near their values on all rows.
+        The model's own columns Q are fitted again on the same rows, together with the
+        curve's columns z: the normal equations are [[Q'Q + prior, Q'z], [z'Q, z'z +
+        P]]. A prior that is worth one row holds the coefficients of Q near their values
+        on all rows.
 
         Parameters
         ----------
@@ -559,6 +570,11 @@ class CurveColumns:
             (M,) the fold of each row.
         P
             (k, k) penalty of the curve's coefficients.
+
+        Returns
+        -------
+        (F, k) array
+            Coefficients of the curve.
         """
         Q = self.fit.basis  # (n, M, r)
         y = self.fit.target  # (n, M)
@@ -702,8 +718,9 @@ def confidence_band(
     """Return the half width (P,) of a simultaneous confidence band of a curve [N m or
     N].
 
-    Errors of curves are drawn from a normal distribution with covariance v (D + P)^-1
-    (Nychka, JASA 1988). The band holds the share ``level`` of the drawn curves at all
+    Errors of the coefficients are drawn from a normal distribution with covariance v (D
+    + P)^-1 (Nychka, JASA 1988). The band is c times the standard deviation at each
+    point; c is such that the share ``level`` of the drawn curves lies within it at all
     points at once.
 
     Parameters
@@ -723,9 +740,8 @@ def confidence_band(
     rng = np.random.default_rng(seed)
     A = fit.columns.D + fit.P
     values, vectors = np.linalg.eigh(A)
-    root = vectors / np.sqrt(
-        np.maximum(values, 1e-12 * values[-1])
-    )  # root root' = A^-1
+    # root root' = A^-1; rounding may make the smallest eigenvalues negative.
+    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
     # v without the coarsening of the evidence, which is no error of the curve.
     v = fit.columns.v - fit.columns.count / COARSENING_ROWS
     spread = np.sqrt(max(v, 1.0))

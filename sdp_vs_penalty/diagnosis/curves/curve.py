@@ -82,7 +82,10 @@ class Curve(JsonRecord):
         return self.x.reshape(len(self.torque), -1)
 
     def effect(self, robot: Robot) -> MeasuredCurve:
-        """Return the curve as a table effect that can be added to a model of the robot."""
+        """Return the curve as a table effect, which can be added to a model of the
+        robot.
+        """
+        # Measured points come first, then those where only the formula has values.
         filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
         return table_effect(
             robot,
@@ -134,6 +137,12 @@ def table_effect(
 ) -> MeasuredCurve:
     """Make the effect whose torque is a table over a grid of one or two variables.
 
+    An effect keeps all numbers as named constants, with which it is written to a file.
+    For the first variable x (y for the second) they are its word's number, joint "xj",
+    second joint "xi" and ratio "xc" of a sum of two joints, range "xlow" to "xhigh",
+    and number of points "xn". The values are "v1", "v2" ... (measured) and "w1" ...
+    (from a formula).
+
     Parameters
     ----------
     robot
@@ -147,23 +156,24 @@ def table_effect(
     values
         (P,) torque there [N m or N].
     measured
-        How many of the first points were measured; a law gave the others.
+        Number of the first points that were measured; a formula gave the others.
 
     Returns
     -------
     MeasuredCurve
-        The effect. It is written with numbers of six digits, so its values are rounded
-        to these here.
+        The effect. Files hold six digits, so its values are rounded to these here.
     """
     shape: dict[str, float] = {}
     places = []
     counts = []
     for axis, name, x in zip("xy", of, points.T, strict=False):
         variable = Variable.parse(name)
+        # Points may be missing: the smallest distance is the step of the grid.
         steps = np.diff(np.unique(x))
         low = float(x.min())
         high = float(x.max())
-        count = round((high - low) / float(steps.min(initial=high - low))) + 1
+        step = float(steps.min(initial=high - low))
+        count = round((high - low) / step) + 1
         shape[axis] = WORDS.index(variable.word) + 1.0
         shape[f"{axis}j"] = variable.joint + 1.0
         if variable.other >= 0:

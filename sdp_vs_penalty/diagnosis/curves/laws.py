@@ -101,6 +101,7 @@ class Law:
         constants
             (c,) non-linear constants.
         """
+        # Texts of terms, such as "tanh({x} / {b})", have these places to fill.
         words = dict(zip("xy", names, strict=False))
         words |= dict(zip("bc", map(_number, constants), strict=False))
         if len(self.reads) < len(amplitudes):  # a wave: a sin + b cos
@@ -131,10 +132,12 @@ def dictionary(axes: Sequence[Axis]) -> list[Law]:
 
 
 def _laws_of_one_variable(axis: Axis) -> list[Law]:
-    """List the candidate laws of one variable x: powers, saturations, exponentials,
-    waves and bumps.
+    """List the candidate laws (formulas with free amplitudes) of a curve over one
+    variable x.
 
-    Non-linear constants b begin with widths from 1 % to three times the largest |x|.
+    They are each function of _FUNCTIONS (powers, sign, root), x + x^2, x + x^2 + x^3,
+    saturations and exponentials of x / b, waves sin(b x + phase), and bumps. Widths b
+    begin at 1 % to three times the largest |x|.
     """
     if axis.is_sign:
         return [_power_law("{x}")]
@@ -161,6 +164,7 @@ def _power_law(*reads: str) -> Law:
     """
 
     def terms(variables: Array, _: Array) -> list[Array]:
+        """Return each function at the points."""
         return [_FUNCTIONS[r](variables[0]) for r in reads]
 
     return Law(terms, reads)
@@ -180,6 +184,7 @@ def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
     """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
+        """Return g(x / b) at the points."""
         return [g(variables[0] / constants[0])]
 
     return Law(terms, (reads,), [(float(b),) for b in widths])
@@ -191,6 +196,7 @@ def _bump_law(axis: Axis) -> Law:
     """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
+        """Return the bump at the points."""
         place, width = constants
         return [np.exp(-(((variables[0] - place) / width) ** 2))]
 
@@ -235,6 +241,7 @@ def _product_law(of_first: str, of_second: str) -> Law:
     """
 
     def terms(variables: Array, _: Array) -> list[Array]:
+        """Return the product at the points."""
         return [
             _FUNCTIONS[of_first](variables[0]) * _FUNCTIONS[of_second](variables[1])
         ]
@@ -316,6 +323,7 @@ def _wave(
     """
 
     def terms(p: Array, b: Array) -> list[Array]:
+        """Return sine and cosine at variables p (v, P) for constants b (c,)."""
         return [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)]
 
     return Law(terms, (f"sin({reads} + {{phase}}){other_factor}",), starts)
@@ -369,7 +377,9 @@ class LawFit:
         return len(self.amplitudes) + len(self.constants)
 
     def torque_at(self, points: Array) -> Array:
-        """Return the law's torque (P,) [N m or N] at points (P, number of variables)."""
+        """Return the torque (P,) [N m or N] of the law at points (P, number of
+        variables).
+        """
         return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
 
 
@@ -402,15 +412,16 @@ def recognise_law(
     """
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        return _normal_equations(
-            _coefficients_in_splines(f.basis, law, constants), f.columns
-        )
+        """Return the normal equations of a law approximated by the splines."""
+        coefficients = _coefficients_in_splines(f.basis, law, constants)
+        return _normal_equations(coefficients, f.columns)
 
     def evidence_of(fit: LawFit) -> float:
+        """Return the evidence J of a law by its drop of the squared error."""
         n_numbers = np.array(fit.size)
         return float(f.columns.score(np.array(fit.chi2), n_numbers, looked))
 
-    # Every law at the best of its starts, in the curve's splines.
+    # Fast: every law at the best of its starts, approximated by the curve's splines.
     fits = []
     for law, coefficients in _laws_with_starts(f.basis):
         gram, pull = _normal_equations(coefficients, f.columns)
@@ -419,14 +430,14 @@ def recognise_law(
         constants = np.array(law.starts[best], float)
         fits.append(LawFit(law, amplitudes[best], constants, float(chi2[best])))
     fits.sort(key=evidence_of, reverse=True)
-    # The best few with refined constants, on the rows.
+    # Exact: the best few with refined constants, fitted on the rows of the log.
     scored = []
     for start in fits[:MAX_CANDIDATES_REFINED]:
-        near = _refine_law(start, in_splines)
-        columns = on_rows(near.law, near.constants)
+        refined = _refine_law(start, in_splines)
+        columns = on_rows(refined.law, refined.constants)
         amplitudes, chi2 = _solve_amplitudes(columns.D[None], columns.s[None])
         exact = replace(
-            near,
+            refined,
             amplitudes=amplitudes[0],
             chi2=float(chi2[0]),
             columns=columns,
@@ -435,6 +446,7 @@ def recognise_law(
     top = max([f.J, *(J for J, _ in scored)])
     threshold = top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top
     equivalent = [(J, law) for J, law in scored if threshold < J]
+    # The fewest numbers first, then the highest evidence.
     return min(
         equivalent,
         key=lambda pair: (pair[1].size, -pair[0]),
@@ -625,7 +637,8 @@ def _refine_law(
     low, high = law.ends
 
     def amplitudes_and_chi2(constants: Array) -> tuple[Array, float]:
-        gram, pull = normal(law, constants[:, None])
+        """Return amplitudes (m,) and the drop of the squared error."""
+        gram, pull = normal(law, constants[:, None])  # one set of constants: S = 1
         amplitudes, chi2 = _solve_amplitudes(gram, pull)
         return amplitudes[0], float(chi2[0])
 

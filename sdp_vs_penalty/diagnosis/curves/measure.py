@@ -407,6 +407,7 @@ class _Measuring:
         """
 
         def on_rows(law: Law, constants: Array) -> CurveColumns:
+            """Return the white columns of a law on the rows of the log."""
             raw = self.variables.filtered_law(
                 best.basis, lambda x: law.columns(x, constants)
             )

@@ -57,8 +57,10 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
 
 
 def _draw_objective(axis: Any, problem: Searched) -> None:
-    """Draw how far objectives lie above the feasible optimum [%], over the weight."""
+    """Draw how far objectives lie above the feasible optimum's loss [%], over the
+    penalty's weight: certified optima as lines, runs of annealing as dots."""
     base = problem.feasible_loss
+    # Values, colour and dashes of each line, by its label.
     lines = {
         "certified optimum": ([x.value for x in problem.free], style.BLACK, "-"),
         "certified, box on inertias": (
@@ -76,6 +78,7 @@ def _draw_objective(axis: Any, problem: Searched) -> None:
             linestyle=line,
             label=label,
         )
+    # The runs of annealing as dots.
     above = [100.0 * (point.objective / base - 1.0) for point in problem.annealed]
     _dots(axis, problem, above)
     axis.set_yscale("symlog", linthresh=1.0)

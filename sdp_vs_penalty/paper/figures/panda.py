@@ -436,6 +436,7 @@ def figure_5(study: Study) -> Any:
         model=True,
         results=results,
     )
+    # The measured torque is the same beside every engine: the first one's run gives it.
     for run in _present(results)[:1]:
         # What comes before is no motion of the robot's: from rest to its velocity.
         moving = np.arange(len(run.t)) >= len(run.t) - len(run.error)

@@ -44,6 +44,7 @@ def figure_8(study: Study) -> Any:
         4.2,
         width_ratios=(1.4, 1, 1),
     )
+    # The first panel becomes three-dimensional.
     position = axes[0, 0].get_subplotspec()
     axes[0, 0].remove()
     _robot(figure.add_subplot(position, projection="3d"), problem)
@@ -52,6 +53,7 @@ def figure_8(study: Study) -> Any:
         "p_hat (published)": (published_links(problem, "p_hat"), style.RED, "--", "s"),
         "lmi-sdp": (study.links("lmi-sdp", study.simulated), style.BLUE, "-.", "^"),
     }
+    # Link 1 is drawn in x and y, link 2 in x and z.
     for link, (axis, plane) in enumerate(
         zip(axes[0, 1:], ((0, 1), (0, 2)), strict=True)
     ):
@@ -120,7 +122,8 @@ _AXIS_COLORS = {
 
 
 def _robot(axis: Any, problem: Problem) -> None:
-    """Draw the 2R in three dimensions: each link's shape, and its frame."""
+    """Draw the 2R in three dimensions: the shape of each link, its frame, and the base
+    frame."""
     (poses,) = problem.robot.poses(np.array([_POSE]))
     frames = [np.eye(4)]
     for pose, joint in zip(poses, problem.robot.joints, strict=True):
@@ -182,10 +185,12 @@ def _section(
     link: int,
     plane: tuple[int, int],
 ) -> None:
-    """Draw a section of a link's shape in its frame, with a margin around it.
+    """Draw a section of a link's shape in its frame, with a margin of half its size
+    around it.
 
-    Ellipsoids larger than the margin are cut off. plane : indices of the two axes
-    drawn.
+    ``plane`` holds the indices of the two axes drawn, such as (0, 1) for x and y. The
+    section is the link's radius on both sides of its axis. Ellipsoids larger than the
+    margin are cut off.
     """
     along, x, radius = radius_profile(problem, link)
     edge = np.column_stack(
@@ -214,12 +219,10 @@ def _section(
 def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
     """Return the outline (2, 100) [m] of a link's ellipsoid, seen along the third axis.
 
-    It is uniform and has the link's mass and inertia: with half axes a, its second
-    moments are a^2 / 5, so its shadow is the ellipse of 5 Sigma. plane : indices of the
-    two axes.
+    The ellipsoid is uniform and has the link's mass and inertia. With half axes a its
+    second moments are Sigma = a^2 / 5, so its shadow is the ellipse of 5 Sigma.
+    ``plane`` holds the indices of the two axes that are seen.
     """
-    # A uniform ellipsoid with half axes a has second moments a^2 / 5; its shadow is
-    # that of 5 Sigma.
     values, vectors = np.linalg.eigh(
         5.0 * inertia.second_moment(link)[np.ix_(plane, plane)]
     )
@@ -247,6 +250,7 @@ def figure_9(study: Study) -> Any:
     robot = study.problem.robot
     x = study.experiment
     data = study.simulated
+    # The true torques, every 20 ms.
     t = np.arange(0.0, x.trajectory.duration, 0.02)
     states = x.trajectory.states(t)
     true = robot.inverse_dynamics(x.links.ravel(), *states)
@@ -269,6 +273,7 @@ def figure_9(study: Study) -> Any:
         f"{method} {1e3 * np.abs(x - true).max():.1f} mN m"
         for method, x in torque_by_method.items()
     ]
+    # Certified distances of the losses from their lower bounds, for the title.
     gap_by_method = {
         method: study.result(method, data).certificate.gap
         for method in torque_by_method
@@ -306,15 +311,18 @@ def figure_10(study: Study) -> Any:
     w = study.once(wrench_study)
     n = study.problem.robot.n
     figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)
+    # Three of the parameters that make the same torques but cannot exist, of each kind.
     unfeasible = [
         *w.boxed[:3],
         *w.unbounded[:3],
     ]
+    # From back to front.
     lines = (
         ([*w.feasible.values(), *w.penalty_runs], _FEASIBLE),
         (unfeasible, _UNFEASIBLE),
         ([w.true], _TRUE),
     )
+    # Component k of the wrench at joint j.
     for k, j in np.ndindex(axes.shape):
         axis = axes[k, j]
         bounds = w.intervals

@@ -95,32 +95,33 @@ def make_tables(
 ) -> list[tuple[Table, list[Path]]]:
     """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 
-    Without the real run, a folder's measured tables are not overwritten: those without
-    it are written to its subfolder ``simulated``. A table is kept on the disk with all
-    that it depends on, and made again only where some of that has changed
-    ($SDP_VS_PENALTY_CACHE names the folder; empty: nothing is kept).
+    Without the real run, a folder's measured tables are not overwritten: tables without
+    measured figures are written to its subfolder ``simulated``. Each table is cached on
+    the disk with all that it depends on, and computed again only if some of that has
+    changed. $SDP_VS_PENALTY_CACHE names the folder of the cache; if it is empty,
+    nothing is cached.
 
     Parameters
     ----------
     names : sequence of str or None
-        Of the tables, in any case; None for III, IV, VIII and IX.
+        Names of the tables, in any case; None for III, IV, VIII and IX.
     problem : str, Path, Problem or None
-        Default: the Panda, and the 2R for the tables that are about it only.
+        The robot; None for the Panda, and for the 2R in the tables that are about it
+        only.
     budget : str
         "quick", or "paper" for as many loss evaluations of the paper's method as its
         authors allow.
     out : str or Path
-        The folder.
+        Folder to write to.
     progress : callable
-        Hears what is at work.
+        Called with a short text at each step.
     workers : Workers
-        Who estimates, a method on a data set each.
+        Processes that estimate at the same time, one method on one data set each.
     report : callable
-        Hears of each table and its paths when they are written: what a run that is
-        stopped has made.
+        Called with each table and its paths when they are written.
     html : bool
-        Whether one page is written as well that shows the tables of one problem with
-        the links drawn: index.html, beside the first of them.
+        Whether to write also a page, index.html beside the first table, that shows the
+        tables of one problem with the links drawn.
 
     Returns
     -------

@@ -53,6 +53,7 @@ def emps(study: Study) -> Table:
     authors = 95.1089, 203.5034, 20.3935, -3.1648, 0.0
     rows = [_row(study, "authors, least squares", authors, tracking, pulses)]
     filtered = read_and_filter(study.problem, tracking)
+    # Least squares and the default method, with the authors' four parameters.
     for method in dict.fromkeys(("ols", DEFAULT_METHOD)):
         study.progress(f"EMPS by {method}")
         options = PoseOptions(seed=study.seed)
@@ -75,6 +76,7 @@ def emps(study: Study) -> Table:
                 unseen.relative_error_percent,
             )
         )
+    # A fifth parameter: viscous friction that differs with the direction.
     effects = (*study.problem.default_effects, *REFINED)
     for method in (DEFAULT_METHOD, OUTPUT_ERROR):
         study.progress(f"EMPS by {method}, five parameters")

@@ -82,25 +82,35 @@ def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
 
 
 def _panda(problem: Problem) -> dict[int, str]:
-    """Return the evidence for each of the Panda's errata, by number."""
+    """Return the evidence for each of the Panda's errata, by number: {1: "row 21 is
+    ...", ...}.
+
+    Numbers 1, 2, 5 and 8 compare printed base parameters (Table III) with those that
+    follow from the published links (Tables VIII and IX); 6 is a link that cannot exist;
+    7 a bound in the authors' file; 10 what no torque depends on.
+    """
     printed = pi_p_hat(problem, False)
     corrected = pi_p_hat(problem, True)
     table = problem.published["table_III"]
     values = published_values(problem, "p_hat")
+    # 1: three rows of Table III that contain c6z.
     c6z = "; ".join(
         f"row {row} is {table[row - 1]['pi_p_hat']} in Table III,"
         f" {printed[row - 1]:.4f} from the printed value, {corrected[row - 1]:.4f} from"
         " the corrected one"
         for row in (21, 25, 39)
     )
+    # 2: the base parameter in row 17, and its value from reverse engineering.
     row_17 = corrected[16]
     published = table[16]["pi_RE"]
+    # 6: the second moments of a link's mass about its centre, which must be positive.
     links = published_links(problem, "delta")
     moments = inertia.inertia_matrix(inertia.barycentric_from_standard(links)[:, 4:])
     eigenvalues = np.linalg.eigvalsh(moments)
     second = 0.5 * eigenvalues.sum(axis=1) - eigenvalues[:, 2]
     worst = int(np.argmin(second))
     c7z = published_values(problem, "delta")["c7z"]
+    # 7: the bounds of c5z in the authors' own file.
     authors = "the authors' file is not at hand: not checked in this run"
     if (file := real_file("panda", "bounds_gM.csv")) is not None:
         rows = {
@@ -135,7 +145,8 @@ def _panda(problem: Problem) -> dict[int, str]:
 
 
 def _two_link(problem: Problem) -> dict[int, str]:
-    """Return the evidence for each of the 2R's errata, by number."""
+    """Return the evidence for each of the 2R's errata, by number: 3 is a unit, 4 a
+    radius, 9 a volume."""
     symbol = list(base_parameter_symbols(problem).values())[5]
     c = published_values(problem, "p_real")
     printed = np.hypot(c["c1y"], c["c1z"])
@@ -168,9 +179,11 @@ def _free_of_link_1(problem: Problem) -> str:
 
 
 def _volumes(problem: Problem) -> str:
-    """Compare the volume of link 2 with the box of its centre of mass.
+    """Compare the volume of link 2 with the box of its centre of mass, in words.
 
-    Link 2 is a cylinder with a conical end; the problem's two cones describe it.
+    Link 2 is a cylinder with a conical end; the problem's two cones describe it by
+    radius = r_0 + slope x [m] along its axis x. The cone's volume is pi h (R^2 + R r +
+    r^2) / 3.
     """
     cones = [c for c in problem.cones if c.link == 2]
     wide, tapered = cones

@@ -33,17 +33,17 @@ class FoldInterval:
 
 
 def fold_errors(result: CrossValidation) -> Array:
-    """Return a method's relative error on each fold.
+    """Return a method's relative torque error on each of k folds.
 
     Parameters
     ----------
     result : CrossValidation
-        Its errors on k folds.
+        Cross-validation of the method.
 
     Returns
     -------
     (k,) array
-        [%].
+        Errors [%].
     """
     return np.array([fold.relative_error_percent for fold in result.folds])
 

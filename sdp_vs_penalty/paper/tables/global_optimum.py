@@ -38,7 +38,7 @@ MOST_CELLS = 40
 
 
 def is_rounding(loss: float) -> bool:
-    """Whether a loss is zero up to rounding, so that ratios to it mean nothing.
+    """Tell whether a loss is zero up to rounding, so that ratios to it mean nothing.
 
     Parameters
     ----------
@@ -188,7 +188,12 @@ def _effort(study: Study, data: Data) -> Effort:
 
 
 def _searched(item: _Item) -> Searched:
-    """Compute everything about one problem; a worker process calls this."""
+    """Compute everything about one problem: certified optima with and without the box,
+    weights from which the penalty is exact, CVXPY's optima, and both searches.
+
+    A worker process calls this; what takes long is read from the disk if it was
+    computed before.
+    """
     problem = PenalisedProblem(item.task, item.two_step)
     boxed = BoxedProblem(problem).branch_all(WEIGHTS, GAP, MOST_CELLS)
     content = (source_version(), *task_content(item.task), item.two_step, WEIGHTS)
@@ -246,7 +251,11 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
 
 
 def _rows(problem: Searched) -> list[Row]:
-    """Return the table's rows of one problem, one for each weight."""
+    """Return the table's rows of one problem, one for each weight xi of the penalty.
+
+    A row has the certified optimum without the box on inertias ("optimum"), with it
+    ("box_..."), and the best of the runs of annealing and of local search.
+    """
     rows = []
     for k, (weight, free, boxed) in enumerate(
         zip(WEIGHTS, problem.free, problem.boxed, strict=True)
@@ -288,7 +297,9 @@ def _above(value: float | None, lower: float) -> float | None:
 
 
 def _headline(searched: Sequence[Searched]) -> str:
-    """Say what the optimum at the paper's largest weight is like, for each problem."""
+    """Return the headline: at the paper's largest weight, for each problem, by how much
+    the penalised optimum's loss exceeds the feasible optimum's, and how many links
+    cannot exist."""
     sentences = []
     largest = max(PenaltyPaper.weights)
     for problem in searched:

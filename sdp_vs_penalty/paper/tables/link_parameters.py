@@ -143,7 +143,8 @@ def link_table(
 
 
 def _headline(study: Study, names: pandas.Index) -> str:
-    """Say how many of these entries the torque determines by itself."""
+    """Return the headline: how many of the entries ``names`` torque determines by
+    itself at the default method's estimate, for each data set."""
     n_by_data = {
         data.label: int((sources(study, data).reindex(names) == DATA).sum())
         for data in study.whole
@@ -235,10 +236,11 @@ def _maker(
     letters: str,
     *problems: str,
 ) -> TableSpec:
-    """Return the registration of a table with the entries that begin with these
-    letters.
+    """Return the registration of a table of link parameters, of the entries whose names
+    begin with these letters.
 
-    "m" is a mass, "c" a centre of mass, "I" an inertia.
+    "m" is a mass, "c" a centre of mass, "I" an inertia: letters "mc" make the table of
+    masses and centres.
     """
     build = partial(
         link_table,

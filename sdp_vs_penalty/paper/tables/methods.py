@@ -64,8 +64,9 @@ class Judged:
 def _judged(study: Study, data: Data, method: str) -> Judged:
     """Return a method's estimate from a data set, with its processor time.
 
-    Reverse engineering needs a black box: its links are taken, and friction is fitted
-    to these data.
+    Reverse engineering identifies a black box (torques of the true links at chosen
+    states) instead of a log. Its links are taken, and friction is fitted to the data
+    set.
     """
     needs_black_box = (
         method not in WITH_PRIOR and estimator_types()[method].needs_black_box
@@ -81,11 +82,11 @@ def _judged(study: Study, data: Data, method: str) -> Judged:
 
 
 def _row(study: Study, data: Data, method: str) -> Row:
-    # The lower bound on the least loss that any feasible theta has.
     """Return the row of a method on a data set: loss, violation, links, errors and
     time.
 
-    The loss is compared with the certified lower bound of all feasible parameters.
+    The loss is compared with a certified lower bound of the loss of all feasible
+    parameters.
     """
     optimum = study.result("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None

@@ -52,6 +52,9 @@ class SameConstraints(LmiSdp):
 def routes_of(study: Study) -> Mapping[str, str | Estimator]:
     """Return the methods that the table compares, by the names of their rows.
 
+    They are SDP and penalty on the same constraints, the penalty method as published,
+    the defaults, and the published links with fitted friction.
+
     Parameters
     ----------
     study : Study
@@ -60,6 +63,7 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
     Returns
     -------
     mapping of str to str or Estimator
+        The name of an estimator, or an estimator with settings of its own.
     """
     published = {
         f"{column} (published links)": Frozen(links)
@@ -186,9 +190,9 @@ def _errors(
 
 
 def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
-    """Say how SDP and penalty compare on one problem, and the default SDP to least
-    squares.
-    """
+    """Return the table's headline: how SDP and penalty compare on the same problem, and
+    how the default SDP compares with least squares on unseen motion (only with the real
+    run)."""
     by_name = {row["method"]: row for row in rows}
     sdp = by_name[SDP]
     penalty = by_name[PENALTY]

@@ -398,7 +398,12 @@ class Study:
         test: Measurements | None,
         effects: Any = None,
     ) -> Data:
-        """Bundle runs, model and filters as a data set."""
+        """Bundle runs, model and filter settings as a data set.
+
+        ``test`` holds the runs to judge on, None for a data set that is only trained
+        on; ``effects`` are those of the model, None for the problem's own. The filters
+        are chosen for the training run.
+        """
         model = self.problem.model(effects)
         settings = self.problem.preprocessing.resolve(train)
         return Data(label, train, test, model, settings)
@@ -533,9 +538,8 @@ class Study:
 
     @cached_property
     def sentence(self) -> str:
-        """The sentence on what is simulated and what is measured, which opens every
-        caption.
-        """
+        """The sentence that opens every caption: which figures are simulated, with
+        which truth, and which are measured."""
         x = self.experiment
         friction = "without friction" if x.friction is None else "with sigmoid friction"
         known = {
@@ -699,7 +703,9 @@ class Study:
 
     @cached_property
     def reverse_engineered(self) -> Result:
-        """Base parameters by reverse engineering from the black box (Gaz et al.).
+        """The estimate by reverse engineering (Gaz et al.): torques of the true links
+        at chosen static and moving states determine the base parameters by least
+        squares.
 
         Its details hold the condition number and the relative error.
         """

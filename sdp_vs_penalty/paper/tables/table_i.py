@@ -187,8 +187,11 @@ def _with_intervals(
     weights: Array,
     oversampling: float,
 ) -> SigmoidFit:
-    """Return phi with standard deviations and 95 % intervals, from the Jacobian of the
-    fit.
+    """Return phi with standard deviations and 95 % intervals, from the Jacobian J of
+    the fit.
+
+    The covariance of x is sigma^2 (J^T J)^-1, with sigma^2 the squared residuals over
+    the degrees of freedom.
 
     Parameters
     ----------
@@ -199,8 +202,8 @@ def _with_intervals(
     weights : (n,) array
         Weight of each joint.
     oversampling : float
-        Number of rows that repeat each other; J^T J counts each of them, which the
-        degrees of freedom correct.
+        Number of rows that repeat each other. J^T J counts each of them; the degrees of
+        freedom count one.
     """
     n = len(weights)
     jacobian = data.weighted_columns(x, weights)
@@ -269,7 +272,12 @@ class _Data:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds (b + 3 n,) of x; pi and phi_1 are free."""
+        """Lower and upper bounds (b + 3 n,) of x = (base parameters, phi_1, log phi_2,
+        phi_3).
+
+        Base parameters and phi_1 are free; slopes phi_2 lie between FLATTEST and
+        STEEPEST [s/rad], shifts phi_3 within +-LARGEST_SHIFT [rad/s].
+        """
         n = self.robot.n
         free = np.full(self.rigid.shape[2] + n, np.inf)
         shift = np.full(n, LARGEST_SHIFT)
@@ -504,9 +512,11 @@ def _rows_of(
     covered: Array | None = None,
     ends: bool = True,
 ) -> list[Row]:
-    """Return the rows of phi_1, phi_2 and phi_3, each with its interval if ``ends``.
+    """Return the table's rows of phi_1, phi_2 and phi_3, each with the ends of its 95 %
+    interval if ``ends``.
 
-    covered : (3,) share of intervals that hold the truth [%].
+    what : data of the fit, such as "simulated". covered : (3,) share of intervals that
+    hold the truth [%].
     """
     rows = []
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):

@@ -41,6 +41,7 @@ def exciting_trajectory(study: Study) -> Table:
     ]
 
     def add(name: str, trajectory: str, *values: float) -> None:
+        """Add a row: its name, then one value for each joint (or one value alone)."""
         rows.append(
             {
                 **dict(zip(columns, (name, *values), strict=False)),
@@ -48,6 +49,7 @@ def exciting_trajectory(study: Study) -> Table:
             }
         )
 
+    # Coefficients of the optimised trajectories: a_k and b_k of each harmonic, and q_0.
     for which, excitation in optimum.items():
         best_trajectory = excitation.trajectory
         for letter, values in (
@@ -65,6 +67,7 @@ def exciting_trajectory(study: Study) -> Table:
         "published": paper,
         **{name: e.trajectory for name, e in optimum.items()},
     }
+    # Condition numbers of the regressor along each trajectory.
     for label, effects in (("links", "rigid_body"), ("links and friction", None)):
         regressor = Regressor.of(study.problem, effects)
         for which, trajectory in trajectories.items():

@@ -77,7 +77,8 @@ def printed_deviations(
 
 
 def _digits_range(text: str) -> tuple[float, float]:
-    """Return the smallest and largest absolute value that is printed as this text."""
+    """Return the smallest and the largest absolute value that is printed as this text:
+    "-1.25e-2" gives (0.01245, 0.01255), half a unit of the last digit on both sides."""
     mantissa, _, exponent = text.lower().partition("e")
     n_decimals = len(mantissa.partition(".")[2])
     half = 0.5 * 10.0 ** (int(exponent or 0) - n_decimals)
@@ -125,7 +126,9 @@ def base_parameter_table(study: Study) -> Table:
         Rows, notes and headline.
     """
     base = tuple(base_parameter_symbols(study.problem))
-    others = dict.fromkeys(name for data in study.whole for name in _others(data))
+    others = dict.fromkeys(
+        name for data in study.whole for name in _effect_parameter_names(data)
+    )
     keys = [*base, *others, _CONDITION, _ERROR]
     printed = study.problem.published.get("table_III")
     known = {"true_simulated": study.experiment.links}
@@ -223,8 +226,9 @@ def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
     return f"Relative error on the training data: {', '.join(errors)}."
 
 
-def _others(data: Data) -> list[str]:
-    """Return the names of the parameters that belong to effects, not to links."""
+def _effect_parameter_names(data: Data) -> list[str]:
+    """Return the names of the parameters that belong to effects such as friction, not
+    to links: ["f_v1", "f_c1", ...], in the order of theta."""
     names = (p.name for p in data.model.parameters)
     return np.delete(list(names), data.model.rigid_indices).tolist()
 
@@ -263,10 +267,11 @@ def _estimates(
     """
     task = study.task(data)
     rigid = data.model.rigid_indices
-    keys = [*base, *_others(data)]
+    keys = [*base, *_effect_parameter_names(data)]
     out = {}
     for name, method in study.methods.items():
         theta = study.theta(method, data)
+        # Base parameters of the links, then the parameters of effects.
         values = dict(
             zip(
                 keys,

@@ -105,7 +105,10 @@ def _unseen_rows(study: Study) -> list[Row]:
 
 
 def _judged_rows(study: Study, data: Data) -> list[Row]:
-    """Return a row for each estimate: its error on the test rows of a data set."""
+    """Return a row for each estimate: its error on the test rows of a data set.
+
+    For the repeated real run, the rows are named "repeatability" and have no interval.
+    """
     is_repeated = data is study.repeated
     ending = "repeatability" if is_repeated else data.label
     label = "measured, repeated" if is_repeated else data.label
@@ -211,15 +214,15 @@ def _estimates(
             *study.problem.model("rigid_body").effects,
             SigmoidFriction(robot, shapes),
         )
-        others = (
-            amplitude * [1.0, 0.0, 0.0]
-        ).ravel()  # of phi_2 and phi_3 nothing is left to correct
+        # The effect's parameters of each joint: phi_1, and corrections of phi_2 and
+        # phi_3, which are zero for the published friction.
+        others = (amplitude * [1.0, 0.0, 0.0]).ravel()
         out["p_hat_table_I"] = Frozen(published["p_hat"], others), effects
     return out | {name: (method, None) for name, method in study.methods.items()}
 
 
 def _judgement(study: Study) -> str:
-    """Say on which motion the rows of the table are judged."""
+    """Return the sentences of the caption that say on which motion the rows are judged."""
     count, duration = study.experiment.validation
     sentence = (
         f"Simulated rows: estimated from that trajectory, judged on {count} other"
@@ -236,7 +239,8 @@ def _judgement(study: Study) -> str:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """Return the notes below the table; rows : those of the table."""
+    """Return the notes below the table; ``rows`` are those of the table, from which a
+    note on the filter takes the errors."""
     printed = "table_IV" in study.problem.published
     sigmoid = ""
     published = ""

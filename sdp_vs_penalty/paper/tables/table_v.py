@@ -87,6 +87,7 @@ def sinusoids(robot: Robot) -> Course:
     w = 0.5 * velocity / a
 
     def states(t: Array) -> tuple[Array, Array, Array]:
+        """Return q, dq, ddq (M, n) at the instants t (M,) [s]."""
         angle = np.outer(t, w)
         return (
             middle - a * np.cos(angle),
@@ -115,7 +116,7 @@ def play(
     kind : type of Engine
         An installed engine.
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (n, 10) array
         Standard parameters [kg, kg m, kg m^2].
     motion : callable
@@ -199,7 +200,7 @@ def inverse_dynamics_error(
     kind : type of Engine
         An installed engine.
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     links : (n, 10) array
         Standard parameters [kg, kg m, kg m^2].
 
@@ -255,12 +256,14 @@ def measured_runs(study: Study) -> Played:
     assert data is not None
     # Decimated: dense enough for splines through the positions.
     rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
-    theta = study.theta(METHOD, data).copy()
-    theta[data.model.rigid_indices] = 0.0
-    reference = rows.torque - predicted(rows, theta)
+    friction_only = study.theta(METHOD, data).copy()
+    friction_only[data.model.rigid_indices] = 0.0
+    reference = rows.torque - predicted(rows, friction_only)
     t = rows.motion.t - rows.motion.t[0]
 
     def less_measured(run: EngineRun) -> EngineRun:
+        """Return a run whose error is relative to the measured torque less identified
+        friction."""
         at = interpolated(run.t, t, reference)
         # From rest to the run's velocity, within the first 0.1 s, is no motion of the
         # robot's.
@@ -334,6 +337,7 @@ def engines(study: Study) -> Table:
     """
     n = study.problem.robot.n
     rows = []
+    # The paper's table; it has no standard deviations.
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
         rows.append(
@@ -343,6 +347,7 @@ def engines(study: Study) -> Table:
                 **about,
             }
         )
+    # Pose errors that stand in the paper's text.
     for engine, pose in _PUBLISHED_POSE.items():
         figures = dict(
             zip(
@@ -352,18 +357,12 @@ def engines(study: Study) -> Table:
             )
         )
         about = {"motion": "published (text)", **figures, "status": "published"}
-        none = [None] * n
-        joints = {**by_joint(none), **by_joint(none, "std_joint")}
+        not_published = [None] * n  # torque errors of the joints
+        joints = {**by_joint(not_published), **by_joint(not_published, "std_joint")}
         rows.append({"engine": engine, **joints, **about})
+    # Our runs: on sinusoids (simulated), and on the real run's motion if it is at hand.
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
-        rows += [
-            _row(
-                study,
-                data,
-                *row_fields,
-            )
-            for row_fields in study.once(runs).items()
-        ]
+        rows += [_row(study, data, kind, run) for kind, run in study.once(runs).items()]
     formulations = "; ".join(
         f"{name}: {kind.formulation}" for name, kind in engine_types().items()
     )
@@ -406,7 +405,10 @@ def _row(
     run: EngineRun | str,
 ) -> Row:
     """Return an engine's row: mean and standard deviation of its torque error for each
-    joint, errors of the last frame's position and orientation, and its status.
+    joint [N m], errors of the last frame's position [mm] and orientation [degrees], and
+    its status.
+
+    ``run`` is the engine's run, or a sentence that says why there is none.
     """
     robot = study.problem.robot
     figures = _NO_RUN
@@ -417,6 +419,7 @@ def _row(
         inverse = inverse_dynamics_error(kind, robot, study.links(METHOD, data))
         far = 1e3 * run.position
         turned = np.rad2deg(run.angle)
+        # In the order of _NO_RUN.
         pose = far.mean(), far.max(), turned.mean(), turned.max()
         both = (*map(float, pose), inverse)
         figures = dict(zip(_NO_RUN, both, strict=True))

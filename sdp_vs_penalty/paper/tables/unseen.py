@@ -89,6 +89,7 @@ def data_needed(study: Study) -> Table:
                 }
                 for m in _METHODS
             ]
+    # The rows of the longest window of the last data set, for the headline.
     last = [
         row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))
     ]
@@ -132,8 +133,8 @@ def _phase_windows(
         Maps a length [s] to pairs of training rows and test rows.
     """
     all_phases = phase_folds(real.train, real.preprocessing, 1)
-    count = round(all_phases.clocks[0].length / cell)
-    clear = math.ceil(all_phases.guard / cell)
+    count = round(all_phases.clocks[0].length / cell)  # cells in a period
+    clear = math.ceil(all_phases.guard / cell)  # cells that the filters reach
     split = PhaseFolds(all_phases.clocks, count)
     cells = compress_cells(
         FilteredRuns.of(real.train, real.preprocessing),
@@ -143,6 +144,8 @@ def _phase_windows(
     starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
+        """Return pairs of training and test rows: windows of this length [s], from each
+        start."""
         size = round(length / cell)
         windows = []
         for start in starts:
@@ -179,12 +182,14 @@ def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window
         data.model,
         seconds,
     )
+    # Rows of each block; the first and the last complete one.
     rows = np.zeros(len(blocks.blocks))
     for factor in blocks.factors:
         rows[factor.block] += factor.rows
     first, *_, last = np.flatnonzero(rows >= 0.9 * np.median(rows)).tolist()
 
     def chosen(length: int) -> list[_Window]:
+        """Return pairs of training rows (windows of this length [s]) and all test rows."""
         last_start = last + 1 - length
         if last_start < first:
             return []
@@ -219,8 +224,9 @@ def _errors(
         )
         estimator = study.estimator(method)
         if isinstance(estimator, Penalty):
-            estimator = replace(estimator, starts=1)  # one start of it stands for all
+            estimator = replace(estimator, starts=1)  # to save time
         theta = estimator.fit(task).theta
+        # The same links, with the other parameters (nan) fitted to the test rows.
         links = np.full(len(theta), np.nan)
         links[task.links] = theta[task.links]
         refit = refitted(test.least_squares(), links)
@@ -250,6 +256,9 @@ def unseen(study: Study) -> Table:
     """Unseen table: errors on motion that was not trained on, fold by fold, and what
     lowers them.
 
+    Each method is cross-validated on the real run, with the problem's effects and with
+    further ones (ADDED_EFFECTS) that might explain more of the torque.
+
     Parameters
     ----------
     study : Study
@@ -258,7 +267,8 @@ def unseen(study: Study) -> Table:
     Returns
     -------
     Table
-        Rows, notes and headline.
+        Rows of each fold, of all folds together and of repeated motion, for each method
+        and set of effects; notes and headline.
     """
     if study.run is None:
         raise InputError(
@@ -270,16 +280,21 @@ def unseen(study: Study) -> Table:
     for method in METHODS_TRIED:
         for added in ADDED_EFFECTS:
             study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
-            rows += (rows_found := _rows(study, study.run, method, added))
-            errors[method, added] = rows_found[FOLDS]["relative_error_percent"]
-    default_errors = [errors[DEFAULT_METHOD, added] for added in ADDED_EFFECTS]
-    usual, friction, all_of_it = default_errors
+            rows_of_method = _rows(study, study.run, method, added)
+            rows += rows_of_method
+            row_of_all_folds = rows_of_method[FOLDS]  # behind those of the folds
+            errors[method, added] = row_of_all_folds["relative_error_percent"]
+    # The default method's errors in the order of ADDED_EFFECTS: no added effect,
+    # pre-sliding hysteresis, and a gain on joint 6 as well.
+    usual, with_hysteresis, with_both = (
+        errors[DEFAULT_METHOD, added] for added in ADDED_EFFECTS
+    )
     return Table(
         f"Errors on unseen motion of {study.problem.title}",
         rows,
         notes("unseen", folds=FOLDS, cut=CUT),
-        f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {friction:.3g} % with"
-        f" pre-sliding hysteresis, {all_of_it:.3g} % with a gain on joint 6 as well.",
+        f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {with_hysteresis:.3g} % with"
+        f" pre-sliding hysteresis, {with_both:.3g} % with a gain on joint 6 as well.",
         digits=3,
         caption=f"Measured: the authors' real run ({len(study.run.t)} samples).",
     )
@@ -291,10 +306,12 @@ def _rows(
     method: str,
     added: str,
 ) -> list[Row]:
-    """Return a row for each fold of the real run, one for all folds, and one for
-    repeatability.
+    """Return the table's rows of one method: one for each fold of the real run, then
+    one for all folds together ("all"), then one for repeated motion ("repeatability").
 
-    added : effects that join the problem's own, separated by ", ".
+    Repeatability: the method is trained on the run's motion and judged on the
+    repetition of that motion. ``added`` names effects that join the problem's own,
+    separated by ", "; "" for none.
     """
     problem = study.problem
     effects = [

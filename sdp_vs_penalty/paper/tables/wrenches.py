@@ -67,7 +67,7 @@ def wrench_regressor(
     Parameters
     ----------
     robot : Robot
-        Its kinematics.
+        The kinematics: joints and their frames.
     q : (N, n) array
         Positions [rad, m].
     dq : (N, n) array
@@ -273,7 +273,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     Parameters
     ----------
     study : Study
-        Of the 2R.
+        Study of the 2R.
 
     Returns
     -------

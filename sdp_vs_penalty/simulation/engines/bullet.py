@@ -44,11 +44,11 @@ class Bullet(Engine):
         # Bullet damps every body and joint by default.
         free = dict.fromkeys(("linearDamping", "angularDamping", "jointDamping"), 0.0)
         free |= {
-            "jointLowerLimit": 1.0,
+            "jointLowerLimit": 1.0,  # above the upper limit: no limits
             "jointUpperLimit": -1.0,
             "maxJointVelocity": 1e6,
         }
-        for k in range(-1, self.robot.n):
+        for k in range(-1, self.robot.n):  # -1 is the base
             self.bullet.changeDynamics(self.body, k, **free)
         self.bullet.setGravity(*self.robot.gravity)
 
@@ -109,6 +109,8 @@ class Bullet(Engine):
             **motor_options,
         )
         bullet.stepSimulation()
+        # Bullet returns tuples: entry 3 of a joint's state is its motor torque, entries
+        # 4 and 5 of a link's state are position and quaternion of its joint frame.
         torque = np.array(
             [state[3] for state in bullet.getJointStates(self.body, joints)]
         )

@@ -19,7 +19,8 @@ class Dart(Engine):
     formulation = "generalised coordinates, semi-implicit Euler"
 
     def load(self) -> None:
-        """Load the robot into DART from URDF text, without joint limits."""
+        """Load the robot into DART from URDF text, fixed to the world and without joint
+        limits; InputError if DART rejects it."""
         import dartpy
 
         loader = dartpy.utils.DartLoader()

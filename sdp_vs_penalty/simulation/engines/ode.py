@@ -120,7 +120,6 @@ class Ode(Engine):
 
     @classmethod
     def version(cls) -> str | None:
-        # The library does not say its version; its name does.
         """Return the version of libode; None if it is not installed.
 
         The library does not tell its version, but its file name does.
@@ -139,9 +138,12 @@ class Ode(Engine):
         self.masses = []
         self.centres = np.zeros((self.robot.n, 3))
         for k, link in enumerate(self.links):
+            # Mass, centre of mass (3), inertia about it (6).
             p = inertia.barycentric_from_standard(link)
             xx, xy, yy, xz, yz, zz = p[4:]
             mass = _Mass()
+            # Centre of mass at the body's origin (zeros), then I11, I22, I33, I12, I13,
+            # I23.
             ode.dMassSetParameters(
                 byref(mass),
                 p[0],
@@ -207,6 +209,7 @@ class Ode(Engine):
         self.feedback = (_Feedback * self.robot.n)()
         (frames,) = self.robot.poses(start[None])
         for k, (joint, frame) in enumerate(zip(self.robot.joints, frames, strict=True)):
+            # The link as a free body, at its pose with all joints at ``start``.
             body = c_void_p(ode.dBodyCreate(world))
             self.bodies.append(body)
             # ODE's origin of a body is its centre of mass; its matrices are (3, 4).
@@ -215,6 +218,7 @@ class Ode(Engine):
             centre = frame[:3, :3] @ self.centres[k] + frame[:3, 3]
             ode.dBodySetPosition(body, *centre)
             ode.dBodySetMass(body, byref(self.masses[k]))
+            # The joint that ties it to its parent's body, or to the world (None).
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
             joint_made = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None))
             parent = joint.parent
@@ -228,6 +232,8 @@ class Ode(Engine):
             set_axis = getattr(ode, f"dJointSet{kind}Axis")
             set_axis(joint_made, *(frame[:3, :3] @ joint.axis))
             set_parameter = getattr(ode, f"dJointSet{kind}Param")
+            # A velocity motor without a limit of its torque; calling the entry of
+            # ``motors`` sets its velocity.
             set_parameter(joint_made, _MAX_FORCE, np.inf)
             self.motors.append(partial(set_parameter, joint_made, _VELOCITY))
             ode.dJointSetFeedback(joint_made, byref(self.feedback[k]))
@@ -235,6 +241,7 @@ class Ode(Engine):
         self.rotations = [self._rotation(body) for body in self.bodies]
         last = self.bodies[-1]
         self.last_position = np.ctypeslib.as_array(ode.dBodyGetPosition(last), (3,))
+        # Constraint forces f1 and moments t1 of all joints, one row for each joint.
         n_numbers = ctypes.sizeof(_Feedback) // ctypes.sizeof(c_double)
         numbers = np.frombuffer(memoryview(self.feedback)).reshape(
             self.robot.n, n_numbers
@@ -243,12 +250,12 @@ class Ode(Engine):
         self.moments = numbers[:, 4:7]  # t1
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        # ODE forms the constraints of a step at the configuration before it.
         """Simulate one step with motors at ``velocity`` (n,) [rad/s, m/s].
 
         Returns the motors' torque (n,) [N m, N], projected from the joints' constraint
         forces, and rotation (3, 3) and position (3,) [m] of the last link's joint
-        frame.
+        frame. The projection uses the rotations before the step, at which ODE forms the
+        constraints.
         """
         before = np.array(self.rotations)
         for motor, speed in zip(self.motors, velocity, strict=True):

@@ -111,7 +111,9 @@ class Hidden:
         return out
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the effect as JSON for truth.json; joints count from 1."""
+        """Return the effect as JSON for truth.json: name, joints from 1, size in the
+        unit of the library's parameter (None if it has several), shape constants and
+        details."""
         size = None if self.number is None else self.number * self.size
         about = {
             "effect": self.effect,
@@ -183,10 +185,12 @@ def at_joint(
     Returns
     -------
     Hidden
-        Of size 1.
+        The effect, of size 1.
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the torque (N, n): size times the law on this joint, zero on the
+        others."""
         unit = np.eye(world.arm.n)[joint]
         return np.outer(size * law(world, motion), unit)
 
@@ -220,6 +224,8 @@ def plain(
         joint: int,
         rng: np.random.Generator,
     ) -> Hidden:
+        """Make the effect on one joint (from 0), with its sign drawn if the torque is
+        signed."""
         side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
         return at_joint(
             joint,
@@ -261,6 +267,8 @@ def shifted(
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the rigid-body torque (N, n) of the shifted links minus that of the
+        encoders' motion."""
         moved = displaced(motion, joint, shift(world, motion, size))
         if not rates:
             moved = replace(motion, q=moved.q)
@@ -388,8 +396,9 @@ def _unit(world: World, joint: int) -> float:
 
 
 def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a Stribeck effect: dry friction that falls as exp(-(dq / vs)^2).
+    """Make a Stribeck effect on a joint (from 0): dry friction that falls with speed.
 
+    tau = size sign(dq) exp(-(dq / vs)^2), with the velocity vs drawn at random.
     Armstrong-Helouvry et al., Automatica 1994, eq. 7.
     """
     vs = _unit(world, joint) * log_uniform(rng, 0.04, 0.3)
@@ -413,10 +422,13 @@ def _presliding(
     low: float = 0.001,
     high: float = 0.01,
 ) -> Hidden:
-    """Make presliding hysteresis: after a reversal, friction builds up over a travel d.
+    """Make presliding hysteresis on a joint (from 0): after a reversal, friction builds
+    up over a travel d.
 
-    Dahl 1968. It replaces the jump of the world's dry friction, if that has one. low,
-    high : limits of d, in units of the joint's typical speed.
+    tau = size (z - sign(dq)), with the state z of Dahl's model (1968): it replaces the
+    jump sign(dq) of the world's dry friction. A world without that jump keeps tau =
+    size z. The travel d [rad, m] is drawn between ``low`` and ``high`` times the
+    joint's typical speed in one second.
     """
     d = _unit(world, joint) * log_uniform(rng, low, high)
 
@@ -428,8 +440,8 @@ def _presliding(
 
 
 def _behind(t: Array, speed: Array, d: float) -> Array:
-    """Return Dahl's bristle state (N,) for a velocity (N,) and a presliding travel
-    d.
+    """Return the state z (N,) of Dahl's friction, from -1 to 1, which follows the sign
+    of a velocity ``speed`` (N,) over a travel d [rad, m]: dz/dt = dq / d - |dq| z / d.
     """
     states = bristles(
         t,
@@ -441,9 +453,11 @@ def _behind(t: Array, speed: Array, d: float) -> Array:
 
 
 def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make sigmoid friction: a part of the Coulomb friction rises slowly with velocity.
+    """Make sigmoid friction on a joint (from 0): a part of the Coulomb friction rises
+    slowly with the velocity, over v0, instead of jumping.
 
-    Gaz et al., RA-L 2019, eq. 9.
+    tau = size (tanh(dq / v0) - sign(dq)): the second term takes this part out of the
+    world's Coulomb friction. v0 is drawn at random. Gaz et al., RA-L 2019, eq. 9.
     """
     v0 = _unit(world, joint) * log_uniform(rng, 0.05, 0.3)
 
@@ -455,7 +469,8 @@ def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _power(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make friction that grows with a power alpha of the speed, below or above 1."""
+    """Make friction on a joint (from 0) that grows with a power of the speed: tau =
+    size sign(dq) |dq|^alpha, with alpha drawn below or above 1."""
     is_degressive = rng.random() < 0.5
     low, high = (0.3, 0.7) if is_degressive else (1.5, 2.5)
     alpha = float(rng.uniform(low, high))
@@ -468,10 +483,12 @@ def _power(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make friction of a joint that depends on the velocity of a neighbouring joint i.
+    """Make friction of a joint (from 0) that depends on the velocity dq_i of a
+    neighbour i.
 
-    Janot et al., IEEE TCST 2014. Its form is linear in the velocity of i (1), dry
-    friction in it (2), in the sum of both velocities (3), or in their difference (4).
+    The form is drawn among viscous, tau = +-size dq_i (form 1), and dry, tau = +-size
+    tanh(v / width) with v = dq_i (2), dq + dq_i (3) or dq - dq_i (4). Janot et al.,
+    IEEE TCST 2014.
     """
     if world.arm.n < 2:
         raise InputError(
@@ -502,9 +519,11 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _warming(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make friction that decays with time constant T as the gears warm up.
+    """Make friction of a joint (from 0) that fades as the gears warm up, with time
+    constant T.
 
-    Simoni et al., IROS 2015. Form 2 is dry friction, form 4 viscous friction.
+    tau = size exp(-t / T) times sign(dq) (form 2, dry) or dq (form 4, viscous); form
+    and T are drawn at random. Simoni et al., IROS 2015.
     """
     T = float(rng.uniform(40.0, 150.0))
     form = int(rng.choice([2, 4]))
@@ -525,9 +544,12 @@ def _warming(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make friction that falls exponentially with the measured temperature of the gear.
+    """Make friction of a joint (from 0) that falls with the measured temperature C of
+    its gear.
 
-    Carlson, Robertsson, Johansson, 2015: grease becomes thinner. It is dry or viscous.
+    tau = size exp((20 - C) / warm) times dq or sign(dq): grease becomes thinner.
+    ``warm`` [K] and the kind, viscous or dry, are drawn at random. Carlson, Robertsson,
+    Johansson, 2015.
     """
     warm = float(rng.uniform(8.0, 40.0))
     viscous = bool(rng.random() < 0.5)
@@ -552,11 +574,13 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a motor that turns with a combination v = c^T dq of two
     neighbours.
 
-    Differential wrists have such motors (Wang et al. 2019). The friction is dry (law
-    2), with presliding (law 3) or with a Stribeck effect (law 4). Viscous friction is
-    left out: the joints' own viscous friction would absorb all of it but a cross term,
-    which does not determine the ratio.
+    tau = size c g, with g = tanh(v / width) (dry, law 2), Dahl's state z along v
+    (presliding over d, law 3), or tanh(v / width) exp(-(v / vs)^2) (Stribeck, law 4).
+    Law, ratio, d and vs are drawn at random. Differential wrists have such motors (Wang
+    et al. 2019). Viscous friction is left out: the joints' own viscous friction would
+    absorb all of it but a cross term, which does not determine the ratio.
     """
+    # First joints of two revolute neighbours; the pair nearest to ``joint`` is taken.
     pairs = [i for i in range(world.arm.n - 1) if world.arm.rotary[i : i + 2].all()]
     if not pairs:
         raise InputError(
@@ -600,9 +624,8 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make friction proportional to the joint's load, which builds up over a travel
-    d.
-    """
+    """Make friction of a joint (from 0) that is proportional to its load and builds up
+    over a travel d: tau = size |tau_rigid| z, with the state z of Dahl's model."""
     d = _unit(world, joint) * log_uniform(rng, 0.002, 0.01)
 
     def law(world: World, motion: TrueMotion) -> Array:
@@ -613,10 +636,12 @@ def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _slip(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make Maxwell slip: three springs in parallel, each with a slider of another
-    travel.
+    """Make Maxwell slip on a joint (from 0): three springs in parallel, each with a
+    slider.
 
-    Al-Bender et al., IEEE TAC 2005.
+    tau = size sum_i w_i z_i. The stretch z_i follows the position over the travel d, 4
+    d or 16 d and slips at -1 and 1; the weights w_i sum to 1. Al-Bender et al., IEEE
+    TAC 2005.
     """
     d = _unit(world, joint) * log_uniform(rng, 0.001, 0.004)
     travel = d * np.array([1.0, 4.0, 16.0])
@@ -639,10 +664,11 @@ def _slip(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _position(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make dry friction whose size varies as a cosine of the position.
+    """Make dry friction of a joint (from 0) whose size varies with the position: tau =
+    size cos(k q + phase) sign(dq).
 
-    Popovic, Goldenberg 1998. k is the number of waves in a turn, or 2 pi over a
-    wavelength of 0.05 to 0.15 m.
+    k is the number of waves per turn, or 2 pi over a wavelength of 0.05 to 0.15 m on a
+    prismatic joint. Popovic, Goldenberg 1998.
     """
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     if world.arm.rotary[joint]:
@@ -695,7 +721,8 @@ FRICTION: Mapping[str, Maker] = {
 
 
 def _drift(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a torque offset that decays with time constant T, as a sensor warms up."""
+    """Make a torque offset of a joint (from 0) that decays as a sensor warms up: tau =
+    size exp(-t / T), with T [s] drawn at random."""
     T = float(rng.uniform(40.0, 150.0))
     return at_joint(
         joint,
@@ -707,10 +734,10 @@ def _drift(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make torque ripple of gear teeth or motor poles: a cosine of the position.
+    """Make torque ripple of gear teeth or motor poles on a joint (from 0): tau = size
+    cos(k q + phase).
 
-    There are 2 to 40 waves in a turn; a prismatic joint's screw has a lead of 8 to 70
-    mm.
+    k is 2 to 40 waves per turn; a prismatic joint's screw has a lead of 8 to 70 mm.
     """
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     k = float(rng.integers(2, 41))
@@ -725,9 +752,8 @@ def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _gain(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a wrong gain of one joint's torque channel: it adds a share of the
-    torque.
-    """
+    """Make a wrong gain of the torque channel of a joint (from 0): it adds +-size times
+    the torque."""
 
     def law(world: World, joint: int, motion: TrueMotion) -> Array:
         return world.torque(motion)[:, joint]
@@ -737,10 +763,11 @@ def _gain(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
-    """Make a delay of torque channels against the positions; the size is the delay [s].
+    """Make a delay of torque channels against the positions: the added torque is tau(t
+    - size) - tau(t), and the size is the delay [s].
 
-    channels : indices of the joints whose torque is late; joints : what the effect is
-    said to act on, () for the whole robot.
+    channels : joints (from 0) whose torque is late. joints : joints that the effect is
+    said to act on; () for the whole robot.
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -764,7 +791,8 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
 
 
 def _filter(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a low-pass 1 / (1 + T s) behind all torque channels; the size is T [s]."""
+    """Make a low-pass filter 1 / (1 + T s) of all torque channels: the added torque is
+    the filtered torque minus the torque, and the size is T [s]."""
 
     def change(world: World, motion: TrueMotion, T: float) -> Array:
         # Effects are sized on a coarse grid, where a filter is read from a finer one.
@@ -805,9 +833,8 @@ def _resample(t: Array, t_known: Array, values: Array) -> Array:
 
 
 def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a constant error of a joint's zero position; the size is the angle [rad,
-    m].
-    """
+    """Make a constant error of the zero position of a joint (from 0): its link stands
+    at q +- size [rad, m]."""
     side = float(rng.choice([-1.0, 1.0]))
     return shifted(
         joint,
@@ -818,11 +845,11 @@ def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make an elastic joint: the link lags by the compliance c times the torque it
-    needs.
+    """Make an elastic joint (from 0): its link lags behind the encoder by the
+    compliance times the torque that the link needs.
 
-    Spong 1987, without oscillation of the link on its spring. The size is c [rad/(N
-    m)].
+    shift = -c tau(q + shift), solved by two steps of iteration; the link does not
+    oscillate on its spring. The size is c [rad/(N m), m/N]. Spong 1987.
     """
 
     def shift(world: World, motion: TrueMotion, c: float) -> Array:
@@ -840,10 +867,12 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make backlash: the link rests on the flank that its torque presses it to.
+    """Make backlash of a joint (from 0): its link rests on the flank that its torque
+    presses it to.
 
-    Nordin, Gutman 2002. The size is half the play [rad, m]. Yielding flanks let the
-    link change over within a fiftieth of the largest torque; impacts are left out.
+    shift = -b tanh(50 tau / max |tau|): the link changes flanks within a fiftieth of
+    the largest torque, without impacts. The size b is half the play [rad, m]. Nordin,
+    Gutman 2002.
     """
 
     def shift(world: World, motion: TrueMotion, b: float) -> Array:
@@ -860,7 +889,8 @@ def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a tilted base: gravity has a horizontal part; the size is that [m/s^2]."""
+    """Make a tilted base: gravity has a horizontal part in a random direction. The size
+    is that part [m/s^2]; the joint is not used."""
     angle = float(rng.uniform(0.0, 2.0 * np.pi))
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -878,9 +908,11 @@ def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a constant force F and moment M on the last link, in world axes.
+    """Make a constant force F and moment M on the last link, in world axes and of
+    random direction.
 
-    The motors carry -J^T (F, M).
+    The motors carry -size J^T (F, M), with the Jacobian J of the last joint. F is of
+    the order of 1 N and M of 0.1 N m at size 1; the joint is not used.
     """
     force = np.concatenate(
         [
@@ -901,9 +933,8 @@ def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _payload(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a payload: a ball of 5 cm radius on the last link; the size is its mass
-    [kg].
-    """
+    """Make a payload: a ball of 5 cm radius at a random place on the last link. The
+    size is its mass [kg]; the joint is not used."""
     last_link = world.arm.model.jointPlacements[-1].translation
     reach = float(np.linalg.norm(last_link)) + 0.05
     centre = rng.uniform(-0.5, 0.5, 3) * reach

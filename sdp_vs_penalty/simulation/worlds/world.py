@@ -130,7 +130,7 @@ def misplaced(
     Returns
     -------
     pin.Model
-        The arm as it was built.
+        The arm as it was built; links and axes are those of the design.
     """
     built = pin.Model(model)
     for i in range(1, model.njoints):
@@ -256,11 +256,13 @@ def bristles(
         0.5 * before,
         0.5 * (before + after),
     )
+    # Decay and goal of each step up to the reversal, and of what follows it. A step
+    # without a reversal has no second part: share is 1.
     first = _step_of_bristles(mean_velocity, share, step, travel, level)
     second = _step_of_bristles(0.5 * after, 1.0 - share, step, travel, level)
     z = np.zeros_like(dq)
     for j in range(dq.shape[1]):
-        # Numbers of Python's: an array of one entry takes twenty times as long.
+        # Python's floats: arrays of one entry would take twenty times as long.
         columns = [values[:, j].tolist() for values in (*first, *second)]
         state = 0.0
         states = [state]
