@@ -249,12 +249,16 @@ def _stands_out(
     pieces: Sequence[NDArray[np.intp]],
     tests: int,
 ) -> Mask:
-    """Flag the rows (M,) of windows with much more energy than the other windows have.
+    """Flag the rows (M,) of windows with much more energy than the others of all
+    motion.
+
+    The residual is divided by its RMS, and windows are tested as if it were white
+    noise.
 
     Parameters
     ----------
     torque
-        (M,) residual of a joint [N m or N].
+        (M,) residual of a joint [N m or N]; 0 where there is none.
     pieces
         Row numbers of each uninterrupted piece of the motion.
     tests
@@ -284,9 +288,10 @@ def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
     near = _near_in_time(is_outlier, data.rows.rate)
     out = np.zeros_like(is_outlier)
     for repeat in data.noise.repeats:
+        # Numbers of the rows of one repetition, and of another at the same phases.
         in_both = near[repeat.rows] & near[repeat.there]
         out[repeat.rows] |= in_both
-        np.logical_or.at(out, repeat.there, in_both)
+        np.logical_or.at(out, repeat.there, in_both)  # rows may come twice
     return out
 
 
@@ -305,6 +310,7 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     energy = _sums_near_in_time(residual**2, rows.rate)
     out = suspect.copy()
     for repeat in repeats:
+        # Numbers of the rows of one repetition, and of another at the same phases.
         first = repeat.rows
         second = repeat.there
         first_has_less = energy[first] <= energy[second]

@@ -634,11 +634,12 @@ class SplineFit:
 
     @cached_property
     def projector(self) -> Array:
-        """(k, k) projector onto curves that the rows determine.
+        """(k, k) matrix V V' (z'z + P) that projects coefficients onto what the rows
+        determine.
 
-        It removes the directions that the model's own columns can make, or that the
-        penalty alone decides: those whose share D / (z'z + P) is at most ABSORBED_CURVE
-        (2 %).
+        The columns of V are generalised eigenvectors, D v = share (z'z + P) v, with a
+        share above ABSORBED_CURVE (2 %). Directions with a smaller share are those that
+        the model's own columns can make, or that the penalty P alone decides.
         """
         metric = self.columns.raw + self.P
         values, vectors = scipy.linalg.eigh(self.columns.D, metric)

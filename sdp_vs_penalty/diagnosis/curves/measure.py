@@ -472,17 +472,12 @@ def _tabulate(
         values=values,
         measured=measured,
     )
-    # Which points of the whole grid the motion has come near, in any fold.
-    is_measured = variables.is_near_motion(f.basis, variables.keep)
     by_fold = []
     for k, coefficients in enumerate(columns.without_fold(fold, P)):
         values_of_fold = grid @ coefficients
         is_known = np.ones(len(points), bool)
-        if law is None:  # a table is unknown where only the left-out fold has been
-            met_by_others = variables.is_near_motion(
-                f.basis, variables.keep & (fold != k)
-            )
-            is_known = met_by_others[is_measured]
+        if law is None:
+            is_known = _is_known_without_fold(variables, f.basis, fold == k)
         varies = np.diff(points[is_known], axis=0).any(axis=0)
         if not varies.all():  # a single value of a variable is no table: no torque
             is_known[:] = True
@@ -505,6 +500,32 @@ def _tabulate(
         replaced=replaced,
         J=f.J,
     )
+
+
+def _is_known_without_fold(
+    variables: Variables, basis: Basis, is_left_out: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which measured points of a grid stay measured without the rows of a fold.
+
+    The others are points that the motion has come near in that fold only.
+
+    Parameters
+    ----------
+    variables
+        Values of the variables on the rows.
+    basis
+        The basis with its grid.
+    is_left_out
+        (M,) flags the rows of the fold.
+
+    Returns
+    -------
+    (P,) bool array
+        For the P points that the motion has come near in any row.
+    """
+    is_measured = variables.is_near_motion(basis, variables.keep)
+    by_others = variables.is_near_motion(basis, variables.keep & ~is_left_out)
+    return by_others[is_measured]
 
 
 def unmeasured(basis: Basis, points: Array) -> Array:
