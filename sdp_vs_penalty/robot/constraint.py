@@ -573,7 +573,8 @@ class ConstraintSet:
 
     @cached_property
     def entries(self) -> StackedCones:
-        """Convex constraints as one sparse affine map of theta."""
+        """All convex constraints stacked as one sparse affine map F(theta) = F_0 + A
+        theta, group by group; theta is feasible if each part of F lies in its cone."""
         return StackedCones.from_groups(self.groups)
 
     @cached_property

@@ -104,7 +104,11 @@ class MotionRecord(JsonRecord):
 
 
 def record_motion(runs: FilteredRuns) -> MotionRecord | None:
-    """Record the motion of runs, as a path of positions and velocities.
+    """Record the motion of runs as a path of positions and velocities (q, dq).
+
+    Each of the 2 n coordinates is measured from its mean, in units of its standard
+    deviation, so that distances of joints compare. Two passes over the rows: the first
+    for mean and deviation, the second for the path.
 
     Parameters
     ----------

@@ -466,8 +466,12 @@ def _kinds(
     width: int,
     number: partial[bool],
 ) -> tuple[str, ...]:
-    """Find what each of the columns holds ("number", "text" ...), by the rows that are
-    complete."""
+    """Find what each of the columns holds: "number", "text", "list", "stamp" or
+    "empty".
+
+    ``sample`` are rows of cells, of which only those with ``width`` cells count;
+    ``number`` tells whether a cell is a number.
+    """
     full_rows = [row for row in sample if len(row) == width]
     columns = [[row[k] for row in full_rows if row[k]] for k in range(width)]
     return tuple(_kind_of(cells, number) for cells in columns)
