@@ -32,12 +32,12 @@ def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
@@ -61,12 +61,12 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     steps = np.abs(np.diff(glance.run.q, axis=0))
     is_revolute = _revolute_joints(glance.robot)
@@ -186,12 +186,12 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
@@ -214,12 +214,12 @@ def find_lockstep_motion(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     moving = np.flatnonzero(glance.moving)
     if len(moving) < 2:
@@ -303,12 +303,12 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     sure = "certain: the positions change by noise only"
     joints = np.flatnonzero(~glance.moving)
@@ -350,12 +350,12 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     if joints := beside_range(glance.robot, glance.run.q):
         yield Issue.of(
@@ -376,12 +376,12 @@ def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     unsigned = []
     for j, x in enumerate(glance.run.tau.T):
@@ -503,12 +503,12 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     tau = glance.run.tau[:, glance.moving]
     n_values = [len(np.unique(x)) for x in tau.T]

@@ -458,7 +458,7 @@ class CauseShares:
 
     @property
     def names(self) -> list[str]:
-        """The names of the causes, in the order of a heat map's rows."""
+        """Names of the causes, such as "velocity", in the order of a heat map's rows."""
         return list(self.of_error)
 
     @staticmethod

@@ -123,7 +123,8 @@ def refer_once(search: Search) -> Search:
     theta, _ = least_squares_refit(data, [t.form.effect for t in search.terms])
     # The model's parameters come first, then those of each finding.
     widths = [t.form.n_coefficients for t in search.terms]
-    starts = data.raw.shape[2] + np.cumsum([0, *widths])[:-1]
+    n_of_model = data.raw.shape[2]
+    starts = n_of_model + np.cumsum([0, *widths])[:-1]  # of the findings
     own_theta, *thetas = np.split(theta, starts)
     estimate = data.estimate
     if not data.frozen:

@@ -352,8 +352,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
     ) -> None:
         """Check the shape constants.
 
-        With law = even the effect has no more constants than Dahl's curve, so it is not
-        sought as a refinement of that one.
+        With law = even the effect has as many parameters as pre-sliding hysteresis
+        (Dahl's curve), so a search does not take it for a refinement of that one.
         """
         super().__init__(robot, joints, **shape)
         if self.even:

@@ -112,10 +112,11 @@ def drawn_pose(robot: Robot) -> Array:
 
 
 def view() -> Array:
-    """Return the projection (2, 3) of a point in the base frame to the picture: to the
-    right, and up.
+    """Return the projection (2, 3) of a point in the base frame to the picture: its
+    rows are the unit vectors to the right and up.
 
-    The camera looks horizontally along the azimuth, then down by the elevation.
+    The camera stands at AZIMUTH about the vertical and ELEVATION [rad] above the
+    horizon; ``towards`` is the horizontal direction from the arm to it.
     """
     right = np.array(
         [

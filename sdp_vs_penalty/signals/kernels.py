@@ -80,7 +80,7 @@ class Decimator:
         start: int,
         stop: int,
     ) -> tuple[Decimator, slice]:
-        """Return the decimator of some of the rows.
+        """Return the decimator of a slice of the rows, for a chunk of the samples.
 
         Parameters
         ----------
@@ -89,8 +89,11 @@ class Decimator:
 
         Returns
         -------
-        tuple
-            The decimator, and the slice of samples that it reads.
+        Decimator
+            Its samples count from the first one that these rows need.
+        slice
+            The samples that the rows need, from half a kernel before the first row to
+            half a kernel behind the last.
         """
         at = self.at[start:stop]
         half = self.kernel.half
