@@ -285,6 +285,13 @@ class _Again:
 def _with_noise_of(estimate: Estimate, extended: Estimate) -> Estimate:
     """Copy the noise floor in the original model's provenance, if any, to the extended
     model.
+
+    Parameters
+    ----------
+    estimate
+        The original model.
+    extended
+        The extended model, which is changed in place and returned.
     """
     noise = estimate.provenance.get("noise")
     if noise:

@@ -269,21 +269,23 @@ def _stands_out(
 
 
 def _near_in_time(mask: Mask, rate: float) -> Mask:
-    """Flag the rows (M, n) that are within SAME_PHASE of a flagged row; rate [Hz]."""
+    """Flag the rows (M, n) within SAME_PHASE seconds of a flagged row; ``rate`` in Hz."""
     return np.asarray(_sums_near_in_time(mask.astype(float), rate) > 0.5)
 
 
 def _sums_near_in_time(series: Array, rate: float) -> Array:
-    """Sum a series (M, n) over the rows within SAME_PHASE of each row; rate [Hz]."""
+    """Sum a series (M, n) over the rows within SAME_PHASE seconds of each; ``rate`` in
+    Hz.
+    """
     width = np.ones(2 * max(1, round(SAME_PHASE * rate)) + 1)
     return np.array([np.convolve(x, width, mode="same") for x in series.T]).T
 
 
 def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
-    """Flag the outlier rows (M, n) that another repetition of the motion also has.
+    """Flag the outlier rows (M, n) at whose phase another repetition has an outlier,
+    too.
 
-    The outlier there has to be within SAME_PHASE seconds of the same phase of the
-    motion.
+    The phases may differ by SAME_PHASE seconds.
     """
     near = _near_in_time(is_outlier, data.rows.rate)
     out = np.zeros_like(is_outlier)

@@ -106,11 +106,11 @@ class Rated(JsonRecord):
 
     @property
     def torque_is_certain(self) -> bool:
-        """Whether the torque is present, whatever its name or size.
+        """Whether the torque is certainly present, though its name or size may be open.
 
-        True for a confident finding, and for one none of whose doubts
-        (TORQUE_IS_OPEN) is about the torque: they leave open which of several
-        effects makes how much of it.
+        True for a confident finding. Also true for a weak one if none of its remarks is
+        a reason in TORQUE_IS_OPEN: its doubts then concern only which of several
+        effects makes how much of the torque.
         """
         if self.confidence == "confident":
             return True

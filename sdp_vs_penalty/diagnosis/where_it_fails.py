@@ -705,6 +705,7 @@ def _causes_of_rows(
     if not is_known:
         seconds, _ = from_reversal(velocity, rows)
         rows_of_cause[REVERSAL] = np.abs(seconds) <= NEAR
+    # Later causes overwrite earlier ones where both are seen.
     for name, its_rows in rows_of_cause.items():
         if not is_known or shares.beyond_model.get(name, 0.0) > share_of_best:
             names[its_rows] = name

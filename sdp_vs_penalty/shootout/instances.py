@@ -230,7 +230,8 @@ class Units:
         """(4,) factors d with P' = diag(d) P diag(d), for a pseudo-inertia matrix P in
         SI units and P' in these units.
 
-        P = [[second moments (3x3), first moments], [first moments^T, mass]].
+        P = [[second moments (3x3), first moments], [first moments^T, mass]]; its
+        entries are divided by mass length^2, mass length, and mass.
         """
         lengths = np.array([1.0, 1.0, 1.0, self.length])
         return lengths / (self.length * np.sqrt(self.mass))

@@ -648,12 +648,14 @@ def write_summary(
     for (solver, reason), count in sorted(n_by_solver_and_reason.items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     option_rows = _option_rows(runs)
+    # _SHOWN has (heading, function that writes a cell) of columns; others use str.
     texts = {
         name: column.map(_SHOWN.get(name, ("", str))[1])
         for name, column in table.items()
     }
     headings = {name: heading for name, (heading, _) in _SHOWN.items()}
     shown = pandas.DataFrame(texts).rename(columns=headings)
+    # summary.md beside this module is the template.
     template = Path(__file__).with_suffix(".md").read_text("utf-8")
     content = template.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
