@@ -125,6 +125,7 @@ def check_runs(
                 problem.robot.n,
                 run.names[0],
             )
+    # A report for each window of each run; a run that is not long is one window.
     windows: list[Report] = []
     of_run: list[tuple[Measurements, slice]] = []
     for run in runs:

@@ -260,40 +260,44 @@ class LoggerJudge:
         is_poor_motion: bool,
         net: LogTransform,
     ) -> None:
-        """Add the explanations to one run's report.
+        """Add the explanations to one run's report, and repair its run.
+
+        Explanations that a fact of the run covers already are left out.
 
         Parameters
         ----------
         number : int
-            Of the run, from 0.
+            Number of the run, from 0.
         stated : sequence of Issue
-            Faults of all runs.
+            Faults that all runs share.
         size : sequence of Issue
-            About the size of the torques.
+            Issues about the size of the torques.
         is_poor_motion : bool
-            Whether the motion has half as many directions as joints: then what is left
-            over says nothing.
+            Whether the motion has at most half as many directions as joints: the
+            unexplained torque then says nothing.
         net : LogTransform
-            The repair of all runs.
+            The repair that all runs share.
         """
         log = self.logs[number]
         report = self.reports[number]
-        parted = [] if is_poor(report) else [*two_arms(log, net)]
-        # A step of the torque is no event of its own where another arm begins.
-        known = replace(net, events=()) if parted else net
-        unexplained = [] if is_poor_motion else [*unexplained_torque(log, known)]
-        left = [*size, *unexplained, *parted]
-        explained = [*self._explanations(number, stated, net), *left]
+        change_of_arm = [] if is_poor(report) else [*two_arms(log, net)]
+        # Where another arm begins, a step of a torque is no separate event.
+        repair = replace(net, events=()) if change_of_arm else net
+        unexplained = [] if is_poor_motion else [*unexplained_torque(log, repair)]
+        of_this_run = [*size, *unexplained, *change_of_arm]
+        explanations = [*self._explanations(number, stated, net), *of_this_run]
         new = [
-            issue for issue in explained if not is_explained_by_a_fact(issue, report)
+            issue for issue in explanations if not is_explained_by_a_fact(issue, report)
         ]
-        work = self.only_in[number].followed_by(net).apply(report.repaired_all)
-        for issue in left:
-            work = issue.repair(work) if issue.repair is not None else work
+        # Repaired by the search first, then by what is left unexplained (events).
+        run = self.only_in[number].followed_by(net).apply(report.repaired_all)
+        for issue in of_this_run:
+            if issue.repair is not None:
+                run = issue.repair(run)
         self.reports[number] = replace(
             report,
             issues=(*report.issues, *new),
-            repaired_all=work,
+            repaired_all=run,
             unexplained=log.fit(net).unexplained,
             gravity=net.gravity if log.spare_share > 0.0 else None,
         )

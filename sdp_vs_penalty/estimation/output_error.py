@@ -87,6 +87,7 @@ def courses_of(
     # Two boxes of a step convolved: a triangle over 2 stride - 1 samples.
     triangle = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
     for part in split_at_gaps(run):
+        # The filter has no value within ``half`` samples of both ends.
         first = half
         last = part.count - half - 1
         if (last - first) * filters.dt <= shortest:
@@ -101,6 +102,7 @@ def courses_of(
         torque = sum(w * padded[m : m + len(torque)] for m, w in enumerate(triangle))
         memory = plant.remembered(motion)  # inner states of effects with a memory
         is_moving = filters.movement.at(motion.t)
+        # NaN marks states that were not logged and that no effect needs.
         unknown = np.full_like(motion.q, np.nan)
         temperature = unknown
         if any(effect.needs_temperature for effect in estimate.model.effects):

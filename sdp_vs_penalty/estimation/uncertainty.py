@@ -455,6 +455,10 @@ class Uncertainty(JsonRecord):
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
         """Return the intervals for another uncertainty of the torque channels' gains.
 
+        A gain is the channel's reading over the true torque. ``gain_response`` (p, n)
+        is the change of theta by a relative error of each gain; the variance that it
+        causes is replaced.
+
         Parameters
         ----------
         errors : (n, e) array

@@ -50,8 +50,8 @@ PREDICTION = "prediction"
 MISSING = "missing"
 #: What the data check leaves in doubt is a line of its own.
 LOG = "the log"
-#: Kinds of issues of the data check that leave order, clock, mounting, sign, unit or the
-#: kind of torque in doubt: such a model is not good, whatever its error.
+#: Kinds of issues of the data check that leave order, clock, mounting, sign, unit or
+#: the kind of torque in doubt: such a model is not good, whatever its error.
 DOUBTS = frozenset(
     {
         "clock against velocity",
@@ -292,8 +292,8 @@ def _missing(
 ) -> Line:
     """Return the line on missing effects and on the links.
 
-    ``text`` says what is missing; ``is_complete`` that nothing is; ``implausible_links``
-    why the links cannot exist, "" if they can.
+    ``text`` says what is missing; ``is_complete`` that nothing is;
+    ``implausible_links`` why the links cannot exist, "" if they can.
     """
     if implausible_links:
         return Line(MISSING, "do not use", f"{implausible_links} {text}")
@@ -487,25 +487,30 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     Returns
     -------
     str
-        A sentence, or "".
+        A sentence for the first of: optimum not found, violated constraints, a radius
+        of gyration beyond the body, a link that weighs next to nothing.
     """
     if certificate.not_found:
         return certificate.not_found
-    sentences = {
+    # 1. Constraints are violated; bounds on barycentric inertias are not convex, so
+    # that most methods do not impose them.
+    violation_by_family = {
         k: v for k, v in certificate.violations.items() if k != BarycentricBound.family
     }
     family = max(
-        sentences,
-        key=lambda name: sentences[name],
+        violation_by_family,
+        key=lambda name: violation_by_family[name],
         default="",
     )
-    if sentences.get(family, 0.0) > ROUNDING:
+    if violation_by_family.get(family, 0.0) > ROUNDING:
         return (
             f"No robot is like this: constraints are violated ({family} by"
-            f" {sentences[family]:.2g})."
+            f" {violation_by_family[family]:.2g})."
         )
+    # 2. A radius of gyration exceeds the link's body.
     if certificate.body_share is not None and certificate.body_share > 1.0 + 1e-6:
         return "A link's mass lies farther out than its body reaches."
+    # 3. A link weighs next to nothing, though its nominal mass says otherwise.
     lightest = _LIGHTEST * float(np.sum(masses))
     light = [i + 1 for i, m in enumerate(masses) if m < lightest < 10.0 * nominal[i]]
     if light:

@@ -669,11 +669,12 @@ class PenalisedLoss:
         (d,) array
             The gradient.
         """
+        # Chain rule: by theta, by barycentric p, by u (p = lower + u width).
         p = self.p(u)
-        in_theta = self.data.gradient(self.box.theta(p))
-        slope = self.box.pull_back(p, in_theta)
-        slope += weight * self.penalty_slope(p)
-        return slope[self.free] * self.width
+        by_theta = self.data.gradient(self.box.theta(p))
+        by_p = self.box.pull_back(p, by_theta)
+        by_p += weight * self.penalty_slope(p)
+        return by_p[self.free] * self.width
 
     def penalty(self, p: Array) -> float:
         """Return the penalty g, the sum of the violations of all demands.

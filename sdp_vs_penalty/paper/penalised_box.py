@@ -302,7 +302,8 @@ class BoxedProblem:
         the box.
 
         lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper, for each of the six
-        entries e; ends that are infinite are left out.
+        entries e: J' is the inertia about the frame raised by the slack s, Q = m c c^T,
+        and <Q_e, Q> Steiner's term. Ends that are infinite are left out.
 
         Parameters
         ----------
