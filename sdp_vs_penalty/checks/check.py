@@ -125,6 +125,7 @@ def check_runs(
                 problem.robot.n,
                 run.names[0],
             )
+    # A report for each window of each run; a run that is not long is one window.
     windows: list[Report] = []
     of_run: list[tuple[Measurements, slice]] = []
     for run in runs:
@@ -315,8 +316,9 @@ def judge_excitation(
     report: Report,
     settings: Preprocessing,
 ) -> Report:
-    """Report the base parameters that the motion of a run, as repaired, does not
-    determine.
+    """Report the base parameters that the motion of a repaired run does not determine.
+
+    The report stays as it is if the dynamics of the run were not judged.
 
     Parameters
     ----------

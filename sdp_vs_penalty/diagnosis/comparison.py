@@ -784,6 +784,7 @@ def _predict_runs(
             columns["dq"].append(motion.dq)
             columns["measured"].append(rows.torque)
             columns["modelled"].append(modelled)
+            # An effect's range may be one of torque: the modelled one counts.
             motion_with_torque = replace(motion, torque=modelled)
             for effect in model.model.effects:
                 is_outside = effect.outside(motion_with_torque)

@@ -83,7 +83,8 @@ class Conclusion:
 
         The verdict is "unknown_effect" if a joint has unexplained torque or a measured
         curve, else "effect_missing" if there are findings, else "nothing_missing". A
-        finding that does harm beside the certain ones becomes weak.
+        finding becomes weak if it raises the error on data left out when it joins the
+        certain findings alone.
         """
         remaining = self.left
         noise = self.data.noise
@@ -109,6 +110,7 @@ class Conclusion:
             remaining.residual,
             sorted(joints_without_name),
         )
+        by_joint = sorted(unexplained.items())
         return Diagnosis(
             verdict=verdict,
             effects=tuple(findings),
@@ -127,7 +129,7 @@ class Conclusion:
             retuned=self.retunes(harmful),
             curves=self.described_curves,
             torque_units=self.explanation.estimate.robot.torque_units,
-            remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
+            remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
         )
 
     @cached_property
@@ -218,13 +220,17 @@ class Conclusion:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about the diagnosis as a whole: noise, standstill, test run."""
-        source = self.ladder.held_out.source
+        """Sentences about the diagnosis as a whole, for the user.
+
+        They warn of a noise that no repetition shows, of errors that arise at
+        standstill, of a test run with little new motion, and of a missing test run.
+        """
+        has_test_run = self.ladder.held_out.source != "folds"
         sentences = (
             _NOISE.get(self.data.noise.source),
             _standstill(self.data, self.left.residual),
             repeatability_warning(self.new_motion_share),
-            _FOLDS if source == "folds" else None,
+            None if has_test_run else _FOLDS,
         )
         return tuple(text for text in sentences if text)
 

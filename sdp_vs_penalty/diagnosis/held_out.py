@@ -443,6 +443,7 @@ class HeldOutData:
         )
         if self.test is None:
             return by_folds()
+        # Torque-dependent columns follow from the same model as in the searched rows.
         test = _Table(
             self.test.with_model(*rows.attached),
             estimate,
@@ -454,7 +455,13 @@ class HeldOutData:
             test=test.compressed(effects, test.rows.keep),
             frozen=self.frozen,
         )
-        return HeldOut(estimate, self.frozen, (split,), "test", by_folds)
+        return HeldOut(
+            estimate,
+            self.frozen,
+            splits=(split,),
+            source="test",
+            make_second=by_folds,
+        )
 
     def _by_folds(
         self,

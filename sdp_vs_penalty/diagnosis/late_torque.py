@@ -54,7 +54,7 @@ def refer_columns_to_current_model(
         # New columns of the findings, then of all candidates.
         search = refer_once(search)
         search.library = search.library.with_current_columns(search.data)
-        # In new columns some findings have no evidence any more, and others have.
+        # In new columns findings may lose their evidence, and other effects gain some.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)

@@ -339,24 +339,27 @@ def _chunk(
     at: NDArray[np.int64],
     keep: NDArray[np.bool_],
 ) -> FilteredChunk:
-    """Filter a stretch without gaps around its samples ``at`` (K,); ``keep`` (K,) says
-    which of them become rows."""
-    motion, smooth = filters.around(part, at)
-    since = at[keep] - at[0]
-    # Places of the rows on the fine and the coarse column grid.
-    local = since // filters.stride + filters.coarse.half
-    coarse = since // filters.smooth_stride + filters.smooth.half
+    """Filter a stretch of the log around some of its samples.
+
+    at (K,) : samples of the stretch, which has no gaps; keep (K,) : which of them
+    become rows. Both column grids begin half a kernel before the first sample, so that
+    a row that lies s samples after it has the place s / stride + half on a grid.
+    """
+    motion, smooth_motion = filters.around(part, at)
+    since_first = at[keep] - at[0]  # samples of the log
+    places = since_first // filters.stride + filters.coarse.half
+    smooth_places = since_first // filters.smooth_stride + filters.smooth.half
     states = Motion(
-        motion.t[local],
-        motion.q[local],
-        motion.dq[local],
-        motion.ddq[local],
+        motion.t[places],
+        motion.q[places],
+        motion.dq[places],
+        motion.ddq[places],
     )
     return FilteredChunk(
         column_motion=motion,
-        low_pass=Decimator(filters.coarse, local),
-        smooth=smooth,
-        smooth_low_pass=Decimator(filters.smooth, coarse),
+        low_pass=Decimator(filters.coarse, places),
+        smooth=smooth_motion,
+        smooth_low_pass=Decimator(filters.smooth, smooth_places),
         rows=states,
         torque=filters.torque(part, at[keep]),
     )

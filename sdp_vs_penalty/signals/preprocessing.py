@@ -195,7 +195,7 @@ class RunFilter:
 
     @cached_property
     def movement(self) -> Movement:
-        """Which instants count: those at which the robot moves."""
+        """Which instants of the run become rows: those at which the robot moves."""
         return Movement(self.run, self.standstill)
 
     def step(self, rate: float) -> int:

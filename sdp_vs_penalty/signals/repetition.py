@@ -103,7 +103,8 @@ def _first_period(track: Track) -> float | None:
     step = float(np.median(np.diff(t)))
     first = max(1, int(0.5 / step))
     last = int((t[-1] - t[0] - _SHORTEST) / step)
-    lags = np.arange(first, last)
+    lags = np.arange(first, last)  # in steps
+    # Each valley is a pair of the mean square difference and the lag [s].
     for _, lag in _valleys(track, track, scale, step, lags):
         if _is_repeated(track, track, scale, lag):
             return lag

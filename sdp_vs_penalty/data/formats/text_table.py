@@ -140,6 +140,8 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         with open_text(path) as file:
             while text := file.read(PIECE):
                 text += file.readline(PIECE)
+                # With an odd number of quotes the piece may end within a quoted cell:
+                # its next lines belong to it.
                 for _ in range(_LONGEST_CELL if text.count('"') % 2 else 0):
                     text += file.readline(PIECE)
                 n_characters_left -= len(text)

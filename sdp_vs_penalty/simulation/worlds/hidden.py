@@ -817,6 +817,7 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
             motion.t[-1],
             step,
         )
+        # Filter on the fine grid, then return to the motion's instants.
         tau = world.torque(motion)
         fine = _resample(t, motion.t, tau)
         passed = first_order(
