@@ -48,18 +48,20 @@ class RepairedRows:
         self.gram = gram * is_visible[:, None] * is_visible[:, :, None]
 
     def project_out_own(self, y: Array) -> Array:
-        """Return K torques or columns y (n, M, K) without what each joint's own columns
-        explain of them, y - B B^T y.
+        """Return torques or columns with each joint's own columns projected out.
+
+        It is y - B B^T y, with B (M, k) the joint's orthonormal basis of friction,
+        rotor and offset.
 
         Parameters
         ----------
         y : (n, M, K) array
-            Torques or columns.
+            K torques or columns of each joint.
 
         Returns
         -------
         (n, M, K) array
-            What is left of them.
+            Their parts orthogonal to the joint's own columns.
         """
         in_basis = np.swapaxes(self.basis, 1, 2) @ y
         return np.asarray(y - self.basis @ in_basis)
@@ -121,18 +123,21 @@ class ArmFit:
         return np.asarray(left - self.rows.projected @ self.theta)
 
     def log_falls_by_columns(self, columns: Array) -> Array:
-        """Predict the fall of log S_j if joint j had one more own column, by a score
-        test: no arm is fitted.
+        """Predict the fall of log S_j if joint j had one more column of its own.
+
+        S_j is the squared residual of joint j. The prediction is a score test, to first
+        order: no arm is fitted anew.
 
         Parameters
         ----------
         columns : (n, M, K) array
-            K candidates for each joint.
+            K candidate columns for each joint, each tried alone.
 
         Returns
         -------
         (n, K) array
-            The falls; what the arm's parameters explain of a column does not count.
+            The falls, from 0 on. The part of a column that the arm's parameters can
+            reproduce does not count.
         """
         transposed = np.swapaxes(columns, 1, 2)
         return self._log_falls(
@@ -147,26 +152,29 @@ class ArmFit:
         mask: Array,
         first_rows: NDArray[np.intp],
     ) -> Array:
-        """Predict the falls of log S_j by steps: columns that are 0 before a row.
+        """Predict the falls of log S_j by columns that step from 0 to 1 at some row.
 
-        It is log_falls_by_columns without making the columns: a product with a step is
-        the sum over the rows from the step's first row on.
+        S_j is the squared residual of joint j. The result is that of
+        ``log_falls_by_columns``, but no column is made: a product with a step is a sum
+        over the rows from the step on.
 
         Parameters
         ----------
         mask : (n, M) array
-            Value of the column after the step: 1 where the joint's torque is used.
-        first_rows : (K,) array
-            Row at which each step begins.
+            Value of a column after its step: 1, or 0 where the joint's torque is not
+            used.
+        first_rows : (K,) array of int
+            First row after each step.
 
         Returns
         -------
         (n, K) array
-            The falls.
+            The falls, from 0 on.
         """
 
         def from_rows(y: Array) -> Array:
-            """(n, K, ...) sums of (n, M, ...) over the rows of each step."""
+            """Return the sums (n, K, ...) of y (n, M, ...) from each step's row on."""
+            # Cumulative sums from the last row backwards.
             sums_to_end = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
             return np.asarray(sums_to_end[:, first_rows])
 

@@ -32,12 +32,12 @@ def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
@@ -61,12 +61,12 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     steps = np.abs(np.diff(glance.run.q, axis=0))
     is_revolute = _revolute_joints(glance.robot)
@@ -140,31 +140,18 @@ def _in_radians(
     are in degrees a second: far larger than the derivative of the converted position.
     """
     is_revolute = _revolute_joints(robot)
-    factor = float(np.radians(1.0))
-    q = run.q * factor
+    radians_per_degree = float(np.radians(1.0))
+    q = run.q * radians_per_degree
     if unwrap:
-        q = _into_range(
-            robot,
-            np.unwrap(
-                run.q,
-                period=360.0,
-                axis=0,
-            )
-            * factor,
-        )
+        unwrapped = np.unwrap(run.q, period=360.0, axis=0)
+        q = _into_range(robot, unwrapped * radians_per_degree)
     q = np.where(is_revolute, q, run.q)
     if run.dq is None:
         return replace(run, q=q)
     logged = np.abs(run.dq).sum(axis=0)
-    derived = np.abs(
-        np.gradient(
-            q,
-            run.t,
-            axis=0,
-        )
-    ).sum(axis=0)
+    derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
     in_degrees = is_revolute & (logged > _IN_DEGREES_A_SECOND * derived)
-    dq = np.where(in_degrees, run.dq * factor, run.dq)
+    dq = np.where(in_degrees, run.dq * radians_per_degree, run.dq)
     return replace(run, q=q, dq=dq)
 
 
@@ -186,12 +173,12 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
@@ -214,12 +201,12 @@ def find_lockstep_motion(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     moving = np.flatnonzero(glance.moving)
     if len(moving) < 2:
@@ -303,12 +290,12 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     sure = "certain: the positions change by noise only"
     joints = np.flatnonzero(~glance.moving)
@@ -350,12 +337,12 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     if joints := beside_range(glance.robot, glance.run.q):
         yield Issue.of(
@@ -376,12 +363,12 @@ def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     unsigned = []
     for j, x in enumerate(glance.run.tau.T):
@@ -503,12 +490,12 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     tau = glance.run.tau[:, glance.moving]
     n_values = [len(np.unique(x)) for x in tau.T]

@@ -125,6 +125,7 @@ def check_runs(
                 problem.robot.n,
                 run.names[0],
             )
+    # A report for each window of each run; a run that is not long is one window.
     windows: list[Report] = []
     of_run: list[tuple[Measurements, slice]] = []
     for run in runs:
@@ -170,10 +171,11 @@ def _facts_of_windows(
 
 
 def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) -> Report:
-    """Report the facts of a run (rows, clock, channels), and repair them.
+    """Report the facts of a run, and repair those that can be repaired.
 
-    Nothing here fits an arm. A report without an error has a run whose dynamics can be
-    judged.
+    Facts are read from rows, clock and channels; no arm is fitted. The rules run in
+    order, each on the run as the rules before have repaired it. They stop early if no
+    rows, no numbers or too few rows are left.
 
     Parameters
     ----------
@@ -314,8 +316,9 @@ def judge_excitation(
     report: Report,
     settings: Preprocessing,
 ) -> Report:
-    """Report the base parameters that the motion of a run, as repaired, does not
-    determine.
+    """Report the base parameters that the motion of a repaired run does not determine.
+
+    The report stays as it is if the dynamics of the run were not judged.
 
     Parameters
     ----------

@@ -41,12 +41,12 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     shortest, longest = _STEPS
     factors = {name: UNITS[unit] for name, unit in _UNITS.items()}
@@ -101,12 +101,12 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
@@ -166,12 +166,12 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_same = glance.steps == 0.0
     changes = np.diff(glance.run.q, axis=0)[is_same]
@@ -194,8 +194,11 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _spaced_evenly(run: Measurements, step: float) -> Measurements:
-    """Return the run with evenly spaced stamps between two gaps; step [s] : resolution
-    of the clock."""
+    """Return the run with time stamps spaced evenly between gaps.
+
+    A gap is a step longer than three times the clock's resolution ``step`` [s], and
+    than three times almost all other steps (their 97 % quantile).
+    """
     steps = np.diff(run.t)
     pause = TIMES * max(step, float(np.quantile(steps, 0.97)))
     edges = np.flatnonzero(steps > pause) + 1
@@ -219,12 +222,12 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     bad = np.concatenate([[False], glance.steps == 0.0])
     same = bool(np.all(np.diff(glance.run.q, axis=0)[bad[1:]] == 0.0))
@@ -247,12 +250,12 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     usual = glance.usual_step
     if not usual:
@@ -284,12 +287,12 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     # Steps longer than this are gaps; packets may come in bursts of many short steps.
     pause = TIMES * max(glance.usual_step, float(np.quantile(glance.steps, 0.97)))
@@ -359,12 +362,12 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_long = glance.steps > max(TIMES * glance.usual_step, 0.02)
     for issue in find_changes_of_rate(glance):

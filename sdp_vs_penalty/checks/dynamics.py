@@ -1,7 +1,7 @@
 """What explains the torques of all runs together.
 
-Order, signs, units, clock and mounting belong to the logger: one search over the rows of
-all runs finds them, and each has to hold in every run. What belongs to one run (its
+Order, signs, units, clock and mounting belong to the logger: one search over the rows
+of all runs finds them, and each has to hold in every run. What belongs to one run (its
 load, a zero, or a fault of its log alone) is claimed with that run named.
 """
 
@@ -119,16 +119,19 @@ class LoggerJudge:
         return Likelihood(self.problem, data)
 
     def judge(self) -> list[Report]:
-        """Search for faults of all runs and of single runs, and return the reports with
-        these explanations.
+        """Search for faults of all runs and of single runs; return the reports with
+        these as explanations.
 
-        Faults of all runs are searched for anew after each repair of a single run.
+        If the torques are no measured ones (a controller's gravity model), that is the
+        only explanation. Otherwise faults of all runs are searched for, and then one
+        fault of a single run; each repair of a single run starts the search anew.
         """
         common = Likelihood.of_all_runs([*self.logs.values()])
-        kind = [*kind_of_torque(common)]
-        if kind:
-            for k in self.logs:
-                self.reports[k] = with_issues(self.reports[k], kind)
+        not_measured = [*kind_of_torque(common)]
+        if not_measured:
+            for number in self.logs:
+                report = self.reports[number]
+                self.reports[number] = with_issues(report, not_measured)
             return self.reports
         search = self._search()
         net = search.drop_unconfirmed(search.run())
@@ -145,7 +148,10 @@ class LoggerJudge:
         return RepairSearch(Likelihood.of_all_runs(logs), logs, facts)
 
     def _repair_one_run(self, net: LogTransform) -> bool:
-        """Find what is different in one run, and repair the run where that is possible.
+        """Find what is different in one run, and repair the run if that is possible.
+
+        Runs are compared as repaired by ``net``, the repair that all share. The
+        difference becomes an issue of that run alone.
 
         Returns
         -------
@@ -176,7 +182,8 @@ class LoggerJudge:
         issue = comparison.issue(cause)
         known = [(f.kind, f.where) for f in self.issues_of_one[number]]
         if (issue.kind, issue.where) in known:
-            return False  # its repair did not help: without this it would come for ever
+            # Its repair did not help: the loop over repairs would never end.
+            return False
         self.issues_of_one[number].append(issue)
         repair = cause.log_repair(self.logs[number].as_logged)
         return repair is not None and self._try_to_repair(number, repair)
@@ -189,10 +196,11 @@ class LoggerJudge:
         return any(contradicts) and not all(contradicts)
 
     def _faults_of_one(self, number: int) -> list[tuple[Fault, LogTransform]]:
-        """List faults that one run's log alone may have, each with its repair.
+        """List the faults that a single run's log may have, each with its repair.
 
-        They are all signs and orders of channels, and the faults that a search of this
-        run alone finds; only faults that `check --fix --apply` can repair.
+        They are all wrong signs and orders of channels, and the faults that a search in
+        this run alone finds. Only single faults that `check --fix --apply` can repair
+        are listed.
         """
         log = self.logs[number]
         fit = log.fit(log.as_logged)
@@ -228,10 +236,12 @@ class LoggerJudge:
         return True
 
     def _report(self, search: RepairSearch, net: LogTransform) -> None:
-        """Add the explanations to the reports: faults of all runs, the torques' size,
-        and what is left unexplained.
+        """Add the explanations to the reports of all runs.
 
-        Of torques that are not those of the arm's motors nothing else is reported.
+        They are the faults that all runs share, the size of the torques, and the torque
+        that stays unexplained. If the size shows that the channels hold no motor
+        torque, only that and the unexplained torque are reported. If it shows another
+        unit of all torques, gains and units of single torques are left out.
         """
         stated = search.describe_faults(net)
         facts = [f.kind for report in self.reports for f in report.issues]
@@ -256,40 +266,44 @@ class LoggerJudge:
         is_poor_motion: bool,
         net: LogTransform,
     ) -> None:
-        """Add the explanations to one run's report.
+        """Add the explanations to one run's report, and repair its run.
+
+        Explanations that a fact of the run covers already are left out.
 
         Parameters
         ----------
         number : int
-            Of the run, from 0.
+            Number of the run, from 0.
         stated : sequence of Issue
-            Faults of all runs.
+            Faults that all runs share.
         size : sequence of Issue
-            About the size of the torques.
+            Issues about the size of the torques.
         is_poor_motion : bool
-            Whether the motion has half as many directions as joints: then what is left
-            over says nothing.
+            Whether the motion has at most half as many directions as joints: the
+            unexplained torque then says nothing.
         net : LogTransform
-            The repair of all runs.
+            The repair that all runs share.
         """
         log = self.logs[number]
         report = self.reports[number]
-        parted = [] if is_poor(report) else [*two_arms(log, net)]
-        # A step of the torque is no event of its own where another arm begins.
-        known = replace(net, events=()) if parted else net
-        unexplained = [] if is_poor_motion else [*unexplained_torque(log, known)]
-        left = [*size, *unexplained, *parted]
-        explained = [*self._explanations(number, stated, net), *left]
+        change_of_arm = [] if is_poor(report) else [*two_arms(log, net)]
+        # Where another arm begins, a step of a torque is no separate event.
+        repair = replace(net, events=()) if change_of_arm else net
+        unexplained = [] if is_poor_motion else [*unexplained_torque(log, repair)]
+        of_this_run = [*size, *unexplained, *change_of_arm]
+        explanations = [*self._explanations(number, stated, net), *of_this_run]
         new = [
-            issue for issue in explained if not is_explained_by_a_fact(issue, report)
+            issue for issue in explanations if not is_explained_by_a_fact(issue, report)
         ]
-        work = self.only_in[number].followed_by(net).apply(report.repaired_all)
-        for issue in left:
-            work = issue.repair(work) if issue.repair is not None else work
+        # Repaired by the search first, then by what is left unexplained (events).
+        run = self.only_in[number].followed_by(net).apply(report.repaired_all)
+        for issue in of_this_run:
+            if issue.repair is not None:
+                run = issue.repair(run)
         self.reports[number] = replace(
             report,
             issues=(*report.issues, *new),
-            repaired_all=work,
+            repaired_all=run,
             unexplained=log.fit(net).unexplained,
             gravity=net.gravity if log.spare_share > 0.0 else None,
         )
@@ -300,18 +314,23 @@ class LoggerJudge:
         stated: Sequence[Issue],
         net: LogTransform,
     ) -> list[Issue]:
-        """List the issues of all runs and of this one alone that hold in this run.
+        """List the explanations that hold in one run.
 
-        Two repairs of one run may cancel: a sign that is wrong in all runs, and in this
-        one once more, is right here.
+        They are the faults of all runs, ``stated``, and those of this run alone. Two
+        repairs may cancel: a sign that is wrong in all runs, and once more in this one,
+        is right here, and neither fault is listed.
         """
         of_one = self.issues_of_one[number]
+        candidates = [*stated, *of_one]
         if not any(issue.apply for issue in of_one):
-            return [*stated, *of_one]
+            return candidates
+        # Faults that are left when both repairs are composed into one.
         total = self.only_in[number].followed_by(net)
         log = self.logs[number]
-        known = {f.apply for f in RepairSearch(log).list_faults(total)}
-        return [f for f in (*stated, *of_one) if not f.apply or f.apply in known]
+        remaining = {fault.apply for fault in RepairSearch(log).list_faults(total)}
+        return [
+            issue for issue in candidates if not issue.apply or issue.apply in remaining
+        ]
 
 
 def with_issues(report: Report, issues: Sequence[Issue]) -> Report:

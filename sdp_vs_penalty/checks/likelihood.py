@@ -796,17 +796,18 @@ class Likelihood:
         repair: LogTransform,
         samples: float,
     ) -> float:
-        """Return the log-probability that friction takes power and that inertia and
-        masses are positive.
+        """Return the log-probability that a fitted arm is physical: its friction takes
+        power, its inertia and its masses are positive.
 
-        It is the sum of log Phi(estimate / standard deviation), Phi the normal
-        distribution's, over n + 2 estimates:
+        It is the sum of log Phi(z) over n + 2 estimates, with Phi the normal
+        distribution function and z an estimate over its standard deviation:
 
-        - of each joint j the mean power dq_j (tau_j - links' torque) of its friction,
-        - the mean of ddq^T M(q) ddq, which is positive for positive inertia,
-        - the mean product of the weight with that of a plausible arm.
+        - for each joint j the mean power dq_j (tau_j - links' torque) of its friction,
+        - the mean of ddq^T M(q) ddq, with the mass matrix M,
+        - the mean product of the arm's weight with the nominal arm's weight.
 
-        It distinguishes a sign from a reversed clock, which fit the same.
+        Each is positive for a physical arm. The fit alone cannot show the signs of all
+        torques or the direction of time; these estimates can.
 
         Parameters
         ----------
@@ -836,15 +837,12 @@ class Likelihood:
         power_slopes = -(states[:, :, None, :] @ fit.rows.raw)[:, :, 0]  # (2, n, s)
         of_inertia = np.outer([1.0, 0.0], power_slopes[1].sum(axis=0))
         gradient = np.vstack([power_slopes[0], slopes + of_inertia])
-        # Variances: of the noise in the torques, and of theta.
+        # Variance of each estimate: from the noise in the torques ...
         noise = fit.energy_left / samples * np.sum(states**2, axis=2)  # (2, n)
         variance = np.append(noise[0], [noise[1].sum(), 0.0])
-        normal = np.tensordot(
-            fit.weights * samples,
-            fit.rows.gram,
-            1,
-        )  # (s, s)
-        variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
+        # ... and from theta, g^T N^-1 g, with N (s, s) its information matrix.
+        information = np.tensordot(fit.weights * samples, fit.rows.gram, 1)
+        variance += np.sum(gradient.T * solve(information, gradient.T), axis=0)
         z = estimates / np.sqrt(np.maximum(variance, _TINY))
         # What each may speak with at most; the two last ones are inertia and weight.
         largest_log_odds = np.full(len(z), MAX_PHYSICS_LOG_ODDS)

@@ -98,7 +98,9 @@ class Difference:
 
     @property
     def is_another_arm(self) -> bool:
-        """Whether the run is of another arm: neither a number nor a fault differs."""
+        """Whether the run is taken to be of another arm: no number and no fault of its
+        log is different.
+        """
         return self.columns is None and self.repair is None
 
 
@@ -119,7 +121,8 @@ class Cause:
     equivalents: tuple[str, ...] = ()
 
     def log_repair(self, as_logged: LogTransform) -> LogTransform | None:
-        """Return the repair that makes the run's log that of the others' arm.
+        """Return the repair that makes the log of the different run one of the others'
+        arm.
 
         Parameters
         ----------
@@ -129,7 +132,9 @@ class Cause:
         Returns
         -------
         LogTransform or None
-            None for another load or arm, which no change of the log undoes.
+            For a torque gain: torques divided by 1 + size; for an encoder offset: the
+            zero shifted by the size; for a fault: its repair. None for another load or
+            another arm, which no change of the log can undo.
         """
         joints = (self.difference.joint,)
         if self.difference.kind == "torque gain" and self.size:
@@ -150,9 +155,12 @@ class RunComparison:
     """
 
     def __init__(self, runs: Sequence[RunLog]) -> None:
-        # An event "at" a name is a law of a joint's motion (a spring, drag): laws belong
-        # to the arm, so that each run gets those of all runs.
-        """Compute the normal equations of each of R runs, all its rows as one part."""
+        """Compute the normal equations of an arm for each of R runs.
+
+        A law of a joint's motion (a spring, drag: an event whose ``at`` is its name)
+        belongs to the arm, so that the model of each run gets the laws of all runs.
+        """
+        # A dictionary, as a set that keeps the order.
         all_laws = {
             event: None
             for run in runs
@@ -170,14 +178,19 @@ class RunComparison:
 
     @cached_property
     def energy_left_by_one_arm(self) -> Array:
-        """(R, n) squared residual of each run's joint under one arm for all runs."""
+        """(R, n) squared residual of each run's joint when one arm is fitted to all
+        runs.
+
+        The R n joints are fitted as those of one long log.
+        """
         stacked = NormalEquations.together(self.equations)  # R * n joints
         _, energy_left = stacked.fitted(self.moving.ravel())
         return energy_left.reshape(self.moving.shape)
 
     @cached_property
     def energy_left_by_own_arms(self) -> Array:
-        """(R, n) squared residual of each run's joint under an arm of that run."""
+        """(R, n) squared residual of each run's joint when an arm is fitted to that run
+        alone."""
         energies = []
         for equations, moving in zip(self.equations, self.moving, strict=True):
             _, energy_left = equations.fitted(moving)  # (1, n)
@@ -186,19 +199,20 @@ class RunComparison:
 
     @cached_property
     def log_energy_ratios(self) -> Array:
-        """(R, n) logarithm of the squared residual under one arm for all runs over that
-        under the run's own arm; 0 for joints that do not move."""
+        """(R, n) logarithm of the ratio of squared residuals: under one arm for all
+        runs, over under an arm for each run. It is 0 for joints that do not move.
+        """
         ratio = np.log(self.energy_left_by_one_arm / self.energy_left_by_own_arms)
         return np.asarray(np.where(self.moving, ratio, 0.0))
 
     @property
     def error_ratio(self) -> float:
-        """How many times larger one arm for all runs makes a joint's residual.
+        """By what factor one arm for all runs makes a joint's error larger, compared
+        with an arm for each run.
 
-        A joint's ratios (root mean square residual under one arm over that under own
-        arms) are multiplied over the runs, so that a single deviating run counts in
-        full beside many good ones; of the joints that move in any run the geometric
-        mean is taken.
+        Errors are root mean square residuals. A joint's ratios are multiplied over the
+        runs, so that a single deviating run counts in full among many good ones; the
+        result is the geometric mean over the joints that move in any run.
         """
         n_moving = max(int(self.moving.any(axis=0).sum()), 1)
         return float(np.exp(0.5 * self.log_energy_ratios.sum() / n_moving))
@@ -218,20 +232,22 @@ class RunComparison:
         return float(np.mean(samples))
 
     def is_one_arm_worse(self, least_ratio: float) -> bool:
-        """Whether one arm for all runs is ``least_ratio`` times worse, and clearly.
+        """Whether one arm for all runs is clearly worse than an arm for each run.
 
-        The log-likelihood ratio has to exceed _ODDS_OF_A_DIFFERENCE: friction never
-        repeats exactly. Ratios below TIMES_BETTER are no difference.
+        Two conditions: the error ratio reaches ``least_ratio`` (and TIMES_BETTER), and
+        the log-likelihood ratio, N / 2 times the sum of the logarithms of the energy
+        ratios for N samples a run, exceeds _ODDS_OF_A_DIFFERENCE, because friction
+        never repeats exactly.
 
         Parameters
         ----------
         least_ratio : float
-            Of the residual under one arm to that under own arms [-].
+            Smallest error ratio that counts [-].
 
         Returns
         -------
         bool
-            Whether it is.
+            Whether both conditions hold.
         """
         log_likelihood = 0.5 * self.samples_per_run * self.log_energy_ratios.sum()
         is_large = self.error_ratio >= max(least_ratio, c.TIMES_BETTER)
@@ -239,12 +255,14 @@ class RunComparison:
 
     @cached_property
     def log_excess(self) -> Array:
-        """(R, n) logarithm of a joint's unexplained share under one arm for all runs
-        over the smallest unexplained share of that joint in any run, under any arm.
+        """(R, n) how much worse one arm for all explains a joint in a run than the
+        joint is explained in the best run.
 
-        A share is squared residual over squared torque. It is 0 for joints that do not
-        move. A run whose joints contradict each other is not explained by an arm of its
-        own either: the other runs show how well it should be explained.
+        It is the logarithm of a ratio of unexplained shares (squared residual over
+        squared torque): that under one arm, over the smallest of this joint in any run,
+        under the one arm or the run's own. The best run is the reference because a run
+        whose joints contradict each other is not explained by its own arm either. It is
+        0 for joints that do not move.
         """
         total = np.stack([equations.total[0] for equations in self.equations])
         share_of_one_arm = self.energy_left_by_one_arm / total
@@ -258,22 +276,26 @@ class RunComparison:
 
     @property
     def largest_excess_ratio(self) -> float:
-        """Largest ratio of a joint's root mean square residual, relative to its torque,
-        in one run under one arm for all runs to that in the best explained run."""
+        """Largest factor by which one arm for all explains a joint worse in some run
+        than the joint is explained in its best run; of root mean square residuals
+        relative to torque.
+        """
         return float(np.exp(0.5 * self.log_excess.max()))
 
     @property
     def has_outlying_run(self) -> bool:
-        """Whether one arm for all explains a joint of one run far worse than an arm
-        explains it in another run."""
+        """Whether one arm for all runs explains some joint at least TIMES worse in one
+        run than the joint is explained in another run.
+        """
         return self.largest_excess_ratio >= c.TIMES
 
     @cached_property
     def suspects(self) -> list[int]:
-        """Numbers of the two runs that may be different, in rising order.
+        """Numbers (from 0, ascending) of the two runs that may be the different one.
 
         They are the run that is explained worst compared with the others, and the run
-        that loses most by one arm for all. Of two runs both are suspects.
+        that loses most by one arm for all; if these are the same run, the one that
+        loses second most. Of two runs both are suspects.
         """
         by_excess = np.argsort(-self.log_excess.sum(axis=1)).tolist()
         by_loss = np.argsort(-self.log_energy_ratios.sum(axis=1)).tolist()
@@ -288,24 +310,30 @@ class RunComparison:
 
     @cached_property
     def normal_equations(self) -> list[Normal]:
-        """Weighted normal equations (s, s), (s,) of the arm, one pair a run."""
+        """Weighted normal equations of the arm, a pair (gram (s, s), cross (s,)) for
+        each run."""
         pairs = zip(self.equations, self.weights, strict=True)
         return [_first(equations.normal(weights)) for equations, weights in pairs]
 
     def fit_other_runs(self, number: int) -> Array:
-        """(s,) parameters of one arm fitted to all runs but number ``number``."""
-        others = [x for k, x in enumerate(self.normal_equations) if k != number]
+        """Return the parameters (s,) of one arm fitted to all runs except run
+        ``number``."""
+        others = [
+            equations
+            for run, equations in enumerate(self.normal_equations)
+            if run != number
+        ]
         summed = _sum_of_normal_equations(others)
         assert summed is not None
         gram, cross = summed
         return solve(gram, cross[:, None])[:, 0]
 
     def normal_equations_with(self, difference: Difference) -> Normal | None:
-        """Normal equations (s, s), (s,) of the run that is different, once the
-        difference is accounted for.
+        """Return the normal equations of the different run, with the difference
+        accounted for.
 
-        A fault is repaired; a number is projected out. None for another arm, whose rows
-        say nothing about the arm of the others.
+        A fault of the log is repaired first; a number (a gain, a zero, a load) is a
+        further unknown, which is projected out again.
 
         Parameters
         ----------
@@ -314,8 +342,9 @@ class RunComparison:
 
         Returns
         -------
-        Normal or None
-            Gram matrix and right side.
+        (gram (s, s), cross (s,)) or None
+            None for another arm, whose rows say nothing about the arm of the other
+            runs.
         """
         if difference.is_another_arm:
             return None
@@ -333,7 +362,11 @@ class RunComparison:
         self,
         difference: Difference | None,
     ) -> tuple[Array, Array | None]:
-        """Return the errors on parts of the two suspects, each part left out in turn.
+        """Return the errors on parts of the two suspect runs, each part left out in
+        turn.
+
+        The arm is fitted to the other parts of that run and to all other runs, whose
+        normal equations are added.
 
         Parameters
         ----------
@@ -343,10 +376,11 @@ class RunComparison:
         Returns
         -------
         errors : (2 PARTS, n) array
-            Squared residual of a part's joint under the arm of all other parts and
-            runs, over the mean energy of a part.
+            Squared residual of each joint on the part left out, over the mean energy of
+            a part.
         arms : (PARTS, s + r) array or None
-            The arms of the suspect that is different, with its r numbers at the end.
+            Fitted parameters of the different run: s of the arm, then the r numbers
+            that differ. None if nothing differs in a suspect.
         """
         normals: list[Normal | None] = [*self.normal_equations]
         if difference is not None:
@@ -358,13 +392,13 @@ class RunComparison:
             repair = run.repair
             columns = None
             others = _sum_of_normal_equations(
-                [normal for k, normal in enumerate(normals) if k != number]
+                [normal for other, normal in enumerate(normals) if other != number]
             )
             is_different = difference is not None and difference.run == number
             if difference is not None and is_different:
                 columns = difference.columns
                 if difference.is_another_arm:
-                    others = None
+                    others = None  # the other runs say nothing about this arm
                 if difference.repair is not None:
                     repair = difference.repair.followed_by(repair)
             fitted, errors = run.log.jackknife_errors(
@@ -385,8 +419,7 @@ class RunComparison:
         return self.held_out_errors(None)[0]
 
     def judge(self, difference: Difference) -> Cause | None:
-        """Return how well a difference explains parts that are left out; None for a
-        number whose size is usual or impossible.
+        """Return how well a difference of one run explains the parts that are left out.
 
         Parameters
         ----------
@@ -396,7 +429,8 @@ class RunComparison:
         Returns
         -------
         Cause or None
-            The difference with its evidence.
+            The difference with its evidence (fall of the error) and its size. None for
+            a number whose size is within the usual tolerance, or impossible.
         """
         log = self.runs[difference.run].log
         after, arms = self.held_out_errors(difference)
@@ -423,8 +457,12 @@ class RunComparison:
         return Cause(difference, gain, 2.0 * clearness, size)
 
     def judge_numbers(self) -> list[Cause]:
-        """List the gains, zeros and loads of one suspect that explain the runs, and
-        another arm."""
+        """List the causes of the simplest kinds, judged on held-out parts.
+
+        For each suspect run these are another arm, a torque gain or encoder zero of
+        each joint, and another load on the last link. Numbers of usual or impossible
+        size are left out.
+        """
         causes = []
         for number in self.suspects:
             run = self.runs[number]
@@ -445,8 +483,10 @@ class RunComparison:
         return [cause for cause in causes if cause is not None]
 
     def judge_faults(self, proposals: Proposals) -> list[Cause]:
-        """List the proposed faults of one suspect's log alone, with how well each
-        explains the runs."""
+        """List the proposed faults of a single suspect's log, with how well each
+        explains the held-out parts; proposals : returns faults and their repairs for a
+        run's number.
+        """
         causes = []
         for number in self.suspects:
             for fault, repair in proposals(number):
@@ -462,18 +502,19 @@ class RunComparison:
         return [cause for cause in causes if cause is not None]
 
     def find_best_cause(self, proposals: Proposals | None = None) -> Cause | None:
-        """Return the difference of one run that best explains parts left out.
+        """Return the difference of one run that explains the held-out parts best.
 
         Parameters
         ----------
         proposals : callable, optional
-            Faults that a run's log may have, by the run's number. A fault is preferred
-            to a number only if it is better by the prior odds against a fault.
+            Returns the faults that a run's log may have, for the run's number. A fault
+            is preferred to a number (a gain, a zero, a load) only if its log-likelihood
+            is higher by the prior log-odds against a fault.
 
         Returns
         -------
         Cause or None
-            None where no difference predicts parts left out clearly.
+            None if no difference lowers the error on held-out parts clearly.
         """
         best = max(self.judge_numbers(), key=lambda cause: cause.gain)
         n_parts = 2.0 * c.PARTS  # of both suspects
@@ -496,8 +537,11 @@ class RunComparison:
         return self._in_the_heavier_run(best)
 
     def _in_the_heavier_run(self, cause: Cause) -> Cause:
-        """Return a load of one of two runs as that of the run that carries more: a load
-        that one lacks is one that the other carries. Any other cause stays as it is."""
+        """Return a cause with the load assigned to the run that carries more.
+
+        Of two runs, a load that one lacks (negative size) is a load that the other
+        carries. Any other cause is returned unchanged.
+        """
         is_lack = cause.difference.kind == "another load" and cause.size < 0.0
         if not is_lack or len(self.runs) != 2:
             return cause
@@ -506,7 +550,7 @@ class RunComparison:
 
     @property
     def _reason(self) -> str:
-        """By how much one arm for all runs is worse, in words."""
+        """By what factor one arm for all runs is worse, as a sentence."""
         one_arm = "one arm for all runs explains a joint"
         by_excess = self.largest_excess_ratio
         if by_excess > self.worst_error_ratio:
@@ -555,8 +599,8 @@ class RunComparison:
         )
 
     def _words_of_number(self, cause: Cause) -> tuple[str, str]:
-        """What is different in a run whose gain, zero, load or arm is another one, and
-        the remedy."""
+        """Return the sentence and the remedy for a run whose gain, zero, load or arm
+        differs."""
         difference = cause.difference
         run = self.runs[difference.run]
         unit = run.log.problem.robot.position_units[difference.joint]
@@ -578,10 +622,11 @@ class RunComparison:
 
 
 def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
-    """Return the fault that explains most.
+    """Return the fault to report out of several that explain the runs.
 
-    Faults whose gains differ by less than the prior odds explain the same: a fault of
-    the torques comes before one of the positions, and the others become equivalents.
+    Faults whose gain is within ``odds`` (on the same scale as the gain) of the largest
+    explain the same. Of these a fault of torques is preferred to one of positions; the
+    others are named as equivalents.
     """
     largest = max(cause.gain for cause in faults)
     tied = [cause for cause in faults if cause.gain > largest - odds]
@@ -595,20 +640,20 @@ def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
 def compare_runs(
     runs: Sequence[RunLog], worse: float = 1.0
 ) -> Iterator[tuple[int, Issue]]:
-    """Yield where the arm of a run is not that of the other runs.
+    """Yield an issue if the arm of one run is not that of the other runs.
 
     Parameters
     ----------
     runs : sequence of RunLog
-        Their rows and repairs; of a single run nothing is yielded.
+        Rows and repair of each run; nothing is yielded for a single run.
     worse : float
-        Least ratio of the residual under one arm for all runs to that under one arm
-        for each run [-].
+        Smallest ratio of errors, under one arm for all runs over under an arm for each
+        run, that counts [-].
 
     Returns
     -------
     iterator of (int, Issue)
-        The number of the run from 0, and what is different in it.
+        The number of the run from 0, and what is different in it; one pair at most.
     """
     if len(runs) < 2:
         return
@@ -621,30 +666,33 @@ def compare_runs(
 
 
 def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """Yield an issue where two stretches of one log are not of one arm: a load was
+    """Yield an issue if the log begins with one arm and ends with another: a load was
     picked up, or the file holds the logs of two arms.
 
-    The two stretches are compared as two runs are. Each has torque offsets of its own,
-    so that a mere step in a torque is no difference.
+    The log is cut at the likeliest row, and both stretches are compared as two runs.
+    Each has separate torque offsets, so that a mere step of a torque makes no
+    difference. Nothing is judged if a joint has a law or a drift that the model lacks,
+    if there are too few rows, or if the arm does not explain the torques at all.
 
     Parameters
     ----------
     log : Likelihood
         Rows of the run.
     repair : LogTransform
-        What is repaired in all runs.
+        The repair that all runs have in common.
 
     Returns
     -------
     iterator of Issue
-        At the instant that parts the log.
+        At most one, at the instant of the cut.
     """
-    # Drifts and steps (events at an instant or over the log) would hide the change.
-    laws = tuple(event for event in repair.events if not isinstance(event.at, float))
-    repair = replace(repair, events=laws)
-    # Each of the two stretches has PARTS parts of its own that are left out in turn.
-    too_few = log.data.count < 4 * c.PARTS
-    if laws or too_few or log.spare_share <= 0.0:
+    # A step of a torque (an event at an instant) would hide the change: it is no longer
+    # corrected. Laws and drifts remain.
+    others = tuple(event for event in repair.events if not isinstance(event.at, float))
+    repair = replace(repair, events=others)
+    # Each of the two stretches needs PARTS parts, to be left out in turn.
+    has_too_few_rows = log.data.count < 4 * c.PARTS
+    if others or has_too_few_rows or log.spare_share <= 0.0:
         return
     if log.fit(repair).mean_unexplained_share > c.UNRELATED:
         return
@@ -676,10 +724,11 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
 
 
 def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
-    """Return the row at which to cut a log so that one arm for each of the two
-    stretches explains it best.
+    """Return the row that cuts a log into two stretches best explained by an arm each.
 
-    Cuts lie between sixteenths of the log; neither stretch is shorter than three.
+    The log is divided into 2 PARTS = 16 equal parts; cuts between parts are tried, with
+    three parts at least on either side. The best cut minimises the sum over moving
+    joints of the logarithm of the squared residual.
     """
     grams, n_own = log.gram_matrices(repair, 2 * c.PARTS)  # (16, n, w, w)
     n_parts = len(grams)
@@ -695,21 +744,22 @@ def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
 
 
 def _with_events(repair: LogTransform, events: Sequence[LogEvent]) -> LogTransform:
-    """Return a repair with more events, none of them twice."""
+    """Return a repair with additional events, without duplicates."""
     all_events = dict.fromkeys((*repair.events, *events))
     return replace(repair, events=tuple(all_events))
 
 
 def _first(normal: Normal) -> Normal:
-    """Normal equations (s, s), (s,) from those of a log of a single part (1, s, s),
-    (1, s)."""
+    """Return normal equations (s, s), (s,) from a stack of a single one, (1, s, s), (1,
+    s)."""
     gram, cross = normal
     return gram[0], cross[0]
 
 
 def _sum_of_normal_equations(normals: Sequence[Normal | None]) -> Normal | None:
-    """Sum normal equations (s, s), (s,) of several runs, without those that are None;
-    None where all are."""
+    """Return the sum of the normal equations (s, s), (s,) of several runs; None stands
+    for a run that is left out. The sum is None if all runs are left out.
+    """
     known = [normal for normal in normals if normal is not None]
     if not known:
         return None
@@ -719,10 +769,10 @@ def _sum_of_normal_equations(normals: Sequence[Normal | None]) -> Normal | None:
 
 
 def _project_out_last(normal: Normal, n_first: int) -> Normal:
-    """Project all unknowns but the first ``n_first`` out of normal equations.
+    """Project all unknowns after the first ``n_first`` out of normal equations G x = c.
 
-    It is the Schur complement of the last unknowns' block, of gram matrix and right
-    side.
+    With blocks 1 (first) and 2 (last), the result is the Schur complement: G11 - G12
+    G22^-1 G21 and c1 - G12 G22^-1 c2.
     """
     gram, cross = normal
     s = n_first
@@ -735,11 +785,11 @@ def _project_out_last(normal: Normal, n_first: int) -> Normal:
 
 
 def _is_possible(log: Likelihood, difference: Difference, size: float) -> bool:
-    """Whether a number that differs in one run has a size that it can have.
+    """Whether a number that differs in one run has a physically possible size.
 
-    size : a gain less one [-], a zero [rad, m] or a load [kg]. A gain is that of a
-    drive, a zero is less than half a radian or than the joint's reach, a load is
-    lighter than the arm.
+    size : of a torque gain the factor less one [-], which a drive may have; of an
+    encoder offset [rad, m], below half a radian or below the reach of a prismatic
+    joint; of a load [kg], lighter than the arm.
     """
     if difference.kind == "torque gain":
         smallest, largest = _POSSIBLE_GAINS
@@ -759,24 +809,24 @@ def _list_numbers(
     repair: LogTransform,
     theta: Array,
 ) -> Iterator[tuple[str, int, Array]]:
-    """Yield the numbers that may differ in one run: each joint's torque gain and
-    encoder zero, and the load on the last link.
+    """Yield the numbers that may differ in one run, each with the torque per unit of
+    it.
 
     Parameters
     ----------
     log : Likelihood
         Rows of the run.
     repair : LogTransform
-        Its repair.
+        The repair of the run.
     theta : (s,) array
-        Parameters of the arm of the other runs.
+        Parameters of the arm fitted to the other runs.
 
     Returns
     -------
-    iterator of (str, int, (n, M, r) array)
-        Kind of difference, joint from 0, and torque of the run's joints per unit of
-        the number: of a gain less one, of a zero [rad, m], of the ten parameters of the
-        load.
+    iterator of (kind, joint, columns)
+        kind: "torque gain" (unit: factor less one), "encoder offset" [rad, m] or
+        "another load"; joint from 0; columns: (n, M, r) torque of the run's joints per
+        unit of the number, with r = 10 for the parameters of the load and else 1.
     """
     torque = log.raw(repair) @ theta  # (n, M), of the arm
     residual = log.unexplained(repair, theta)

@@ -5,8 +5,9 @@ A hypothesis changes entries of this record; a composition of hypotheses is agai
 record. So no joint can have two zeros, two gains or two signs, and what is reported is
 what is done to the raw log:
 
-    q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw - t_0), or reversed
-    tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
+    q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw -
+    t_0), or reversed tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j
+    d(tau_j)/dt - events_j
 
 where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
 |tau_raw| / bend_j.
@@ -282,16 +283,17 @@ class LogTransform:
 
     @cached_property
     def motion_part(self) -> LogTransform:
-        """The repair without what changes only the torque channels, or the direction of
-        time: what the rows of a fit depend on."""
+        """The repair with its changes of torque channels and of the direction of time
+        undone. The columns of a fit depend on this part alone, and are cached by it."""
         return self.with_defaults(
             "tau_order", "gain", "lead", "lag", "bend", "reversed"
         )
 
     @cached_property
     def arm_part(self) -> LogTransform:
-        """The repair without events and missing weight as well: what the columns of the
-        shared parameters depend on."""
+        """:attr:`motion_part` with events and missing weight undone as well. The
+        columns of the links' parameters depend on this part alone, and are cached by
+        it."""
         return self.motion_part.with_defaults("lacks", "events")
 
     def with_defaults(self, *names: str) -> LogTransform:
@@ -304,7 +306,7 @@ class LogTransform:
         return replace(self, **defaults)
 
     def followed_by(self, later: LogTransform) -> LogTransform:
-        """Return the one repair that does this one first and ``later`` to its outcome.
+        """Return one repair that has the effect of this one followed by ``later``.
 
         Order, scale, zero, gain, delay and clock are composed; everything else is the
         later one's.
@@ -319,7 +321,7 @@ class LogTransform:
         LogTransform
             Both repairs as one.
         """
-        # Joint j of the outcome takes channel k of this repair.
+        # Pairs (j, k): joint j of the outcome takes channel k of this repair's outcome.
         of_position = [*enumerate(later.order)]
         of_torque = [*enumerate(later.tau_order)]
         zero = tuple(
@@ -338,17 +340,17 @@ class LogTransform:
         )
 
     def positions(self, q: Array) -> Array:
-        """Return the true positions (N, n) from those of the log (N, n) [rad, m].
+        """Return the true positions: q_j = scale_j q_logged[order_j] + zero_j.
 
         Parameters
         ----------
         q : (N, n) array
-            Positions [rad, m].
+            Positions as logged, by channel [rad, m].
 
         Returns
         -------
         (N, n) array
-            In the joints' order [rad, m].
+            Positions by joint [rad, m].
         """
         logged = q[:, list(self.order)]
         return np.asarray(logged * np.array(self.scale) + np.array(self.zero))
@@ -388,8 +390,11 @@ class LogTransform:
         return _in_reverse(repaired) if self.reversed else repaired
 
     def _torques(self, run: Measurements) -> Array:
-        """Return the torques (N, n) in the joints' order, scaled, and interpolated at
-        ``lead`` seconds after each row."""
+        """Return the torques (N, n) by joint, as repaired [N m or N].
+
+        tau_j(t) = gain_j raw_k(t + lead_j), with the channel k = tau_order[j]; between
+        rows it is interpolated linearly.
+        """
         tau = run.tau[:, list(self.tau_order)]
         for j, lead in enumerate(self.lead):
             if lead:

@@ -29,12 +29,12 @@ def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     channels = {
         "t": glance.run.t[:, None],
@@ -60,13 +60,14 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
+    # Equal rows have equal numbers; a lag is a row's distance from its first equal.
     number = glance.row_numbers
     first_row_of_number = np.unique(number, return_index=True)[1]
     lags = np.arange(len(number)) - first_row_of_number[number]
@@ -102,12 +103,12 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     is_held = np.concatenate(
         [
@@ -171,13 +172,14 @@ def _frozen_packets(glance: RunSummary, is_held: Rows) -> Rows:
 
 
 def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
-    """Yield a warning about rows that repeat the row before (``same``, (N,)) while the
-    arm moves under an even clock.
+    """Yield a warning about rows that repeat the row before, while the arm moves and
+    time steps are even.
 
-    Behind a copy that a lost packet left, the motion skips ahead; behind a row that was
-    written twice it goes on, and the clock was made anew.
+    same (N,) : which rows do. There are two causes. If a packet was lost and the last
+    one written again, the motion skips ahead after the copy. If a row was written twice
+    and the clock made anew, the motion goes on after it.
     """
-    span = 2 * STUCK
+    span = 2 * STUCK  # rows to either side of a copy that are compared
     single = np.flatnonzero(same[span:-span]) + span
     single = single[~same[single - 1] & ~same[single + 1]]
     # A share of 0.2 % may be chance; at four in five the position hardly moves.
@@ -230,12 +232,12 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     low = np.array([joint.lower for joint in glance.robot.joints])
     high = np.array([joint.upper for joint in glance.robot.joints])
@@ -266,12 +268,12 @@ def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     if not glance.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
@@ -334,12 +336,12 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     bad = {}
     for name, j, x in glance.channels:
@@ -357,8 +359,11 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _filled(x: Array) -> Rows:
-    """Return the rows (N,) of zeros in a channel x (N,) between samples far from zero
-    on the same side; none where the channel jumps to other values and back as often."""
+    """Return the rows (N,) of zeros that a logger filled into a channel x (N,).
+
+    Such zeros lie between samples far from zero on the same side. None are returned if
+    the channel jumps to other values and back nearly as often.
+    """
     if not np.any(x == 0.0):
         return np.zeros(len(x), bool)
     changes = np.abs(np.diff(x))
@@ -391,12 +396,12 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     moves = glance.movement.at
     t = glance.run.t
@@ -422,23 +427,23 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning where all joints skip ahead within one step of an even clock:
-    rows are missing, and the clock was made anew.
+    """Yield a warning where all joints skip ahead within one time step of a usual
+    length: rows are missing, and the clock was made anew.
 
-    A position that repeats is a packet repeated, and makes up for the skip behind it:
-    each position counts once, from its first stamp to that of the next. Only joints
-    that move well above their own scatter show a skip, and three in four of them have
-    to.
+    A skip of k steps has k times the usual speed, so that k - 1 rows are missing. Rows
+    that repeat a position (a packet sent twice) do not count: steps are those between
+    new positions. Only joints that move well above the scatter of their speed can show
+    a skip; three in four of them have to.
 
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     q = glance.run.q[:, glance.moving]
     # Rows whose position is not that of the row before.
@@ -464,13 +469,14 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     places = places[steps[places] < 3.0 * np.median(steps)]
     if not len(places):
         return
-    # Steps that each skip is long: a mean over the joints, weighted by their clearness.
+    # Length of each skip in steps: a mean over the joints that move clearly, weighted
+    # by one over their scatter.
     weights = (is_clear / scatter)[places]
     weighted_speed = (speed[places] * weights).sum(axis=1)
     steps_long = weighted_speed / (usual[places] * weights).sum(axis=1)
     lost = np.round(steps_long - 1.0)  # rows, at each place
-    rows = fresh[places + 1] - 1
-    added = np.zeros(len(glance.steps))
+    rows = fresh[places + 1] - 1  # the row before each skip's end
+    added = np.zeros(len(glance.steps))  # [s] after each row
     added[rows] = lost * np.median(steps)
     yield Issue(
         kind="lost rows",
@@ -509,7 +515,8 @@ def _skips(
 
 
 def _with_time(run: Measurements, added: Array) -> Measurements:
-    """Return the run with time ``added`` (N - 1,) [s] put between its rows."""
+    """Return the run with ``added`` (N - 1,) seconds inserted after its rows; 0 leaves
+    the step from a row to the next as it is."""
     return with_time_steps(
         run,
         added > 0.0,
@@ -561,33 +568,26 @@ def _stuck(
     steps = np.abs(np.diff(x))
     level = 3.0 * lattice_step(x)  # a jump by less may be one of resolution
     frozen_parts = []
-    for a, b in pauses:
-        if x[a] in (x.min(), x.max()):
+    position = glance.run.q[:, j]
+    for first, last in pauses:
+        if x[first] in (x.min(), x.max()):
             continue  # clipped there
-        if is_position and _velocity_goes_on(glance.run.dq, j, a, b):
+        if is_position and _velocity_goes_on(glance.run.dq, j, first, last):
             is_frozen = True
-        elif b == len(x) - 1:
-            # The run ends with this value.
-            is_frozen = not is_position and _joint_goes_round(
-                glance.run.q[:, j],
-                a,
-                b,
-            )
-        elif steps[b] < level:
+        elif last == len(x) - 1:
+            # The run ends with this value: only a torque can be judged.
+            turns_round = _joint_goes_round(position, first, last)
+            is_frozen = turns_round and not is_position
+        elif steps[last] < level:
             is_frozen = False
         elif is_position:
-            is_frozen = not _comes_to_rest(x, steps, a, steps[b])
-        elif _arm_rests(glance, a, b):
+            is_frozen = not _comes_to_rest(x, steps, first, steps[last])
+        elif _arm_rests(glance, first, last):
             is_frozen = False
         else:
-            is_frozen = not _is_constant_friction(
-                glance.run.q[:, j],
-                steps,
-                level,
-                b,
-            )
+            is_frozen = not _is_constant_friction(position, steps, level, last)
         if is_frozen:
-            frozen_parts.append((a, b + 1))
+            frozen_parts.append((first, last + 1))
     return mask_of(len(x), frozen_parts)
 
 
@@ -597,8 +597,11 @@ def _velocity_goes_on(
     a: int,
     b: int,
 ) -> bool:
-    """Whether joint j's logged velocity goes on from row a to b: its mean square there
-    is a tenth of that elsewhere, or more. False where none was logged."""
+    """Whether joint j's logged velocity shows that it moves from row a to b.
+
+    It does if the mean square velocity there is at least a tenth of that elsewhere.
+    False if no velocity was logged.
+    """
     if dq is None:
         return False
     square = dq[:, j] ** 2
@@ -629,10 +632,12 @@ def _arm_rests(glance: RunSummary, a: int, b: int) -> bool:
 
 
 def _long_pauses(glance: RunSummary, x: Array) -> list[list[int]]:
-    """List the first and last row of long stretches in which a channel x (N,) does not
-    change: STUCK rows, a fifth of a second, and a third of the longest, or more.
+    """List the first and last row of each long stretch in which a channel x (N,) is
+    constant.
 
-    Shorter ones are the channel's resolution; several freezes do not hide each other.
+    Long are at least STUCK rows, a fifth of a second, and a third of the longest
+    stretch: shorter ones come from the channel's resolution, and several freezes of
+    about one length are all found.
     """
     parts = spans(np.diff(x) == 0.0)
     lengths = np.diff(parts)[:, 0]
@@ -651,10 +656,11 @@ def _comes_to_rest(
     a: int,
     jump: float,
 ) -> bool:
-    """Whether a position x (N,) comes to rest at row a: it slows down before, and
-    starts again slowly.
+    """Whether a position x (N,) comes to rest at row a by itself: it slows down before,
+    and starts again slowly.
 
-    steps (N - 1,) : its absolute changes; jump : the first change after the rest.
+    steps (N - 1,) : absolute changes of x from row to row; jump : the first change
+    after the rest, which is small for a joint that starts to move.
     """
     usual = float(np.median(steps[steps > 0.0]))
     travel_before = abs(x[a] - x[max(a - STUCK, 0)])

@@ -225,10 +225,16 @@ def _reason_of_size(
     repair: LogTransform,
     size: _Size,
 ) -> _Reason | None:
-    """Return what makes the torques too large or too small; None where they may be
-    right."""
-    is_odd = size.is_large or size.is_small
-    if is_odd and c.EFFORT[0] <= size.over <= c.EFFORT[1]:
+    """Return the likeliest reason why the torques are too large or too small.
+
+    In this order: wrong masses in the problem (torques of a usual size), another unit
+    (too large), an external torque (small and unlike the arm's dynamics), motor
+    currents (small, and explained by the arm's dynamics). None if the size may be
+    right, or if the arm does not explain the torques at all.
+    """
+    is_wrong = size.is_large or size.is_small
+    smallest_share, largest_share = c.EFFORT
+    if is_wrong and smallest_share <= size.over <= largest_share:
         return _Reason(
             "masses of the problem",
             "the problem's masses are wrong: the torques reach what torques do,"
@@ -254,7 +260,7 @@ def _reason_of_size(
         )
     fit = log.fit(repair)
     if fit.mean_unexplained_share > c.UNRELATED:
-        return None  # that nothing explains them is said elsewhere
+        return None  # another issue says that the arm does not explain them
     if leaves_more_than_usual(log, fit):
         # A current is small, too, but the arm's dynamics explain it.
         return _Reason(

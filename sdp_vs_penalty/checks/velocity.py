@@ -42,12 +42,12 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     Parameters
     ----------
     glance : RunSummary
-        The run, as the rules before have repaired it.
+        The run with its clock and channels, as repaired by earlier rules.
 
     Returns
     -------
     iterator of Issue
-        What is wrong, if anything.
+        Issues to report; none if nothing is wrong.
     """
     if glance.run.dq is None or len(glance.run.t) < 2 * RUN:
         return

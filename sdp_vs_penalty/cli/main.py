@@ -190,8 +190,8 @@ def _help() -> str:
 
 def named(name: str) -> Callable[..., None]:
     """Import and return the verb of this name. Raises InputError if there is none."""
-    names = [name for verbs in VERBS.values() for name in verbs]
-    require_known("command", name, names)
+    known_names = [known for verbs in VERBS.values() for known in verbs]
+    require_known("command", name, known_names)
     home = import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}")
     return home.verb  # type: ignore[no-any-return]
 

@@ -198,11 +198,14 @@ def next_diagnosis(
     window: str | None,
     gravity: str | None = None,
 ) -> None:
-    """Print the command that diagnoses a model.
+    """Print the command that diagnoses a model next.
 
-    It searches in the runs that the model was identified from, and is judged on the
-    given ones. gravity : direction of gravity, if it differs from that of the model;
-    runs of two mountings cannot be mixed, so the given runs are searched then.
+    The command searches in the runs that the model was identified from, and judges on
+    the given ones.
+
+    model : the model's file; data, window : the given runs and their time windows;
+    gravity : direction of gravity as text, if it differs from that of the model. Runs
+    of two mountings cannot be mixed: the command then searches in the given runs.
     """
     train = estimate.provenance.get("data", ["TRAIN.csv"])
     if gravity is not None:  # runs of another mounting cannot be mixed

@@ -158,10 +158,13 @@ def _one(
     number: int,
     usable: bool,
 ) -> Measurements:
-    """Make the measurements of one source, number ``number`` (from 1) of those that a
-    caller passes.
+    """Make the measurements of one source.
 
-    The parameters are those of :func:`as_measurements`.
+    part : a path, Measurements, or a mapping or DataFrame of columns. joints : expected
+    number of joints. names : the robot's joint names in order. what : how messages call
+    the argument. number : of the source (from 1) among those that a caller passes, for
+    its name. usable : refuse a run with a clock that does not ascend, or numbers that
+    are not finite.
     """
     word = "sample"
     label = None

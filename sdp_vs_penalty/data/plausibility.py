@@ -31,6 +31,10 @@ _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """Refuse positions that cannot be this robot's, or are not in radians and metres.
 
+    Each run is checked for a torque that is zero, velocities that are not the
+    derivative of the positions, positions of the motors instead of the joints,
+    positions far outside of the ranges, and joints that swing over many turns.
+
     Parameters
     ----------
     robot : Robot

@@ -48,7 +48,7 @@ from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
-from sdp_vs_penalty.signals.motion import record_motion
+from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 
 
 def add(
@@ -285,6 +285,13 @@ class _Again:
 def _with_noise_of(estimate: Estimate, extended: Estimate) -> Estimate:
     """Copy the noise floor in the original model's provenance, if any, to the extended
     model.
+
+    Parameters
+    ----------
+    estimate
+        The original model.
+    extended
+        The extended model, which is changed in place and returned.
     """
     noise = estimate.provenance.get("noise")
     if noise:
@@ -443,12 +450,6 @@ def _add_frozen(
         "versions": versions(),
         "verdict": None,  # that of the smaller model is not this one's
     }
-    # Motion that the model or the new effects were fitted to; None if one is unknown.
-    known_motion = estimate.training_motion
-    new_motion = record_motion(runs)
-    training_motion = None
-    if known_motion is not None and new_motion is not None:
-        training_motion = known_motion.joined(new_motion)
     return replace(
         estimate,
         model=fit.model,
@@ -457,8 +458,20 @@ def _add_frozen(
         certificate=certify_beside(estimate, fit.model, theta, fit.certificate),
         details=details,
         provenance=provenance,
-        training_motion=training_motion,
+        training_motion=_joined_motion(estimate, runs),
     )
+
+
+def _joined_motion(estimate: Estimate, runs: FilteredRuns) -> MotionRecord | None:
+    """Join the records of the motion that a model was fitted to, and of new runs.
+
+    None if one of the two is not recorded.
+    """
+    known_motion = estimate.training_motion
+    new_motion = record_motion(runs)
+    if known_motion is None or new_motion is None:
+        return None
+    return known_motion.joined(new_motion)
 
 
 @dataclass(frozen=True)
@@ -643,16 +656,15 @@ def estimate_constants(
         if all_given(effect):
             out.append(effect)
             continue
-        if search is None:
+        if search is None:  # only now, since filtering takes long
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             search = Search(whiten_rows(rows, estimate, frozen), Library())
         joints: Sequence[int | None] = effect.joints
         if effect.whole_robot:
             joints = [None]
-        elif (
-            effect.joins
-        ):  # its joints have one set of constants: the first stands for all
+        elif effect.joins:
+            # Its joints have one set of constants: the first joint stands for all.
             joints = effect.joints[:1]
         out += [_shaped(search, effect, joint) for joint in joints]
     return out

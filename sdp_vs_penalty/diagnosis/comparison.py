@@ -784,6 +784,7 @@ def _predict_runs(
             columns["dq"].append(motion.dq)
             columns["measured"].append(rows.torque)
             columns["modelled"].append(modelled)
+            # An effect's range may be one of torque: the modelled one counts.
             motion_with_torque = replace(motion, torque=modelled)
             for effect in model.model.effects:
                 is_outside = effect.outside(motion_with_torque)
@@ -808,19 +809,21 @@ class _ErrorStatistics:
 
     @classmethod
     def of(cls, signals: Signals) -> Self:
-        """Compute the statistics of measured and modelled torque, chunk by chunk of
-        rows.
+        """Compute mean squared error, r2 and relative error of a model's torque.
+
+        With e = measured - modelled: mse = mean e^2 and r2 = 1 - mse / variance of each
+        joint; relative error = 100 sqrt(sum of mse / sum of mean squared torque) over
+        all joints. Sums run over chunks of rows, so that long logs need little memory.
         """
-        # Chunks are views of consecutive rows, so that long logs need little memory; all
-        # sums are over rows, (n,) each.
+        # Chunks are views of consecutive rows; all sums are over rows, (n,) each.
         chunks = [chunk for _, chunk in iter_chunks(signals.measured)]
         modelled_chunks = iter_chunks(signals.modelled)
-        squares = sum(
+        squared_error = sum(
             np.sum((measured - modelled) ** 2, axis=0)
             for measured, (_, modelled) in zip(chunks, modelled_chunks, strict=True)
         )
         n_rows = len(signals.t)
-        error = squares / n_rows
+        error = squared_error / n_rows
         mean = sum(chunk.sum(axis=0) for chunk in chunks) / n_rows
         scatter = sum(np.sum((chunk - mean) ** 2, axis=0) for chunk in chunks)
         variance = scatter / n_rows

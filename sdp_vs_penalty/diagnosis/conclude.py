@@ -50,13 +50,14 @@ from sdp_vs_penalty.signals.standstill import STILL
 
 @dataclass(frozen=True)
 class Conclusion:
-    """All that a diagnosis is made of.
+    """The results of all steps, from which a diagnosis is made.
 
-    explanation : the findings beside the model, in order; left : torque that they leave
+    explanation : the model with the findings, in order; left : torque that they leave
     unexplained; curves : accepted measured curves; ladder : errors on data left out,
-    with one finding after the other; gain_errors (n, e) : a factor of the covariance of
-    the torque channels' gains; new_motion_share : share of the test run's motion that
-    is new; seed : of the random draws of a curve's band.
+    with one finding added after the other; gain_errors (n, e) : a factor G of the
+    covariance G G' of the torque channels' relative gains; new_motion_share : share (0
+    to 1) of the test run's motion that is new, None if unknown; seed : seed of the
+    random draws of a curve's band.
     """
 
     explanation: Explanation
@@ -82,30 +83,34 @@ class Conclusion:
 
         The verdict is "unknown_effect" if a joint has unexplained torque or a measured
         curve, else "effect_missing" if there are findings, else "nothing_missing". A
-        finding that does harm beside the certain ones becomes weak.
+        finding becomes weak if it raises the error on data left out when it joins the
+        certain findings alone.
         """
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
         findings = self.findings_alone
         harmful = self.harmful_together
+        # The flags of re-estimated constants come first, then those of findings.
         for i, is_harmful in enumerate(harmful[self.ladder.n_own :]):
             if is_harmful:
                 findings[i] = _weakened(findings[i], "alone")
+        # By joint (from 0): RMS torque beyond the noise [N m or N].
         unexplained = {
             j: float(remaining.beyond[j]) for j in remaining.joints_unexplained
         }
-        unnamed = {*unexplained, *(c.joint for c in self.curves)}
+        joints_without_name = {*unexplained, *(c.joint for c in self.curves)}
         verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
         verdict = "effect_missing" if findings else "nothing_missing"
-        if unnamed:
+        if joints_without_name:
             verdict = "unknown_effect"
         happened = find_events(
             self.data,
             remaining.outlier_rows,
             remaining.residual,
-            sorted(unnamed),
+            sorted(joints_without_name),
         )
+        by_joint = sorted(unexplained.items())
         return Diagnosis(
             verdict=verdict,
             effects=tuple(findings),
@@ -124,13 +129,14 @@ class Conclusion:
             retuned=self.retunes(harmful),
             curves=self.described_curves,
             torque_units=self.explanation.estimate.robot.torque_units,
-            remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
+            remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
         )
 
     @cached_property
     def errors_of_constants(self) -> list[ConstantErrors]:
-        """The white torque that errors of the findings' and the model's shape constants
-        make.
+        """White derivatives of torque by the shape constants of findings and model.
+
+        One pair an effect: the effect's constants, and their columns by joint.
         """
         terms = self.search.terms
         return self.data.constant_error_columns(
@@ -139,10 +145,17 @@ class Conclusion:
 
     @cached_property
     def findings_alone(self) -> list[Finding]:
-        """The findings with their sizes, each with the doubts about itself."""
-        doubt = torque_errors(self.data, self.explanation.estimate, self.gain_errors)
-        sizes = sizes_with_intervals(self.search, doubt, self.errors_of_constants)
-        errors = self.ladder.errors
+        """The findings with sizes and reasons for doubt, each judged by itself.
+
+        Harm that findings do together (:attr:`harmful_together`) is not considered.
+        """
+        torque_in_doubt = torque_errors(
+            self.data, self.explanation.estimate, self.gain_errors
+        )
+        sizes = sizes_with_intervals(
+            self.search, torque_in_doubt, self.errors_of_constants
+        )
+        errors = self.ladder.errors  # row k: with the findings 0 to k - 1
         out = []
         for k, (term, size) in enumerate(zip(self.search.terms, sizes, strict=True)):
             before_and_after = errors[k : k + 2]
@@ -160,11 +173,11 @@ class Conclusion:
 
     @cached_property
     def harmful_together(self) -> list[bool]:
-        """For each re-estimated constant and each finding, in this order: whether it
-        does harm.
+        """Flags: which constants and findings raise the error on data left out.
 
-        Judged are the certain ones alone, without the weak ones, on data left out. All
-        are False if the rule ``second_veto`` is switched off.
+        First come the flags of re-estimated shape constants, then those of findings.
+        The certain ones are judged together, without the weak ones. All flags are False
+        if the rule ``second_veto`` is switched off.
         """
         is_sure = [f.torque_is_certain for f in self.findings_alone]
         harmful = self.ladder.harmful_together(is_sure)
@@ -173,28 +186,33 @@ class Conclusion:
         return harmful
 
     def retunes(self, harmful: Sequence[bool]) -> tuple[Retune, ...]:
-        """Return the model's own shape constants that should change.
+        """Describe the shape constants of the model that should change.
 
-        ``harmful`` holds a flag for each of them first, then for each finding.
+        ``harmful`` holds a flag for each of these constants first, then one for each
+        finding: whether it raises the error on data left out.
         """
         return tuple(
             retune(
-                s,
-                std=constant_std(self.search.fit, self.errors_of_constants, s),
+                constant,
+                std=constant_std(self.search.fit, self.errors_of_constants, constant),
                 robot=self.explanation.estimate.robot,
                 before=self.ladder.errors_without(k),
                 after=self.ladder.errors[-1],
                 is_harmful=harmful[k],
             )
-            for k, s in enumerate(self.explanation.shapes)
+            for k, constant in enumerate(self.explanation.shapes)
         )
 
     @property
     def described_curves(self) -> tuple[Curve, ...]:
-        """The accepted curves as they are reported: points, values and band."""
-        floor = (
-            self.data.noise.floor if self.data.noise_is_known else np.zeros(self.data.n)
-        )
+        """The accepted curves as they are reported: points, values and band.
+
+        The share of error that a curve explains is counted above the joint's noise
+        floor [N m or N], which is 0 if the noise is not known.
+        """
+        floor = np.zeros(self.data.n)
+        if self.data.noise_is_known:
+            floor = self.data.noise.floor
         return tuple(
             c.to_curve(self.seed + k, float(floor[c.joint]))
             for k, c in enumerate(self.curves)
@@ -202,13 +220,17 @@ class Conclusion:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about the diagnosis as a whole: noise, standstill, test run."""
-        source = self.ladder.held_out.source
+        """Sentences about the diagnosis as a whole, for the user.
+
+        They warn of a noise that no repetition shows, of errors that arise at
+        standstill, of a test run with little new motion, and of a missing test run.
+        """
+        has_test_run = self.ladder.held_out.source != "folds"
         sentences = (
             _NOISE.get(self.data.noise.source),
             _standstill(self.data, self.left.residual),
             repeatability_warning(self.new_motion_share),
-            _FOLDS if source == "folds" else None,
+            None if has_test_run else _FOLDS,
         )
         return tuple(text for text in sentences if text)
 
@@ -225,7 +247,7 @@ def describe_finding(
     doubts: Mapping[str, str],
     errors: Array,
 ) -> Finding:
-    """Return a finding as it is reported.
+    """Make the report of a finding.
 
     Parameters
     ----------
@@ -236,7 +258,8 @@ def describe_finding(
     doubts
         Sentences by the name of the doubt; without any the finding is confident.
     errors
-        (2, n) errors on data left out, before and after it [N m or N].
+        (2, n) RMS errors on data left out [N m or N], row 0 without the finding, row 1
+        with it.
 
     Returns
     -------
@@ -246,7 +269,7 @@ def describe_finding(
     effect = term.form.effect
     size, std = size_of(effect, known.beta, known.covariance)
     names = [_rival_name(effect, r.form.effect) for r in term.rivals]
-    rivals = dict.fromkeys([*names, *effect.resembles])
+    rivals = dict.fromkeys([*names, *effect.resembles])  # each name once, in order
     equivalents = (*rivals, CURVE) if "curve" in doubts else tuple(rivals)
     parameters = zip(effect.parameters, known.beta, strict=True)
     return Finding(
@@ -270,10 +293,11 @@ def describe_finding(
 
 
 def _rival_name(effect: Effect, other: Effect) -> str:
-    """Return the name of a rival, long enough to differ from the finding's.
+    """Return the name of a rival effect, ``other``, that differs from the finding's.
 
-    That is the effect's name; for the same effect also its joint, or on the same joint
-    its full text with constants.
+    It is the rival's name if that differs. If the rival is the same effect on another
+    joint, the joint is appended ("viscous_friction:3"); if it is on the same joint, the
+    full text with constants is returned.
     """
     if other.name != effect.name:
         return other.name
@@ -305,10 +329,11 @@ _FOLDS = (
 
 
 def _standstill(data: WhiteData, residual: Array) -> str:
-    """Return a remark on joints whose remaining error is mostly that of standstill.
+    """Return a remark on joints whose remaining error arises mostly at standstill.
 
-    residual (M, n) [N m or N]; "mostly" is more than half of its squares. "" without
-    any.
+    A joint is named if more than half of its squared residual is from rows in which it
+    stands still. "" if there is no such joint. residual (M, n) [N m or N] : what the
+    model with all findings leaves.
     """
     keep = data.rows.keep
     moves = keep & (data.rows.still <= STILL)
@@ -333,15 +358,26 @@ def sentence(
     std: float,
     rivals: Sequence[str],
 ) -> str:
-    """Describe a finding in one or two sentences: where, how large, what it is, its
-    rivals.
+    """Describe a finding in a few sentences.
+
+    The text names the effect, its joints, its size with the standard deviation, its
+    meaning, and its rivals.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    size
+        Its size, in the SI unit of its sizing parameter.
+    std
+        Standard deviation of the size.
+    rivals
+        Names of the effects that fit the data as well.
     """
     unit = effect.parameters[effect.sized_by][0].unit
-    where = (
-        "the whole robot"
-        if effect.whole_robot
-        else "joint " + "+".join(str(j + 1) for j in effect.joints)
-    )
+    where = "the whole robot"
+    if not effect.whole_robot:
+        where = "joint " + "+".join(str(j + 1) for j in effect.joints)
     amount = format_size(size, std, unit)
     head = f"{formatting.sentence(effect_name(effect.name))} on {where}: {amount}"
     head += f" ({effect.constants})" if effect.constants else ""
@@ -353,10 +389,10 @@ def sentence(
 
 
 def repeatability_warning(new_share: float | None) -> str | None:
-    """Return a warning where most of the judged motion was used for training, else
-    None.
+    """Return a warning if most of the judged motion was used for training, else None.
 
-    new_share : share of the judged motion that is new to the model, None if not known.
+    new_share : share (0 to 1) of the judged motion that is new to the model; None if
+    not known, in which case there is no warning. The limit is MOSTLY_NEW.
     """
     if new_share is None or new_share >= MOSTLY_NEW:
         return None

@@ -34,10 +34,10 @@ from sdp_vs_penalty.robot.arrays import Array
 class Judged:
     """One finding with all that its confidence is judged by.
 
-    search : all findings beside the model; left : the torque that all findings leave
+    search : the model with all findings; left : the torque that all findings leave
     unexplained; term : the finding; size : its parameters with covariance; errors (2,
-    n) : RMS error of each joint [N m or N] on data left out, without and with it;
-    curves : the measured curves that were accepted.
+    n) : RMS error of each joint [N m or N] on data left out, row 0 without the finding,
+    row 1 with it; curves : the measured curves that were accepted.
     """
 
     search: Search
@@ -54,16 +54,15 @@ class Judged:
 
     @property
     def joints(self) -> list[int]:
-        """The joints (from 0) on which it acts."""
+        """The joints (from 0) on which the finding acts, in ascending order."""
         return sorted(self.term.joints)
 
     @cached_property
     def value_and_std(self) -> tuple[float, float]:
-        """The finding's size and its standard deviation for exact shape constants, in
-        SI units.
+        """The finding's size and its standard deviation, in the SI unit of the size.
 
-        The error of a shape constant is left out here: a different exponent changes the
-        number, but hardly the torque.
+        The standard deviation is that for exact shape constants: a different exponent
+        of a friction law, for example, changes the number, but hardly the torque.
         """
         return size_of(
             self.effect,
@@ -73,62 +72,64 @@ class Judged:
 
     @property
     def looks_like(self) -> str:
-        """What else a model may lack that these rows would show as this effect, in
-        words.
+        """A sentence about another cause that would look like this effect in the rows.
 
-        Empty where there is nothing.
+        The effect decides from its size and from the travel and resolution that the
+        rows show of its first joint. "" if there is no such cause.
         """
         coverage = self.search.data.rows.seen(self.effect.joints[0])
-        return self.effect.looks_like(self.value_and_std[0], coverage)
+        size, _ = self.value_and_std
+        return self.effect.looks_like(size, coverage)
 
 
 def _is_uncertain(x: Judged) -> bool:
-    """Return whether the relative standard deviation of the size is above UNCERTAIN (20
-    %).
+    """Return whether the size's relative standard deviation is 20 % (UNCERTAIN) or more.
 
-    It is computed for exact shape constants. A size of zero counts as uncertain.
+    The standard deviation is that for exact shape constants. A size of zero counts as
+    uncertain.
     """
     size, std = x.value_and_std
-    return not std < UNCERTAIN * abs(size)
+    return not std < UNCERTAIN * abs(size)  # "not ... <": True for NaN
 
 
 def _is_insignificant(x: Judged) -> bool:
-    """Return whether the size is less than two standard deviations (SIGNIFICANT) from
-    zero.
+    """Return whether the size is at most two standard deviations from zero.
 
-    The standard deviation includes the errors of the shape constants.
+    That is std / |size| >= 0.5 (SIGNIFICANT). The standard deviation includes the
+    errors of the shape constants.
     """
     size, std = size_of(
         x.effect,
         x.size.beta,
         x.size.covariance,
     )
-    return not std < SIGNIFICANT * abs(size)
+    return not std < SIGNIFICANT * abs(size)  # "not ... <": True for NaN
 
 
 def _leaves_more(x: Judged) -> bool:
-    """Return whether more squared error is left on the finding's joints than it
-    explains.
+    """Return whether a finding explains less than remains unexplained on its joints.
 
-    Explained is the fall of the squared held-out error, on its joints or over all
-    joints, whichever is larger: removing a wrong gain of one channel helps other joints
-    too. Always False where the size of the noise is unknown, since what is left is then
-    not known either.
+    It explains the fall of the squared error on data left out, summed over its joints
+    or over all joints, whichever is larger: removing a wrong gain of one channel helps
+    other joints too. What remains is the squared error beyond the noise. Always False
+    if the noise is not known.
     """
     if not x.search.data.noise_is_known:
         return False
-    gained = x.errors[0] ** 2 - x.errors[1] ** 2
-    on_joints = float(np.sum(np.maximum(gained[x.joints], 0.0)))
-    explained = max(on_joints, float(np.sum(gained)))
+    without_finding, with_finding = x.errors
+    fall = without_finding**2 - with_finding**2  # (n,)
+    fall_on_joints = float(np.sum(np.maximum(fall[x.joints], 0.0)))
+    explained = max(fall_on_joints, float(np.sum(fall)))
     return bool(explained < np.sum(x.left.beyond[x.joints] ** 2))
 
 
 def _is_shared(x: Judged) -> bool:
-    """Return whether other findings can make more than 80 % of this finding's torque.
+    """Return whether other findings can explain more than 80 % of a finding's torque.
 
-    Compared are the squares of the torque that the model's columns leave of it, without
-    and with the other findings' columns. The standard deviation of its size is then
-    more than 2.2 times as large as alone.
+    The squares of the finding's torque beyond the model's columns are compared with
+    those beyond the columns of the model and the other findings. If the latter are less
+    than 20 % (UNCERTAIN), the standard deviation of the finding's size is more than
+    1 / sqrt(0.2) = 2.2 times as large as without the other findings.
     """
     search = x.search
     others = [t for t in search.terms if t is not x.term]
@@ -140,12 +141,11 @@ def _is_shared(x: Judged) -> bool:
 
 
 def _is_implausible(x: Judged) -> bool:
-    """Return whether the size is impossible, or far above what its effect calls
-    plausible.
+    """Return whether a finding's size is impossible or far above the plausible one.
 
-    Impossible: its mean squared torque exceeds the measured one on some joint. Far
-    above: the RMS of its parameters is more than three of their plausible standard
-    deviations.
+    It is impossible if the mean square of the finding's torque exceeds that of the
+    measured torque on a joint. It is far above if the RMS of the parameters is more
+    than three (IMPLAUSIBLE_SIGMAS) of the standard deviations that the effect declares.
     """
     rows = x.search.data.rows
     beta = x.size.beta
@@ -159,7 +159,7 @@ def _is_implausible(x: Judged) -> bool:
     return bool(sigmas > IMPLAUSIBLE_SIGMAS)
 
 
-#: What speaks against a finding, by the names of REASONS.
+#: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
     "uncertain": _is_uncertain,
@@ -179,9 +179,9 @@ def reasons_for_doubt(x: Judged) -> dict[str, str]:
 
     Reasons about the finding itself: another effect fits as well; its size is
     uncertain, not different from zero, or not plausible; its evidence is small; it
-    lowers no joint's error on data left out. Reasons about its surroundings: more is
-    left unexplained than it explains; other findings can make most of its torque;
-    something else looks like it; a measured curve does better.
+    lowers no joint's error on data left out. Reasons about its surroundings: more
+    torque remains unexplained than it explains; other findings can explain most of its
+    torque; another cause would look like it; a measured curve fits better.
 
     Parameters
     ----------
@@ -198,24 +198,25 @@ def reasons_for_doubt(x: Judged) -> dict[str, str]:
 
 
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:
-    """List the effects that no such recording can show, since the model absorbs their
-    torque.
+    """List the effects that these recordings cannot show, since the model absorbs them.
 
-    The model's own columns absorb all but ABSORBED (0.1 %) of their white torque's
-    squares, for every shape tried. Effects that were found nevertheless are not listed.
-    Empty for a model held fixed, which absorbs nothing.
+    The model's columns can explain all but 0.1 % (ABSORBED) of the squares of their
+    white torque, for all shape constants tried. Effects that were found nevertheless
+    are not listed. Empty if the model is held fixed: it then absorbs nothing.
     """
     if search.data.frozen:
         return ()
     fit = search.score.fit(())
-    shares = dict[tuple[str, int | None], float]()
+    # By key (effect name, joint): the smallest share absorbed over all shape constants.
+    smallest_shares = dict[tuple[str, int | None], float]()
     for batch in search.library.batches:
         absorbed = search.score.absorbed(fit, batch)
         for form, share in zip(batch.forms, absorbed.tolist(), strict=True):
-            shares[form.key] = min(shares.get(form.key, 1.0), share)
+            share_so_far = smallest_shares.get(form.key, 1.0)
+            smallest_shares[form.key] = min(share_so_far, share)
     keys_found = {t.key for t in search.terms}
     invisible = []
-    for (name, joint), share in shares.items():
+    for (name, joint), share in smallest_shares.items():
         if share > 1.0 - ABSORBED and (name, joint) not in keys_found:
             joints = () if joint is None else (joint + 1,)
             invisible.append(Invisible(name, joints, share))

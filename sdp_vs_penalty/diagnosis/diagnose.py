@@ -202,7 +202,7 @@ class DiagnosisRuns:
     frozen: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InputError if a recording has another number of joints than the model."""
+        """Raise InputError if a recording has not as many joints as the model."""
         named = {
             "measurements": self.measurements,
             "test run": self.test,
@@ -267,7 +267,10 @@ class DiagnosisRuns:
 
     @property
     def noise_rows(self) -> SegmentedRuns | None:
-        """The filtered rows in which the noise is measured; None: in the searched rows."""
+        """The filtered rows in which the noise is measured.
+
+        None if it is measured in the searched rows.
+        """
         if self.noise_from is None:
             return None
         return with_estimate(

@@ -139,7 +139,8 @@ def _predicts_as_well(
     """Return whether a rival predicts data left out as well as the group that it
     replaces.
 
-    The sum of the joints' log errors may rise by less than MINOR (1 %).
+    It does if the sum over joints of log(error) rises by less than MINOR (1 %) when it
+    replaces the group. Both models are fitted by least squares.
 
     Parameters
     ----------
@@ -153,10 +154,10 @@ def _predicts_as_well(
         Number of the rival among the effects of ``held_out``.
     """
     replaced = {t.text for t in group.terms}
-    before = range(len(explanation.terms))
-    after = [k for k in before if explanation.terms[k].text not in replaced]
-    error_before = held_out.least_squares_errors(before)
-    error_after = held_out.least_squares_errors([*after, rival])
+    all_numbers = range(len(explanation.terms))
+    others = [k for k in all_numbers if explanation.terms[k].text not in replaced]
+    error_before = held_out.least_squares_errors(all_numbers)
+    error_after = held_out.least_squares_errors([*others, rival])
     return harm(error_before, error_after) < MINOR
 
 

@@ -249,12 +249,16 @@ def _stands_out(
     pieces: Sequence[NDArray[np.intp]],
     tests: int,
 ) -> Mask:
-    """Flag the rows (M,) of windows with much more energy than the other windows have.
+    """Flag the rows (M,) of windows with much more energy than the others of all
+    motion.
+
+    The residual is divided by its RMS, and windows are tested as if it were white
+    noise.
 
     Parameters
     ----------
     torque
-        (M,) residual of a joint [N m or N].
+        (M,) residual of a joint [N m or N]; 0 where there is none.
     pieces
         Row numbers of each uninterrupted piece of the motion.
     tests
@@ -265,28 +269,31 @@ def _stands_out(
 
 
 def _near_in_time(mask: Mask, rate: float) -> Mask:
-    """Flag the rows (M, n) that are within SAME_PHASE of a flagged row; rate [Hz]."""
+    """Flag the rows (M, n) within SAME_PHASE seconds of a flagged row; ``rate`` in Hz."""
     return np.asarray(_sums_near_in_time(mask.astype(float), rate) > 0.5)
 
 
 def _sums_near_in_time(series: Array, rate: float) -> Array:
-    """Sum a series (M, n) over the rows within SAME_PHASE of each row; rate [Hz]."""
+    """Sum a series (M, n) over the rows within SAME_PHASE seconds of each; ``rate`` in
+    Hz.
+    """
     width = np.ones(2 * max(1, round(SAME_PHASE * rate)) + 1)
     return np.array([np.convolve(x, width, mode="same") for x in series.T]).T
 
 
 def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
-    """Flag the outlier rows (M, n) that another repetition of the motion also has.
+    """Flag the outlier rows (M, n) at whose phase another repetition has an outlier,
+    too.
 
-    The outlier there has to be within SAME_PHASE seconds of the same phase of the
-    motion.
+    The phases may differ by SAME_PHASE seconds.
     """
     near = _near_in_time(is_outlier, data.rows.rate)
     out = np.zeros_like(is_outlier)
     for repeat in data.noise.repeats:
+        # Numbers of the rows of one repetition, and of another at the same phases.
         in_both = near[repeat.rows] & near[repeat.there]
         out[repeat.rows] |= in_both
-        np.logical_or.at(out, repeat.there, in_both)
+        np.logical_or.at(out, repeat.there, in_both)  # rows may come twice
     return out
 
 
@@ -305,6 +312,7 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     energy = _sums_near_in_time(residual**2, rows.rate)
     out = suspect.copy()
     for repeat in repeats:
+        # Numbers of the rows of one repetition, and of another at the same phases.
         first = repeat.rows
         second = repeat.there
         first_has_less = energy[first] <= energy[second]

@@ -39,7 +39,7 @@ class Explanation:
 
     @property
     def estimate(self) -> Estimate:
-        """The model with re-estimated constants, beside which the findings are judged."""
+        """The model with re-estimated constants, to which the findings are added."""
         return self.search.data.estimate
 
     @property

@@ -106,11 +106,11 @@ class Rated(JsonRecord):
 
     @property
     def torque_is_certain(self) -> bool:
-        """Whether the torque is present, whatever its name or size.
+        """Whether the torque is certainly present, though its name or size may be open.
 
-        True for a confident finding, and for one none of whose doubts
-        (TORQUE_IS_OPEN) is about the torque: they leave open which of several
-        effects makes how much of it.
+        True for a confident finding. Also true for a weak one if none of its remarks is
+        a reason in TORQUE_IS_OPEN: its doubts then concern only which of several
+        effects makes how much of the torque.
         """
         if self.confidence == "confident":
             return True
@@ -894,7 +894,7 @@ class Diagnosis(Record, JsonRecord):
 
 
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:
-    """Count findings by rating, in words, such as "2 confident, 1 near-tie and 1 weak"."""
+    """Count findings by rating in words, such as "2 confident, 1 near-tie and 1 weak"."""
     ratings = [f.rating for f in findings]
     counts = [
         f"{ratings.count(kind)} {kind}" for kind in get_args(Rating) if kind in ratings
@@ -982,8 +982,8 @@ class Retune(Rated):
 
     @property
     def text(self) -> str:
-        """The written form with the new value, as :func:`~sdp_vs_penalty.diagnosis.add`
-        takes it.
+        """The written form with the new value, such as "coulomb_friction:7@v_s=0.08",
+        which :func:`~sdp_vs_penalty.diagnosis.add` takes.
         """
         s = self.estimate
         return f"{s.effect}:{self.joint}@{s.shape}={s.after:.6g}"

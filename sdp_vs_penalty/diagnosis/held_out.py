@@ -45,9 +45,9 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 class HeldOutSplit:
     """Rows to fit to (train) and rows to judge on (test), as compressed regressions.
 
-    Columns are those of the model, then those of ``effects``, and the target is the
-    torque. For a model held fixed (``frozen``) they are those of the effects, and the
-    target is what the model leaves.
+    Their columns are those of the model, then those of ``effects``; the target is the
+    torque. If the model is held fixed (``frozen``), the columns are those of the
+    effects alone, and the target is the model's residual.
     """
 
     effects: tuple[Effect, ...]
@@ -85,8 +85,8 @@ class HeldOutSplit:
 class Columns(NamedTuple):
     """The effects of a fit, and their columns among those of a split.
 
-    own : effects of the model that stay; new : effects beside them; kept (p,) : flags
-    of the split's columns that belong to either.
+    own : effects of the model that stay; new : effects that are added to them; kept
+    (p,) : flags of the split's p columns that belong to either.
     """
 
     own: list[Effect]
@@ -98,9 +98,12 @@ class Columns(NamedTuple):
 class HeldOut:
     """Errors of a model on data left out, with any selection of candidate effects.
 
-    Effects are numbered in the order of each split's ``effects``. source : "test" (a
-    test run) or "folds" (by the phase of the motion). make_second : makes the same for
-    another split of the motion, which is asked before an effect is removed.
+    Effects are numbered in the order of each split's ``effects``. estimate : the model;
+    frozen : whether its parameters stay fixed; splits : the rows to fit to and to judge
+    on; source : "test" (a test run) or "folds" (by the phase of the motion);
+    make_second : computes such errors for folds of the training motion, the second
+    opinion before an effect is removed; None if there is none. The other fields hold
+    errors (n,) computed before, by the chosen effects' numbers.
     """
 
     estimate: Estimate
@@ -108,35 +111,43 @@ class HeldOut:
     splits: Sequence[HeldOutSplit]
     source: str
     make_second: Callable[[], HeldOut] | None = None
-    _known: dict[tuple[int, ...], Array] = field(default_factory=dict)
-    _known_least_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    _errors: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    _least_squares_errors: dict[tuple[int, ...], Array] = field(default_factory=dict)
 
     @cached_property
     def second(self) -> HeldOut | None:
-        """The same errors on another split of the motion; None where there is none."""
+        """Such errors on folds of the training motion, as a second opinion.
+
+        None if the errors here come from these folds themselves.
+        """
         return None if self.make_second is None else self.make_second()
 
     def errors(self, chosen: Sequence[int]) -> Array:
-        """Return (n,) RMS errors [N m or N] on data left out, with the chosen effects
-        (numbers).
+        """Return the RMS errors (n,) [N m or N] of the joints on data left out.
 
-        The model is fitted by its own method, under its constraints. Results are kept.
+        The model with the chosen effects (their numbers) is fitted by the model's
+        method, under its constraints. Each choice is computed once.
         """
         key = tuple(sorted(chosen))
-        if key not in self._known:
+        if key not in self._errors:
             squares = sum(self._squares(key))
             rows = sum(s.test.joint_rows() for s in self.splits)
-            self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
-        return self._known[key]
+            self._errors[key] = np.sqrt(squares / np.maximum(rows, 1))
+        return self._errors[key]
 
     def _squares(self, chosen: Sequence[int]) -> Iterator[Array]:
-        """Yield, for each split, the sums (n,) of squared errors with the chosen
-        effects.
+        """Yield the sums (n joints,) of squared errors [(N m)^2 or N^2] of each split.
 
-        Splits with the same effects are fitted together: constraints and columns are
-        set up once for them.
+        The model with the chosen effects (their numbers) is fitted to the split's rows
+        to fit to, and judged on the others. Splits with the same effects are fitted
+        together, so that constraints and columns are set up once.
         """
-        for _, splits in groupby(self.splits, key=lambda s: [id(e) for e in s.effects]):
+
+        def identities(split: HeldOutSplit) -> list[int]:
+            """Return the identities of the split's effect objects."""
+            return [id(effect) for effect in split.effects]
+
+        for _, splits in groupby(self.splits, key=identities):
             same_effects = list(splits)
             columns = same_effects[0].columns_of(self.estimate, chosen)
             trains = [s.train.keeping(columns.kept) for s in same_effects]
@@ -151,13 +162,14 @@ class HeldOut:
                 yield split.test.keeping(columns.kept).joint_losses(theta)
 
     def least_squares_errors(self, chosen: Sequence[int]) -> Array:
-        """Return (n,) RMS errors [N m or N] on data left out, fitted by least squares.
+        """Return the RMS errors (n,) [N m or N] on data left out, by least squares.
 
-        Faster than :meth:`errors`, for many comparisons: no constraints apply, only the
-        sizes that are plausible for each effect. chosen : numbers of the effects.
+        This is faster than :meth:`errors`: no constraints apply, only priors from the
+        effects' plausible sizes. ``chosen`` are the numbers of the effects. Each choice
+        is computed once.
         """
         key = tuple(sorted(chosen))
-        if key not in self._known_least_squares:
+        if key not in self._least_squares_errors:
             squares = np.zeros(self.estimate.robot.n)
             rows = np.zeros(self.estimate.robot.n)
             for split in self.splits:
@@ -167,29 +179,28 @@ class HeldOut:
                 theta = least_squares_parameters(self.estimate, columns, train)
                 squares += test.joint_losses(theta)
                 rows += test.joint_rows()
-            self._known_least_squares[key] = np.sqrt(squares / np.maximum(rows, 1))
-        return self._known_least_squares[key]
+            self._least_squares_errors[key] = np.sqrt(squares / np.maximum(rows, 1))
+        return self._least_squares_errors[key]
 
     def drop_harmful(
         self,
         candidates: Sequence[int],
         needed: bool = False,
     ) -> list[int]:
-        """Drop effects that raise the error on data left out, the most harmful one
-        first.
+        """Drop effects that raise the error on data left out, the most harmful first.
 
-        The harm of an effect is the sum over joints of the logarithm of the error with
-        it over that without it, beside all others. After each drop the others are
-        judged again. An effect that lowers the error on the second split by 1 % stays:
-        one motion alone does not decide.
+        The harm of an effect is the sum over joints of log(error with it / error
+        without it), beside all others. After each drop the others are judged again. An
+        effect stays if it lowers the error on the second data, folds of the training
+        motion, by 1 %: one motion alone does not decide.
 
         Parameters
         ----------
         candidates
             Numbers of the effects.
         needed
-            True: an effect stays only if it lowers the error by MINOR (1 %). Default:
-            it goes only if it raises the error by as much.
+            True: an effect stays only if it lowers the error by MINOR (1 %). False: it
+            is dropped only if it raises the error by as much.
 
         Returns
         -------
@@ -197,7 +208,7 @@ class HeldOut:
             Numbers of the effects that stay.
         """
         accepted = list(candidates)
-        confirmed = set[int]()
+        confirmed = set[int]()  # by the second data: they stay
         limit = -MINOR if needed else MINOR
         while accepted:
             now = self.errors(accepted)
@@ -216,8 +227,10 @@ class HeldOut:
         return accepted
 
     def _helps_elsewhere(self, k: int, accepted: Sequence[int]) -> bool:
-        """Return whether effect k lowers the error on the second split, beside all
-        accepted.
+        """Return whether effect k lowers the error on the second data by 1 % (MINOR).
+
+        These are folds of the training motion. ``accepted`` are the numbers of all
+        effects of the fit, k among them. False if there are no second data.
         """
         if self.second is None:
             return False
@@ -226,12 +239,22 @@ class HeldOut:
         return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
 
     def drop_harmful_to_a_joint(self, accepted: Sequence[int]) -> list[int]:
-        """Drop effects until no joint has an error above 1.05 times that without any
-        effect.
+        """Drop effects while a joint's error on data left out is too large.
 
-        Where a joint has, the effect is dropped whose removal lowers its error most,
-        unless it lowers this joint's error on the second split. Returns the numbers
-        that stay.
+        Too large is above 1.05 times (MAX_JOINT_HARM) the error without any effect. For
+        the joint that exceeds this limit most, the effect whose removal lowers its
+        error most is dropped. The drops end if no removal lowers the joint's error, or
+        if that effect lowers it on the second data, folds of the training motion.
+
+        Parameters
+        ----------
+        accepted
+            Numbers of the effects.
+
+        Returns
+        -------
+        list of int
+            Numbers of the effects that stay.
         """
         accepted = list(accepted)
         limit = (1.0 + MAX_JOINT_HARM) * self.errors(())
@@ -241,15 +264,14 @@ class HeldOut:
             if not worse.size:
                 break
             joint = int(worse[np.argmax(now[worse] / limit[worse])])
-            without = {
+            # By effect: this joint's error without it.
+            error_without = {
                 k: self.errors([i for i in accepted if i != k])[joint] for k in accepted
             }
-            cause = min(without, key=without.__getitem__)
-            if without[cause] >= now[joint] or self._lowers_elsewhere(
-                joint,
-                cause,
-                accepted,
-            ):
+            cause = min(error_without, key=error_without.__getitem__)
+            if error_without[cause] >= now[joint]:
+                break
+            if self._lowers_elsewhere(joint, cause, accepted):
                 break
             accepted.remove(cause)
         return accepted
@@ -260,7 +282,12 @@ class HeldOut:
         k: int,
         accepted: Sequence[int],
     ) -> bool:
-        """Return whether effect k lowers one joint's error on the second split by 1 %."""
+        """Return whether effect k lowers a joint's error on the second data by 1 %.
+
+        These are folds of the training motion. ``accepted`` are the numbers of all
+        effects of the fit, k among them; ``joint`` counts from 0. False if there are no
+        second data.
+        """
         if self.second is None:
             return False
         without = [i for i in accepted if i != k]
@@ -270,7 +297,10 @@ class HeldOut:
 
 
 def lowers(before: Array, after: Array) -> bool:
-    """Return whether the error of some joint falls by MINOR (1 %) or more."""
+    """Return whether the error of at least one joint falls by MINOR (1 %) or more.
+
+    before, after (n,) : errors of the joints.
+    """
     return bool(np.any(after <= (1.0 - MINOR) * before))
 
 
@@ -279,14 +309,15 @@ def harm(before: Array, after: Array) -> float:
 
     Positive: errors rise; 0.01 is about one joint's error rising by 1 %.
     """
-    return float(np.sum(np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))))
+    ratio = np.maximum(after, 1e-300) / np.maximum(before, 1e-300)  # no division by 0
+    return float(np.sum(np.log(ratio)))
 
 
 class _Table:
-    """Rows with the columns of a model and of effects, to be compressed for any
-    selection.
+    """The columns of a model and of effects on filtered rows.
 
-    Of a model held fixed the target is what it leaves, and only effects have columns.
+    Regressions of any selection of rows are made from it. If the model is held fixed
+    (``frozen``), the target is the model's residual, and only effects have columns.
     """
 
     def __init__(
@@ -295,20 +326,23 @@ class _Table:
         estimate: Estimate,
         frozen: bool,
     ) -> None:
-        """Compute the model's own columns; those of effects follow when they are
-        needed.
+        """Compute the model's columns; those of effects follow when they are needed.
+
+        rows : the filtered rows; estimate : the model; frozen : whether its parameters
+        stay fixed.
         """
         self.rows = rows
         self.estimate = estimate
         self.frozen = frozen
         self.own_columns = model_columns(rows, estimate, frozen)
+        #: The effects of the last call and their columns.
         self._last: tuple[tuple[Effect, ...], Array] | None = None
 
     def _columns(self, effects: tuple[Effect, ...]) -> Array:
-        """Return (n, M, p + 1): the columns of model and effects, and the torque as the
-        last one.
+        """Return the columns (n joints, M rows, p + 1) of the model and of effects.
 
-        Those of the last effects that were asked for are kept.
+        The last column is the target: the torque, or the residual of a fixed model. The
+        result of the last call is kept.
         """
         if self._last is None or self._last[0] is not effects:
             torque = self.rows.residual if self.frozen else self.rows.torque
@@ -323,11 +357,17 @@ class _Table:
         effects: Sequence[Effect],
         keep: NDArray[np.bool_],
     ) -> Regression:
-        """Return the regression of some rows, each joint's reduced to a triangular
-        factor.
+        """Return the regression of some rows, compressed to one triangle a joint.
 
-        keep (M, n) : which rows. The factor has p + 1 rows instead of M, and the same
-        least squares solutions.
+        The QR factor R of a joint's columns and target has p + 1 rows instead of M, and
+        the same least squares solutions.
+
+        Parameters
+        ----------
+        effects
+            The effects in addition to the model.
+        keep
+            (M, n) flags: which rows count for which joint.
         """
         effects = tuple(effects)
         own_effects = () if self.frozen else self.estimate.model.effects
@@ -335,29 +375,29 @@ class _Table:
         all_columns = np.arange(len(parameters))
         factors = []
         for j, columns in enumerate(self._columns(effects)):
-            part = columns[keep[:, j]]
-            triangle = triangular([part]) if len(part) else part
+            kept_rows = columns[keep[:, j]]
+            triangle = triangular([kept_rows]) if len(kept_rows) else kept_rows
             factors.append(
                 Factor(
                     j,
                     0,
                     all_columns,
                     triangle,
-                    len(part),
+                    len(kept_rows),
                 )
             )
         n = self.rows.n
-        block = ((0, 0.0, 0.0),)
+        block = ((0, 0.0, 0.0),)  # all rows are one block; its times are not needed
         return Regression(parameters, n, block, tuple(factors), oversampling=1.0)
 
 
 @dataclass(frozen=True)
 class HeldOutData:
-    """The data that decide whether findings stay: a test run, or folds of the training
-    run.
+    """The data that decide whether findings stay: a test run, or folds of training.
 
     first : the model before the diagnosis; test : filtered rows of a run that was not
-    searched, or None; frozen : whether the model is held fixed.
+    searched, or None (folds of the searched rows then take its place); frozen : whether
+    the model is held fixed.
     """
 
     first: Estimate
@@ -371,10 +411,10 @@ class HeldOutData:
         estimate: Estimate,
         by_fold: Mapping[int, Sequence[Effect]] | None = None,
     ) -> HeldOut:
-        """Return the errors on data left out of a model with any of these effects.
+        """Prepare the errors on data left out of a model with any of these effects.
 
-        They are judged on the test run. Without one, the model is fitted to all folds
-        but one and judged on that one, in turn.
+        The model is judged on the test run. Without one, it is fitted to all folds but
+        one and judged on that one, in turn; folds are intervals of the motion's phase.
 
         Parameters
         ----------
@@ -383,11 +423,11 @@ class HeldOutData:
         effects
             The effects, which are then chosen by number.
         estimate
-            The model beside them.
+            The model to which effects are added.
         by_fold
-            For the effects at these numbers: the effect to use for each fold, computed
-            from the rows outside of the fold (a measured curve's table is itself a
-            fit).
+            By the number of an effect: the effect to use for each fold instead,
+            computed from the rows outside of the fold. A measured curve needs that,
+            since its table is itself a fit.
 
         Returns
         -------
@@ -403,6 +443,7 @@ class HeldOutData:
         )
         if self.test is None:
             return by_folds()
+        # Torque-dependent columns follow from the same model as in the searched rows.
         test = _Table(
             self.test.with_model(*rows.attached),
             estimate,
@@ -414,7 +455,13 @@ class HeldOutData:
             test=test.compressed(effects, test.rows.keep),
             frozen=self.frozen,
         )
-        return HeldOut(estimate, self.frozen, (split,), "test", by_folds)
+        return HeldOut(
+            estimate,
+            self.frozen,
+            splits=(split,),
+            source="test",
+            make_second=by_folds,
+        )
 
     def _by_folds(
         self,
@@ -422,73 +469,91 @@ class HeldOutData:
         effects: tuple[Effect, ...],
         by_fold: Mapping[int, Sequence[Effect]],
     ) -> HeldOut:
-        """Return the errors on three folds (THIRDS) by the phase of the motion."""
+        """Prepare the errors on three folds (THIRDS) by the phase of the motion.
+
+        Parameters
+        ----------
+        table
+            The searched rows with the columns of the model.
+        effects
+            The effects that may be added to the model.
+        by_fold
+            By the number of an effect: the effect to use for each fold instead.
+        """
         fold = folds_of(table.rows, THIRDS)
         splits = []
         for f in range(fold.max() + 1):
-            shaped = effects
+            effects_of_fold = effects
             if by_fold:
-                shaped = tuple(
+                effects_of_fold = tuple(
                     by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)
                 )
             left_out = (fold == f)[:, None]
+            train_rows = table.rows.keep & ~left_out
+            test_rows = table.rows.keep & left_out
             split = HeldOutSplit(
-                effects=shaped,
-                train=table.compressed(shaped, table.rows.keep & ~left_out),
-                test=table.compressed(shaped, table.rows.keep & left_out),
+                effects=effects_of_fold,
+                train=table.compressed(effects_of_fold, train_rows),
+                test=table.compressed(effects_of_fold, test_rows),
                 frozen=self.frozen,
             )
             splits.append(split)
         return HeldOut(table.estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:
-        """Return the share of the test run's rows outside of an effect's known range.
+        """Return the share (0 to 1) of the test run outside of an effect's known range.
 
-        A measured curve, for example, is known only where the searched motion went. 0
-        without a test run.
+        A measured curve, for example, is known only where the searched motion went. A
+        row is outside if more than half of the instants that were filtered into it are.
+        0 without a test run.
         """
         if self.test is None:
             return 0.0
-        outside_shares = [
+        outside_by_segment = [
             s.low_pass @ effect.outside(s.motion).astype(float)
             for s in self.test.segments
         ]
-        return float(
-            np.mean(np.concatenate(outside_shares)[self.test.keep.any(axis=1)] > 0.5)
-        )
+        counts = self.test.keep.any(axis=1)  # rows that count for some joint
+        share_of_row = np.concatenate(outside_by_segment)[counts]
+        return float(np.mean(share_of_row > 0.5))
 
 
 def with_replaced_joints(
     effects: Sequence[Effect], new: Sequence[Effect]
 ) -> tuple[list[Effect], list[bool]]:
-    """Remove the joints of effects on which a new effect of the same name replaces
-    them.
+    """Remove effects from the joints on which a new effect of the same name acts.
 
-    Effects of the whole robot and those that may come several times are never replaced.
+    New effects of the whole robot, and those of which a joint may have several, replace
+    nothing.
+
+    Parameters
+    ----------
+    effects
+        Effects, such as those of a model.
+    new
+        The new effects.
 
     Returns
     -------
     list of Effect
-        The effects on the joints that are left; without those that have none.
+        The effects on their remaining joints; those without any are left out.
     list of bool
-        For each parameter of the given effects, whether it is left.
+        For each parameter of ``effects``, in order, whether it remains.
     """
-    others = {
-        (e.name, j) for e in new if not (e.whole_robot or e.several) for j in e.joints
-    }
+    replacing = [e for e in new if not (e.whole_robot or e.several)]
+    replaced = {(e.name, j) for e in replacing for j in e.joints}
     out = list[Effect]()
-    stays = list[bool]()
+    remains = list[bool]()
     for e in effects:
-        stay = [j for j in e.joints if (e.name, j) not in others]
-        keeps_all = len(stay) == len(e.joints)
-        stays += (
-            [True] * len(e.parameters)
-            if keeps_all
-            else [p.joint - 1 in stay for p in e.parameters]
-        )
-        if stay:
-            out.append(e if keeps_all else type(e)(e.robot, stay, **e.shape))
-    return out, stays
+        joints = [j for j in e.joints if (e.name, j) not in replaced]
+        keeps_all = len(joints) == len(e.joints)
+        if keeps_all:
+            remains += [True] * len(e.parameters)
+        else:
+            remains += [p.joint - 1 in joints for p in e.parameters]
+        if joints:
+            out.append(e if keeps_all else type(e)(e.robot, joints, **e.shape))
+    return out, remains
 
 
 def least_squares_parameters(
@@ -496,10 +561,23 @@ def least_squares_parameters(
     columns: Columns,
     data: Regression,
 ) -> Array:
-    """Fit the effects of ``columns`` by least squares, with plausible sizes as priors.
+    """Fit effects by least squares, with priors from their plausible sizes.
 
-    Each joint is weighted by its residual, in two rounds. data : the rows in these
-    columns. Returns the parameters (p,) in SI units.
+    In two rounds, the second with each joint weighted by its residual in the first.
+
+    Parameters
+    ----------
+    estimate
+        The model whose robot and gains are used.
+    columns
+        The effects to fit.
+    data
+        The rows, with the columns of these effects only.
+
+    Returns
+    -------
+    (p,) array
+        Parameters in SI units.
     """
     effects = (*columns.own, *columns.new)
     if not effects:
@@ -509,18 +587,18 @@ def least_squares_parameters(
     theta: Array = np.zeros(0)
     for _ in range(2):
         squares = data.least_squares(weights)
-        known = with_plausible(squares, model, data.oversampling)
-        theta = np.asarray(np.linalg.lstsq(known.R, known.rho, rcond=1e-9)[0])
+        # |R theta - rho|^2, with rows for the priors.
+        problem = with_plausible(squares, model, data.oversampling)
+        theta = np.asarray(np.linalg.lstsq(problem.R, problem.rho, rcond=1e-9)[0])
         weights = joint_weights(data, theta)
     return np.asarray(theta)
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:
-    """Return the method that fits new effects beside a model whose parameters stay
-    fixed.
+    """Return the estimator that fits new effects to the residual of a fixed model.
 
-    It is the model's own if that solves convex problems; else the default one, since a
-    payload has constraints of a rigid body.
+    It is the model's own if that solves convex problems (it then has a ``solver``);
+    else the default one, since a payload has the constraints of a rigid body.
     """
     estimator = estimate.estimator
     return estimator if hasattr(estimator, "solver") else make_estimator(DEFAULT_METHOD)
@@ -533,27 +611,28 @@ def task_beside(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Task:
-    """Set up the fit of new effects alone, to what a model leaves.
+    """Set up the fit of new effects alone to the residual of a fixed model.
 
     Parameters
     ----------
     estimate
         The model that is held fixed.
     own_model
-        The new effects, as a model.
+        The new effects, as a model of their own.
     left
-        What the model leaves, in the columns of the new effects.
+        A regression of the fixed model's residual on the columns of the new effects.
     seed
-        Of the method.
+        Seed of the estimator's random numbers.
     progress
         Is called with a short text.
 
     Returns
     -------
     Task
-        The problem under the new effects' own constraints, for an estimator.
+        The problem under the new effects' constraints, for an estimator.
     """
     problem = estimate.problem
+    # Joints are weighted by their residuals, in two rounds.
     weights = np.ones(estimate.robot.n)
     for _ in range(2):
         data = with_plausible(left.least_squares(weights), own_model, left.oversampling)
@@ -579,21 +658,20 @@ def fitted_parameters(
     data: Sequence[Regression],
     frozen: bool,
 ) -> list[Array]:
-    """Fit effects of a model and new ones to several sets of rows, by the model's
-    method.
+    """Fit a model with new effects to several sets of rows, by the model's method.
 
     Parameters
     ----------
     estimate
-        The model.
+        The model, whose method and constraints are used.
     own_effects
-        Its effects that stay.
+        The model's effects that stay; empty if ``frozen``.
     new
-        Effects beside them.
+        Effects that are added to them.
     data
-        Sets of rows, each in the columns of all these effects.
+        Sets of rows, each a regression on the columns of all these effects.
     frozen
-        True: only the new effects are fitted, to what the model leaves.
+        True: only the new effects are fitted, to the residual of the fixed model.
 
     Returns
     -------

@@ -54,7 +54,7 @@ def refer_columns_to_current_model(
         # New columns of the findings, then of all candidates.
         search = refer_once(search)
         search.library = search.library.with_current_columns(search.data)
-        # In new columns some findings have no evidence any more, and others have.
+        # In new columns findings may lose their evidence, and other effects gain some.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)
@@ -123,7 +123,8 @@ def refer_once(search: Search) -> Search:
     theta, _ = least_squares_refit(data, [t.form.effect for t in search.terms])
     # The model's parameters come first, then those of each finding.
     widths = [t.form.n_coefficients for t in search.terms]
-    starts = data.raw.shape[2] + np.cumsum([0, *widths])[:-1]
+    n_of_model = data.raw.shape[2]
+    starts = n_of_model + np.cumsum([0, *widths])[:-1]  # of the findings
     own_theta, *thetas = np.split(theta, starts)
     estimate = data.estimate
     if not data.frozen:

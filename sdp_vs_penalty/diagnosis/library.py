@@ -44,8 +44,8 @@ class Candidate:
     def n_constants(self) -> int:
         """The number of continuous shape constants, each of which costs evidence.
 
-        Zero for another value of the model's own constant: it adds no constant to the
-        model.
+        Zero if the candidate replaces the value of a constant that the model has: it
+        adds no constant. Constants without bounds are discrete, and do not count.
         """
         if self.replaces_own_constant:
             return 0

@@ -228,11 +228,10 @@ class WhiteFit:
         return np.asarray(self.design.A @ self.whitener / self.level[:, None, None])
 
     def deviance(self, rss: Array) -> Array:
-        """Return -2 log L for squared errors rss (..., n) of the n joints; shape
-        (...,).
+        """Return the deviance -2 log L (...,) for sums of squared errors rss (..., n).
 
-        It is the sum over joints of N log V + rss / V with the variance V = max(rss /
-        N, floor) and N degrees of freedom.
+        It is the sum over the n joints of N log V + rss / V, with N degrees of freedom
+        and the variance V = max(rss / N, floor).
         """
         variance = np.maximum(rss / self.degrees, self.floor)
         by_joint = self.degrees * np.log(variance) + rss / variance

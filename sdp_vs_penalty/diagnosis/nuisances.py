@@ -247,11 +247,16 @@ class Nuisances:
         """
         if not self.rules.mounting_tolerances:
             return {}
-        return {
-            f.key[0]: Nuisance(f"misfit of {f.key[0]}", self._columns(f), f.plausible)
-            for f in self._candidates
-            if f.effect.tolerance
-        }
+        out = dict[str, Nuisance]()
+        for candidate in self._candidates:
+            if candidate.effect.tolerance:  # every machine has a little of it
+                name = candidate.effect.name
+                out[name] = Nuisance(
+                    text=f"misfit of {name}",
+                    columns=self._columns(candidate),
+                    deviations=candidate.plausible,
+                )
+        return out
 
     @cached_property
     def hums(self) -> list[Nuisance]:

@@ -54,17 +54,27 @@ def refine_constants(
     for name in start.form.effect.searched:
         if name not in fixed:
             best = _refine_along(judge, best, name)
-    sized = best.form.effect.sized_shape
+    sized = best.form.effect.sized_shape  # such as a delay's T; or ""
     if sized and sized not in fixed and len(best.beta):
         best = _follow_size(judge, best, sized)
     return best
 
 
 def _follow_size(judge: Judge, best: ScoredEffect, sized: str) -> ScoredEffect:
-    """Set the constant ``sized`` to the effect's own size, _SIZED (3) times.
+    """Set the constant ``sized`` to the effect's estimated size, three times (_SIZED).
 
-    A delay's column, for example, is linear about the delay that the constant states;
-    each step reduces the error of this linearisation.
+    The columns of a delay, for example, are linearised about the delay T that is the
+    effect's constant; setting T to the estimated delay reduces the error of this
+    linearisation in each step.
+
+    Parameters
+    ----------
+    judge
+        Scores a candidate as an addition to a fit.
+    best
+        The scored candidate; its first coefficient is its size.
+    sized
+        The name of the constant.
     """
     for _ in range(_SIZED):
         effect = best.form.effect

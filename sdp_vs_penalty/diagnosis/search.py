@@ -295,8 +295,8 @@ class Search:
         Returns
         -------
         ScoredEffect or None
-            The simplest one; the best one where the rule ``simplest`` is switched off;
-            None of an empty list.
+            The simplest one; the best one if the rule ``simplest`` is switched off;
+            None if there are no candidates.
         """
         if not ranked:
             return None
@@ -308,11 +308,12 @@ class Search:
             t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
         unrefined = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
-        # The simplest; among equally simple ones that with the highest evidence.
-        return min(
-            unrefined,
-            key=lambda t: (simplicity(t.form), -t.evidence_with_worth_of(best)),
-        )
+
+        def rank(t: ScoredEffect) -> tuple[tuple[int, int, bool], float]:
+            """Return the sorting key: the simplest first, then the highest evidence."""
+            return simplicity(t.form), -t.evidence_with_worth_of(best)
+
+        return min(unrefined, key=rank)
 
     # The steps.
 
@@ -391,7 +392,8 @@ class Search:
                 others = [t for t in terms if t is not term]
                 # The fit without the effect; it starts from the fit of all effects,
                 # which is faster.
-                fit = self.score.fit(self.nuisances.around(term, others), fit_of_all)
+                around = self.nuisances.around(term, others)
+                fit = self.score.fit(around, fit_of_all)
                 judged = self.score.evidence_of(fit, term.form, term.columns)
                 if term.joints & on:  # at least one common joint
                     judged = self.refined(fit, judged)
@@ -402,8 +404,8 @@ class Search:
                 terms[terms.index(term)] = replace(judged, rivals=term.rivals)
                 if judged.text != term.text:  # its shape constants have changed
                     has_changed = True
-                    terms_beside = self.nuisances.with_law_misfits(terms)
-                    fit_of_all = self.score.fit(terms_beside, fit_of_all)
+                    all_terms = self.nuisances.with_law_misfits(terms)
+                    fit_of_all = self.score.fit(all_terms, fit_of_all)
             if not has_changed:
                 break
         return terms
@@ -425,14 +427,14 @@ class Search:
     def exchange_one(self, terms: Sequence[ScoredEffect]) -> list[ScoredEffect] | None:
         """Exchange one chosen effect for a better or simpler one.
 
-        The effects are tried in order, and the first exchange that succeeds ends the
-        step.
+        The effects ``terms`` are tried in order, and the first exchange that succeeds
+        ends the step.
 
         Returns
         -------
         list of ScoredEffect or None
-            The effects after the exchange. None where nothing was exchanged: each
-            effect in ``self.terms`` then lists its rivals, the candidates that fit
+            The effects after the exchange, or None if none is better. ``self.terms``
+            are then the same effects, each with its rivals: the candidates that fit
             about as well.
         """
         with_rivals = []
@@ -542,7 +544,8 @@ class Search:
         mounting: it may lose its evidence there.
         """
         after = self.drop_weak([*others, other])
-        return after if any(t.key == other.key for t in after) else None
+        stays = any(t.key == other.key for t in after)
+        return after if stays else None
 
     @staticmethod
     def equivalence_set(

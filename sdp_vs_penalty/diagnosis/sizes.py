@@ -230,8 +230,9 @@ def size_of(
 ) -> tuple[float, float]:
     """Return one number for the size of an effect, and its standard deviation.
 
-    The effect declares which parameter is its size (``sized_by``). With several such
-    parameters, as of sine and cosine, the size is their norm.
+    The effect declares which of its parameters are its size (the slice ``sized_by``).
+    If there are several, such as the amplitudes of sine and cosine, the size is their
+    norm.
 
     Parameters
     ----------

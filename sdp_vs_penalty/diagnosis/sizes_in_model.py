@@ -38,8 +38,19 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     """Replace a finding's size, interval and constants by those that a model has.
 
     A confident finding becomes weak if its size there is less than two standard
-    deviations from zero. The finding is returned unchanged if the model lacks its
-    effect or has no finite covariance for it.
+    deviations from zero, and gets a remark if it is less than five.
+
+    Parameters
+    ----------
+    finding
+        The finding.
+    model
+        The model, with its covariance.
+
+    Returns
+    -------
+    Finding
+        Unchanged if the model lacks the effect or has no finite covariance for it.
     """
     held = effect_of(finding, model)
     if held is None:
@@ -76,11 +87,23 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
 def effect_of(
     finding: Finding, model: Estimate
 ) -> tuple[Effect, NDArray[np.intp]] | None:
-    """Return the model's effect that a finding is about, with its indices in theta.
+    """Find the effect of a model that a finding is about.
 
-    It has the finding's name, joints and formula (law). Of several such effects the one
-    with most equal shape constants is returned, and of equal ones the last, which was
-    added last. None if the model has no such effect.
+    It has the finding's name, joints and law (constants with few choices). Of several
+    such effects the one with most equal shape constants is returned, and of equal ones
+    the last, which was added last.
+
+    Parameters
+    ----------
+    finding
+        The finding; its joints count from 1.
+    model
+        The model.
+
+    Returns
+    -------
+    (Effect, int array) or None
+        The effect and the indices of its parameters in theta; None if there is none.
     """
     joints = tuple(j - 1 for j in finding.joints)
     held = None

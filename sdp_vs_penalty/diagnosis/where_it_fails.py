@@ -145,7 +145,11 @@ class JointFailure(JsonRecord):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON; the joint counts from 1."""
+        """Return plain JSON of all fields; the joint counts from 1.
+
+        A wave is {"per_revolution": 2, "amplitude": 0.1, "over_surroundings": 5.0}, a
+        stretch {"run": name, "start": s, "stop": s, "cause": name}.
+        """
         return super().to_dict() | {
             "orders": [dict(zip(_ORDER, one, strict=True)) for one in self.orders],
             "stretches": [s._asdict() for s in self.stretches],
@@ -701,6 +705,7 @@ def _causes_of_rows(
     if not is_known:
         seconds, _ = from_reversal(velocity, rows)
         rows_of_cause[REVERSAL] = np.abs(seconds) <= NEAR
+    # Later causes overwrite earlier ones where both are seen.
     for name, its_rows in rows_of_cause.items():
         if not is_known or shares.beyond_model.get(name, 0.0) > share_of_best:
             names[its_rows] = name

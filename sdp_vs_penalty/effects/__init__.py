@@ -75,7 +75,7 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
     "presliding_hysteresis:5+7@d=0.003"; InputError for any other text."""
     head, *shapes = text.split("@")
     name, _, joints_text = head.partition(":")
-    if name.isdecimal():  # torque_offset:1,3: commas part effects
+    if name.isdecimal():  # "3" of "torque_offset:1,3": a comma separates effects
         raise InputError(
             f"effect {name!r} is a number",
             "join the joints of an effect by +, like torque_offset:1+3",

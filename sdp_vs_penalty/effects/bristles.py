@@ -45,10 +45,11 @@ class Bristles:
     law: Law
 
     def along(self, motion: Motion) -> Array:
-        """Follow the states along a motion.
+        """Follow the k states along a motion.
 
-        The first sample counts as sliding in its direction; at rest the states begin at
-        zero.
+        Each state follows the path of one combination of joints (a row of
+        ``directions``) over its distance. At the first sample a moving joint counts as
+        sliding in its direction; at rest the state begins at zero.
 
         Parameters
         ----------
@@ -71,6 +72,10 @@ class Bristles:
 
     def advanced(self, z: Array, travel: Array) -> Array:
         """Advance the states by one displacement without reversal.
+
+        With x = travel along each direction over its distance d: a spring and slider
+        (``stop``) gives z + x, cut off at +-1; Dahl's law gives s + (z - s) exp(-|x|),
+        s = sign(x).
 
         Parameters
         ----------
@@ -99,7 +104,9 @@ class StatefulEffect(Effect):
     @property
     @abstractmethod
     def bristles(self) -> Bristles:
-        """The friction states, none where the shape constants leave none."""
+        """The friction states of the effect: directions, distances and the law by which
+        they follow the motion; no states if the shape constants choose a law without
+        one."""
 
     @abstractmethod
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
@@ -124,8 +131,24 @@ class StatefulEffect(Effect):
         return self.blocks_at(motion, self.bristles.along(motion))
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Doubt friction that turns over less travel than the positions resolve: any
-        sharp friction looks like it."""
+        """Give a reason to doubt friction that changes sign within less than two steps
+        of the encoder: any sharp friction makes a similar torque.
+
+        This is asked only of effects whose friction turns over a travel (``at_rest`` =
+        "turns").
+
+        Parameters
+        ----------
+        size
+            Size of the effect that was found.
+        coverage
+            Travel, resolution and standstills of its joint in the runs.
+
+        Returns
+        -------
+        str
+            The reason, empty if there is none.
+        """
         hidden = (
             max(self.bristles.distances, default=np.inf) < 2.0 * coverage.resolution
         )
@@ -276,8 +299,8 @@ class Stiction(PreslidingHysteresis):
     }
 
     def remark(self, size: float) -> str:
-        """Say that the travel over which friction turned is known as an upper bound
-        only."""
+        """Say that the travel d [rad, m] over which the friction changed sign is known
+        as an upper bound only: the motion did not show it."""
         d = self.shape["d"]
         unit = self.robot.position_units[self.joints[0]]
         return (
@@ -329,8 +352,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
     ) -> None:
         """Check the shape constants.
 
-        With law = even the effect has no more constants than Dahl's curve, so it is not
-        sought as a refinement of that one.
+        With law = even the effect has as many parameters as pre-sliding hysteresis
+        (Dahl's curve), so a search does not take it for a refinement of that one.
         """
         super().__init__(robot, joints, **shape)
         if self.even:

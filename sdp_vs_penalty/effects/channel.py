@@ -74,8 +74,8 @@ class TorqueGain(JointEffect):
         return out
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Doubt a gain that is off by more than 30 %: it is rather a wrong ratio or
-        unit."""
+        """Give a reason to doubt a gain that is off by more than 30 %: a wrong gear
+        ratio or unit is more likely. ``size`` is the gain's deviation g [-]."""
         if abs(size) > _LARGEST:
             return (
                 f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong"
@@ -207,8 +207,8 @@ class TorqueFilter(DelayedTorque):
 
     @property
     def needs_links(self) -> bool:  # type: ignore[override]
-        """Whether the filter looks both ways (phase = zero): then the links' torque is
-        subtracted."""
+        """Whether the filter is a zero-phase one (phase = zero): only then it acts on
+        the torque without the links' torque, which the columns need."""
         return self.shape["phase"] == 2.0
 
     def torques(self, motion: Motion) -> Array:
@@ -232,8 +232,8 @@ class TorqueFilter(DelayedTorque):
         return np.asarray((passed - torque) / T)[:, :, None]
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Doubt a filter that looks both ways where joints stand still at reversals:
-        there friction turns as slowly by itself."""
+        """Give a reason to doubt a zero-phase filter if the joints stand still at
+        reversals: there friction changes sign as slowly by itself."""
         if self.needs_links and coverage.stands > STANDS:
             return (
                 "joints stand still at reversals, where friction turns round as slowly"

@@ -34,11 +34,11 @@ class Drift(JointEffect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        """List the shape constants with which a search begins: the forms that settle,
-        with three time constants.
+        """List the shape constants with which a search begins: {"form": ..., "T": ...}
+        for each settling form (even numbers) and three time constants T [s].
 
-        A linear drift grows without end in a later run, and a long time constant is
-        nearly linear.
+        Linear forms are not tried: a linear drift grows without end in a later run, and
+        a long time constant is nearly linear.
         """
         settling = [form for form in cls.shapes["form"].choices if form % 2 == 0]
         return [
@@ -57,7 +57,8 @@ class Drift(JointEffect):
         return self.shape["form"] % 2 == 0
 
     def unit_on(self, joint: int) -> str:
-        """Return the unit: of a torque, over seconds for a linear drift."""
+        """Return the parameter's unit: that of a torque (N*m, N) for a settling drift,
+        torque per second for a linear one, which is multiplied by the time."""
         return super().unit_on(joint) + ("" if self.exponential else "/s")
 
     @property
@@ -109,7 +110,8 @@ class Rubbing(JointEffect):
     @property
     @abstractmethod
     def viscous(self) -> bool:
-        """Whether viscous friction changes; otherwise Coulomb friction."""
+        """Whether the effect changes viscous friction, proportional to the velocity;
+        otherwise it changes Coulomb friction, by the velocity's sign."""
 
     def unit_on(self, joint: int) -> str:
         """Return the unit: of a torque, over velocity for viscous friction."""
@@ -165,8 +167,8 @@ class DriftFriction(Rubbing, Drift):
     ) -> None:
         """Check the shape constants.
 
-        The effect refines the friction that its form changes, and warming by a logged
-        temperature.
+        The effect refines the friction that its form changes (viscous or Coulomb), and
+        warming by a logged temperature: a search tries it only beside these.
         """
         super().__init__(robot, joints, **shape)
         # The class lists Coulomb friction first, then viscous friction.
@@ -221,8 +223,12 @@ class WarmingFriction(Rubbing):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
-        """Check the shape constants, and note whether the clock or a temperature is
-        needed."""
+        """Check the shape constants, and note which signal the effect needs: the clock
+        (by = 2) or a logged temperature.
+
+        The effect refines the friction that it changes, viscous or Coulomb: a search
+        tries it only beside that one.
+        """
         super().__init__(robot, joints, **shape)
         # The class lists Coulomb friction first, then viscous friction.
         self.refines = (self.refines[int(self.viscous)],)

@@ -384,10 +384,11 @@ class Effect(ABC):
         ]
 
     def same_columns(self, other: Effect) -> bool:
-        """Tell whether two effects have the same columns on every motion.
+        """Tell whether two effects certainly have the same columns on every motion.
 
-        An effect that is made of more than robot, joints and shape constants equals
-        itself only.
+        That holds for the same object, and for effects of one class with the same
+        robot, joints and shape constants. An effect that holds further data, such as a
+        measured table, equals itself only.
 
         Parameters
         ----------
@@ -397,7 +398,7 @@ class Effect(ABC):
         Returns
         -------
         bool
-            True where the columns are certainly the same.
+            True if the columns are certainly the same.
         """
         if self is other:
             return True
@@ -515,7 +516,9 @@ class Effect(ABC):
         return np.where(is_prismatic, on_prismatic, on_revolute)
 
     def as_sized(self, size: float) -> float:
-        """Return the shape constant that follows from the size of the effect.
+        """Return the shape constant ``sized_shape`` that follows from the size of the
+        effect; here the size itself, such as a delay that is found as the parameter
+        T_d.
 
         Parameters
         ----------
@@ -525,7 +528,7 @@ class Effect(ABC):
         Returns
         -------
         float
-            The value of the constant ``sized_shape``.
+            The value of the constant.
         """
         return size
 
@@ -632,8 +635,8 @@ class Effect(ABC):
 
     @property
     def estimated(self) -> tuple[str, ...]:
-        """Names of the shape constants that `identify` estimates; `diagnose` searches
-        the others too."""
+        """Names of the shape constants that `identify` estimates from the data (role
+        "estimated"); `diagnose` searches all others too."""
         return tuple(
             key for key, shape in self.shapes.items() if shape.role == "estimated"
         )

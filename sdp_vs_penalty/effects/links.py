@@ -294,8 +294,8 @@ class BaseTilt(Effect):
         return np.stack(columns, axis=2)
 
     def remark(self, size: float) -> str:
-        """Say by how many degrees the base is tilted; ``size`` is a component of
-        gravity [m/s^2]."""
+        """Say by how many degrees the base is tilted: size / 9.81, with ``size`` the
+        component of gravity [m/s^2] across the assumed direction (small angles)."""
         return f"Here: {np.degrees(size / 9.81):.2g} degrees."
 
 
@@ -448,10 +448,11 @@ class JointElasticity(LinkDeviation):
 
 
 def _moved(motion: Motion, joint: int, x: Array) -> Array:
-    """Return the change (N, n) of all joints' torque where the link of one joint is
-    displaced by x (N,) [rad, m].
+    """Return the change (N, n) of all joints' torque where the link of one joint (from
+    0) is displaced by x (N,) [rad, m].
 
-    The displacement's velocity and acceleration count as well.
+    dtau = dtau/dq_j x + dtau/ddq_j x' + dtau/dddq_j x'', with the displacement's
+    velocity x' and acceleration x''.
     """
     by_q, by_dq, by_ddq = motion.derivatives
     x, rate, acceleration = motion.rates(x)
@@ -488,8 +489,8 @@ class KinematicError(Effect):
     tolerance = True
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        """Name the displacements, "slip_x3" [m], and rotations, "turn_x3" [rad], of the
-        joints."""
+        """Name the displacements [m] and rotations [rad] of the joints' frames:
+        "slip_x3" along, and "turn_x3" about, the x axis of joint 3."""
         kinds = [
             ("slip", "m") if k < 3 else ("turn", "rad")
             for _, k in self._joint_axis_pairs
@@ -501,10 +502,12 @@ class KinematicError(Effect):
 
     @cached_property
     def _joint_axis_pairs(self) -> list[tuple[int, int]]:
-        """Pairs of joint and axis that can make torque: axes 0 to 2 are displacements,
-        3 to 5 rotations, in the joint's frame. Displacements come first.
+        """Pairs (joint from 0, axis) of the errors that can make torque, displacements
+        first.
 
-        A joint on the base changes torques only by rotations that turn gravity.
+        Axes 0 to 2 are displacements along x, y and z of the joint's frame, axes 3 to 5
+        rotations about them. For a joint on the base only rotations that turn gravity
+        change a torque; 1e-6 m/s^2 counts as no gravity.
         """
         gravity = np.array(self.robot.gravity)
         out = list[tuple[int, int]]()
@@ -518,13 +521,15 @@ class KinematicError(Effect):
 
     @property
     def plausible(self) -> Array:
-        """(k,) standard deviations of an uncalibrated arm's displacements [m] and
-        rotations [rad]."""
+        """(k,) prior standard deviations of the parameters about zero, of an arm that
+        was never calibrated: _SLIP [m] for displacements of joints, _TURN [rad] for
+        rotations."""
         return np.array([_SLIP if k < 3 else _TURN for _, k in self._joint_axis_pairs])
 
     @property
     def sized_by(self) -> slice:  # type: ignore[override]
-        """Slice of the parameters that are rotations: they change gravity's torque
+        """Slice of the parameters by which the effect's size is measured: the
+        rotations, which stand behind the displacements and change gravity's torque
         most."""
         return slice(sum(k < 3 for _, k in self._joint_axis_pairs), None)
 

@@ -168,11 +168,14 @@ def _axis(
     default: float,
     words: tuple[str, ...],
 ) -> dict[str, ShapeConstant]:
-    """Declare the shape constants of one axis of a table, "x" or "y".
+    """Declare the shape constants of one axis ("x" or "y") of a table over a joint's
+    variable.
 
-    For x: x (the variable's word), xj (its joint), xi and xc (joint that is added, and
-    its ratio), xlow and xhigh (the table's ends), xn (number of values). Joints count
-    from 1; 0 is the effect's own joint for xj, and no joint for xi.
+    For x they are x (the variable as its number in WORDS, one of ``words``; ``default``
+    if it is not given), xj (the variable's joint), xi and xc (a second joint that is
+    added, and its ratio), xlow and xhigh (ends of the table), and xn (number of values,
+    ``count`` by default). Joints count from 1: xj = 0 is the effect's own joint, xi = 0
+    no second joint.
     """
     numbers = tuple(WORDS.index(w) + 1.0 for w in words)
     return {

@@ -415,8 +415,8 @@ class Model:
 
     @property
     def _referred(self) -> Array:
-        """(p,) parameters of the current model to which effects refer; InputError in a
-        model without one."""
+        """(p,) parameters of the current model (``reference``), from which the columns
+        of some effects are computed; InputError in a model without one."""
         if self.reference is None:
             name = next(e.name for e in self.effects if depends(e))
             raise InputError(
@@ -448,7 +448,8 @@ class Model:
         return CurrentModel(self.robot, links if len(links) else massless)
 
     def seen_along(self, theta: Array, motion: Motion) -> Motion:
-        """Attach the current model to a motion.
+        """Attach the current model to a motion, for effects whose columns depend on its
+        links or torque.
 
         Parameters
         ----------
@@ -530,7 +531,8 @@ def plausible_sizes(effects: Sequence[Effect]) -> Array:
 
 
 def turning(motion: Motion, effect: Effect) -> Motion:
-    """Copy the sign width v_s of a friction effect into a motion.
+    """Copy the sign width v_s of a friction effect into a motion, so that sign(dq) of
+    the effect's joints is smoothed as tanh(dq / v_s).
 
     Parameters
     ----------
@@ -542,8 +544,7 @@ def turning(motion: Motion, effect: Effect) -> Motion:
     Returns
     -------
     Motion
-        A motion that smooths the signs of this effect's joints over v_s; the motion
-        itself where the effect has no such constant.
+        A copy with these widths; the motion itself if the effect has no such constant.
     """
     if "v_s" not in effect.shape:
         return motion

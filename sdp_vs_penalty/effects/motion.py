@@ -172,7 +172,7 @@ class Legs:
 
     @classmethod
     def of(cls, q: Array) -> Legs:
-        """Cut a path into legs at its reversals.
+        """Cut a path into legs at its reversals: within a leg the position is monotone.
 
         Parameters
         ----------
@@ -182,7 +182,8 @@ class Legs:
         Returns
         -------
         Legs
-            The legs between reversals.
+            Positions of the corners (reversals and both ends), direction of each leg, and
+            for each step its leg and its travel since the leg's beginning.
         """
         sign = np.sign(np.diff(q))
         moving_steps = np.flatnonzero(sign)
@@ -346,7 +347,7 @@ class Motion:
         Array
             (N,) values in [-1, 1].
         """
-        joint = _only(ratios)
+        joint = _single_joint(ratios)
         if joint is not None:
             return self.sign(joint)
         width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
@@ -370,7 +371,7 @@ class Motion:
         Legs
             The legs between reversals.
         """
-        joint = _only(ratios)
+        joint = _single_joint(ratios)
         return Legs.of(self.q @ ratios) if joint is None else self._legs[joint]
 
     @cached_property
@@ -413,8 +414,8 @@ class Motion:
 
     @property
     def modelled(self) -> Array:
-        """(N, n) torque of the current model as the torque channels read it [N m,
-        N]."""
+        """(N, n) torque of the current model [N m, N] as the torque channels read it:
+        with their gains and delays if the model has some."""
         return self.model_torque if self.logged is None else self.logged
 
     @cached_property
@@ -569,9 +570,9 @@ class Motion:
         )
 
 
-def _only(ratios: Array) -> int | None:
-    """Return the joint (from 0) that a combination (n,) of joints consists of, with
-    ratio 1; None for a combination of several joints."""
+def _single_joint(ratios: Array) -> int | None:
+    """Return the joint (from 0) if a combination c q has the ratio 1 on one joint and
+    zero on all others; None for any other combination. ``ratios`` c is (n,)."""
     joints = np.flatnonzero(ratios).tolist()
     if len(joints) != 1 or ratios[joints[0]] != 1.0:
         return None

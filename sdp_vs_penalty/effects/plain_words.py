@@ -321,8 +321,12 @@ def on_the_arm(fitted: FittedEffect) -> str:
 
 
 def _fields(fitted: FittedEffect) -> dict[str, object]:
-    """Return the values of the placeholders in SENTENCES, such as {joint}, {size} and
-    {towards}, by their names, formatted as words."""
+    """Return the values of the placeholders in SENTENCES by their names, formatted as
+    words.
+
+    Example: {"joint": "joint 4", "size": "3.1 N m/rad", "travel": "0.5°", ...}. All
+    placeholders are computed, although a sentence uses only some of them.
+    """
     size = abs(fitted.size)
     unit = formatting.plain_unit(fitted.unit)
     text = f"{formatting.number(size, 2)} {unit}".rstrip()

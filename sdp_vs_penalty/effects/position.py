@@ -41,10 +41,11 @@ def _orders(
     turns: Sequence[float],
     finest: float,
 ) -> list[float]:
-    """List the wave numbers k of cos(k q) that a search tries on a joint.
+    """List the wave numbers k of cos(k q) that a search tries on a joint (from 0).
 
     On a revolute joint these are ``turns``, waves per turn. On a prismatic joint they
-    are spaced by half a wave over its travel, up to ``finest`` [rad/m].
+    are spaced by half a wave over its travel (_TRAVEL [m] if it has no limits), from
+    one wave over the travel up to ``finest`` [rad/m], _MOST at most.
     """
     joint_record = robot.joints[joint]
     if joint_record.kind != "prismatic":
@@ -178,7 +179,8 @@ class PositionDependentFriction(JointEffect):
         )
 
     def _waves(self, phase: Array) -> Array:
-        """Return cos and sin of a phase (N,) [rad] and its multiples: (N, 2 waves)."""
+        """Return cos(i phase) and sin(i phase) for i = 1 ... ``waves``, in turn, of a
+        phase (N,) [rad]: (N, 2 waves)."""
         waves = np.arange(1.0, self.shape["waves"] + 1.0) * phase[:, None]
         return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
 

@@ -52,7 +52,10 @@ class ServoGain(Servo):
 
     def blocks(self, motion: Motion) -> list[Block]:
         """Compute one column (N,) for each joint: the torque of the drive per unit
-        gain, as a load."""
+        gain, as a load.
+
+        The drive sees the command T seconds late (shape constant T).
+        """
         column = self.drive(motion, motion.t - self.shape["T"])
         return self.blocks_per_joint([column[:, j] for j in self.joints])
 

@@ -48,6 +48,9 @@ class ShapeConstant:
     def on(self, kind: str) -> ShapeConstant:
         """Return the constant with grid and bounds for one kind of joint.
 
+        For a prismatic joint, both are multiplied by ``metres``: grids are written in
+        rad.
+
         Parameters
         ----------
         kind

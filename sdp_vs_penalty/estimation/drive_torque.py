@@ -74,11 +74,12 @@ def _parts(run: Measurements) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
 
 
 def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
-    """Simulate the servo loop along a stretch's command.
+    """Simulate the servo loop along a stretch's logged command.
 
-    Returns (N, n) positions at the stretch's samples, and their integral over time. The
-    stretch is cut into windows of 0.5 s, simulated side by side. Each window starts 0.5
-    s early at a measured position, whose noise has faded when the window begins.
+    Returns (N, n) positions [rad, m] at the stretch's samples, and their integral over
+    time. The stretch is cut into windows of 0.5 s, simulated side by side. Each window
+    starts 0.5 s early at a measured position: the noise of that position has faded when
+    the window begins.
     """
     command = sampled_command(part)
     # A step h of at most _STEP [s]: several a sample, or one for several samples.
@@ -87,7 +88,8 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     h = part.dt * samples_per_step / steps_per_sample
     n_intervals = math.ceil((part.count - 1) / samples_per_step)
     n_instants = n_intervals * steps_per_sample + 1
-    length = max(1, round(0.5 / h))  # of a window, and how much earlier it starts
+    # Steps of a window, and how many steps earlier its simulation starts: 0.5 s.
+    length = max(1, round(0.5 / h))
     first = np.arange(0, n_instants, length)
     start = np.maximum(first - length, 0)
     t = part.t[0] + h * start
@@ -95,11 +97,12 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     path = interpolated(t, part.t, part.integrals[1])
     state = loop.start(command, t, positions, path)
     q, integral = np.empty((2, len(first) * length, part.q.shape[1]))
+    # All windows take step k together; a window is recorded once it has begun.
     for k in range(2 * length):
         instant = start + k
-        counts = (instant >= first) & (instant < first + length)
-        q[instant[counts]] = state.q[counts]
-        integral[instant[counts]] = state.position_integral[counts]
+        is_recorded = (instant >= first) & (instant < first + length)
+        q[instant[is_recorded]] = state.q[is_recorded]
+        integral[instant[is_recorded]] = state.position_integral[is_recorded]
         state = loop.step(state, command, h)
     clock = part.t[0] + h * np.arange(len(q))
     return interpolated(part.t, clock, q), interpolated(part.t, clock, integral)
@@ -225,7 +228,7 @@ def plant(estimate: Estimate) -> Estimate:
         With the parameters, intervals and covariance that remain; base parameters have
         none.
     """
-    keep = ~estimate.model.drives  # (p,)
+    keep = ~estimate.model.drives  # (p,) parameters that are no servo's
     uncertainty = replace(
         estimate.uncertainty,
         standard=tuple(estimate.uncertainty.standard[k] for k in np.flatnonzero(keep)),

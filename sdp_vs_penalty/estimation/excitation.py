@@ -216,9 +216,10 @@ class Limits:
             s.
         """
         lower, upper, velocity = joint_limits(robot)
-        # Acceleration limit of a joint whose robot states none: reached from rest
-        # within so many seconds of its velocity limit.
-        return cls(lower, upper, velocity, velocity / 0.25)
+        # Robot files state no acceleration limits: a joint reaches its velocity limit
+        # from rest in 0.25 s.
+        seconds_to_velocity = 0.25
+        return cls(lower, upper, velocity, velocity / seconds_to_velocity)
 
     @classmethod
     def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
@@ -316,41 +317,42 @@ def excite(
 ) -> Excitation:
     """Plan a trajectory that excites the base parameters of a problem.
 
-    Within the limits it shows all of them as evenly as possible.
+    Base parameters are the combinations of parameters that the torque depends on. The
+    trajectory is a Fourier series for each joint, within the limits.
 
     Parameters
     ----------
     problem : str, Path or Problem
         A built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     limits : Limits, optional
-        Of positions, velocities and accelerations; default: the robot's.
+        Limits of positions, velocities and accelerations; default: the robot's.
     start : FourierTrajectory, optional
-        Where the search begins; its frequency, duration and blend hold. Default: a
-        random trajectory.
+        Start of the search; its frequency, duration and blend are kept. Default: a
+        random trajectory with the five settings below.
     effects : str, optional
-        The effects whose columns count; default: the problem's.
+        Effects whose columns count; default: the problem's.
     objective : {"condition", "d-optimal"}
         What is minimised: the columns' condition number, or the volume of the
         parameters' ellipsoid.
     harmonics : int
-        Of a random start.
+        Number of harmonics of the random start.
     frequency : float
-        Of the first harmonic of a random start [rad/s].
+        Frequency of its first harmonic [rad/s].
     duration : float
-        Of a random start [s].
+        Its duration [s].
     blend : float
-        Time from rest to the trajectory and back [s], of a random start.
+        Its time from rest to the periodic motion, and back to rest [s].
     iterations : int
-        At most so many steps of the search.
+        Largest number of steps of the search.
     seed : int
-        Of the random start.
+        Seed of the random start.
     progress : callable
-        Hears the condition number so far, a short text each time.
+        Receives a line of text with the condition number at each step.
 
     Returns
     -------
     Excitation
-        The trajectory, and how well it shows the parameters.
+        The trajectory, and the condition number of its base regressor.
 
     Raises
     ------

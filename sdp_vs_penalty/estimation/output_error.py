@@ -87,6 +87,7 @@ def courses_of(
     # Two boxes of a step convolved: a triangle over 2 stride - 1 samples.
     triangle = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
     for part in split_at_gaps(run):
+        # The filter has no value within ``half`` samples of both ends.
         first = half
         last = part.count - half - 1
         if (last - first) * filters.dt <= shortest:
@@ -101,6 +102,7 @@ def courses_of(
         torque = sum(w * padded[m : m + len(torque)] for m, w in enumerate(triangle))
         memory = plant.remembered(motion)  # inner states of effects with a memory
         is_moving = filters.movement.at(motion.t)
+        # NaN marks states that were not logged and that no effect needs.
         unknown = np.full_like(motion.q, np.nan)
         temperature = unknown
         if any(effect.needs_temperature for effect in estimate.model.effects):
@@ -211,11 +213,13 @@ def refine(
     windows, seconds = _chosen(plant, courses, size)
     theta = start.theta
     error = _errors(plant, windows, size)[0]
-    units = np.resize(size, error.shape)  # of the errors [rad, m]
+    # Errors are over the motion's size; joints take turns: times ``units`` [rad, m].
+    units = np.resize(size, error.shape)
     begin = _rms(error * units)
     for k in range(_MOST_STEPS):
         thousandths = 1e3 * _rms(error * units)
         task.progress(f"output error, step {k + 1}: {thousandths:.4g} thousandths")
+        # A Gauss-Newton step under the constraints, then the best share of it.
         linearised = _linearised(task, theta, windows, size)
         fit = estimator.fit(linearised)
         step = fit.theta - theta
@@ -223,7 +227,7 @@ def refine(
         errors = _errors(Plant(model, tried), windows, size)
         best = int(np.argmin([_rms(e) for e in errors]))
         fall = 1.0 - _rms(errors[best]) / _rms(error)
-        if not fall > _LEAST_FALL:
+        if not fall > _LEAST_FALL:  # NaN, too, ends the search
             break
         theta = tried[best]
         error = errors[best]
@@ -242,11 +246,14 @@ def _linearised(
     windows: Sequence[_Window],
     size: Array,
 ) -> Task:
-    """Return the task whose data are the simulations' errors, linear about theta (p,).
+    """Return the least-squares problem of the simulations' errors, linear about theta
+    (p,).
 
-    They are scaled to the variance of the torque's residual, so that the estimator's
-    prior keeps its weight. ``size`` (n,) is the standard deviation of the motion [rad,
-    m].
+    The errors e(theta) of simulated positions, over ``size`` (n,) (the motion's
+    standard deviation [rad, m]), become data |J theta' - (J theta - e)|^2 of theta'. J
+    is found by finite differences in the directions that the torque determines. The
+    data are scaled to the variance of the torque's residual, so that the estimator's
+    prior keeps its weight.
     """
     variance = task.data.loss(task.ols) / task.data.rows
     # (p, k) visible directions, each one standard deviation long.
@@ -255,7 +262,8 @@ def _linearised(
     plant = Plant(task.model, np.vstack([theta, varied]))
     errors = _errors(plant, windows, size)
     slopes = (errors[1:] - errors[0]).T / _SLOPE_STEP
-    jacobian = slopes @ np.linalg.pinv(directions)  # by theta = directions x
+    # ``slopes`` are by x with theta = directions x.
+    jacobian = slopes @ np.linalg.pinv(directions)
     scale = np.sqrt(variance / np.mean(errors[0] ** 2))
     target = jacobian @ theta - errors[0]
     rows = scale * np.column_stack([jacobian, target])
@@ -307,18 +315,20 @@ def _errors(
     windows: Sequence[_Window],
     size: Array,
 ) -> Array:
-    """Return (P, R) errors of simulated positions over ``size`` (n,), the motion's
-    size.
+    """Simulate all windows for all parameter vectors; return the errors of the
+    positions.
 
-    One row for each of the plant's P parameter vectors; R counts steps, windows and
-    joints. All windows of all parameter vectors are simulated side by side. Errors are
-    clipped at 1000, where an unstable simulation ends.
+    Returns (P, R) errors q_simulated - q_measured over ``size`` (n,), the motion's
+    standard deviation. One row for each of the plant's P parameter vectors; R counts
+    steps, windows and joints. All windows of all parameter vectors are simulated side
+    by side. Errors are clipped at 1000, where an unstable simulation ends.
     """
     count = len(plant.theta)
     n_windows = len(windows)
     lengths = np.array([len(window.torque) for window in windows])
-    torques = _padded([window.torque for window in windows])
+    torques = _padded([window.torque for window in windows])  # (K, W, n)
     measured = _padded([window.q for window in windows])
+    # Rows of a state: all windows with theta 0, then all with theta 1, and so on.
     repeated_plant = Plant(plant.model, np.repeat(plant.theta, n_windows, axis=0))
     state = _repeated_start(windows, count)
     out = []
@@ -327,6 +337,7 @@ def _errors(
             torque = np.tile(torques[k], (count, 1))
             state = advance(repeated_plant, state, torque, windows[0].h)
             q = state.q.reshape(count, n_windows, -1)
+            # A window that is over has no errors.
             is_inside = (k < lengths)[:, None]
             target = np.where(is_inside, measured[k], q[0])
             out.append(is_inside * (q - target) / size)
@@ -341,22 +352,17 @@ def _errors(
 def _padded(courses: Sequence[Array]) -> Array:
     """Stack W courses (K_w, n) to (K, W, n); shorter ones repeat their last row."""
     longest = max(len(course) for course in courses)
-    edges = [((0, longest - len(course)), (0, 0)) for course in courses]
-    padded = [
-        np.pad(
-            c,
-            edge,
-            "edge",
-        )
-        for c, edge in zip(courses, edges, strict=True)
-    ]
+    padded = []
+    for course in courses:
+        n_missing = longest - len(course)
+        padded.append(np.pad(course, ((0, n_missing), (0, 0)), "edge"))
     return np.stack(padded, axis=1)
 
 
 def _repeated_start(windows: Sequence[_Window], count: int) -> State:
     """Return the initial states of W windows, repeated ``count`` times, as one State.
 
-    Its arrays have count W rows.
+    Its arrays have count W rows: all windows once, then all again.
     """
     fields = []
     for parts in zip(*(window.start for window in windows), strict=True):

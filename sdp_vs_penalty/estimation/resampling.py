@@ -452,18 +452,22 @@ class Split:
 
     def _trained(self, fold: int) -> Model:
         """Return the model with shape constants and reference from a fold's training
-        rows alone.
+        rows.
 
-        These are what :func:`identify` takes from the data besides the parameters. A
-        model that has neither is returned as it is.
+        These are what :func:`identify` takes from the data besides the linear
+        parameters: a shape constant is nonlinear, such as a Stribeck velocity; the
+        reference are parameters about which an effect is linearised. A model that has
+        neither is returned as it is.
         """
         cells = self.phases.training(fold)
         model = self.model
 
         def training(run: int, t: Array) -> NDArray[np.bool_]:
+            """Return (N,) whether a run's rows at instants t are training rows."""
             return np.isin(self.phases.cell(run, t), cells)
 
         def compressed(m: Model) -> Regression:
+            """Return the training rows in a model's columns."""
             return compress_cells(self.runs, m, self.phases).select(cells)
 
         shapes = estimate_shapes(model, self.runs, self.weighting, training)
@@ -529,8 +533,8 @@ def bootstrap(
     first = sdp.fit(objective, estimator.accuracy)
     p = len(task.bound)
     n_blocks = len(regression.blocks)
-    # [R rho] with the residual's row: (p + 1 columns). In coordinates z of its visible
-    # directions V it is orthonormal, and the blocks' Gram matrices add up to 1.
+    # 1. [R rho] with the residual's row: (p + 1 columns). In coordinates z of its
+    # visible directions V it is orthonormal, and the blocks' Gram matrices add up to 1.
     stacked = np.vstack(
         [
             np.column_stack([data.R, data.rho]),
@@ -543,12 +547,13 @@ def bootstrap(
     for joint, indices, blocks, rows in regression.by_joint():
         visible_rows = task.weights[joint] * rows @ V[np.append(indices, p)]
         grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
-    # What is no block's: the priors, and a rounding error for directions that no drawn
-    # block shows.
+    # The priors belong to no block; rounding stands for directions that no drawn block
+    # shows.
     identity = np.eye(V.shape[1])
     rounding = len(V) * np.finfo(float).eps
     priors = identity * (1.0 + rounding) - grams.sum(axis=0)
-    draws_of_parameters = np.empty((draws, p + 1))
+    # 2. Draw blocks with replacement, form the data that they make, and solve the SDP.
+    draws_of_parameters = np.empty((draws, p + 1))  # theta, gap
     rng = np.random.default_rng(seed)
     for row in draws_of_parameters:
         times_drawn = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks))

@@ -147,13 +147,13 @@ class ShapeSensitivity(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        # Torque (N,) by joint and number of the constant.
         """Return the torque of a unit error of each constant, one column (N, 1) a
         joint.
 
         It is the central difference unit (Y(s + h) - Y(s - h)) theta, summed over the
         effect and all effects whose columns change with the constant.
         """
+        # Torque (N,) by joint and number of the constant.
         columns: dict[tuple[int, int], Array] = {}
         for k, (upper, lower, unit) in enumerate(self.varied):
             for above_all, below_all, theta in self._pairs(motion, upper, lower):
@@ -178,11 +178,12 @@ class ShapeSensitivity(Effect):
         upper: Effect,
         lower: Effect,
     ) -> list[tuple[list[Block], list[Block], Array]]:
-        """Return pairs of blocks with the constant above and below its value, with
-        parameters.
+        """Return blocks of columns with the constant above and below its value, in
+        pairs.
 
-        The first pair is the effect's; the others are of effects whose columns change
-        with it.
+        A pair is (blocks above, blocks below, parameters). The first pair is the
+        effect's; the others are of effects that have the same constant, or whose signs
+        of velocity change with it.
         """
         # The motion with signs of velocity that change over the effect's constant.
         motion_above = turning(motion, upper)
@@ -378,11 +379,13 @@ class _ConstantFit:
         compressed: Callable[[Model], Regression],
         weighting: str,
     ) -> None:
-        """Fit the parameters for the present constants, and list the constants that
+        """Fit the parameters for the present shape constants; list the constants that
         move.
 
-        ``free_keys``: constants to fit; ``compressed``: returns the data in a model's
-        columns.
+        A shape constant enters the torque nonlinearly, such as a Stribeck velocity.
+        ``free_keys``: constants to fit as (effect, joint, name); ``compressed``:
+        returns the measurements in a model's columns; ``weighting``: "noise" weights
+        the joints' rows by their noise.
         """
         self.model = model
         self.compressed = compressed
@@ -391,14 +394,15 @@ class _ConstantFit:
         first = compressed(model)
         data = first.least_squares()
         rounding = 1e-24 * data.tau_squared / max(data.rows, 1)
+        # Exact data have rounding for noise.
         self.white_variance = max(white_variance(data, first.oversampling), rounding)
-        self.start = self.solve(first)[1]
+        _, self.start = self.solve(first)
         if weighting == "noise":
             self.weights = joint_weights(first, self.start)
         self.free_keys = free_keys
         constants = self._constants()
-        moving = [c.is_free and c.has_range for c in constants]
-        self.moving_columns = np.array(moving)
+        # Constants with a range move; others are tried at each value of a grid.
+        self.moving_columns = np.array([c.is_free and c.has_range for c in constants])
         self.steps_of = [c for c in constants if c.is_free and c.has_range]
         self.on_grid = [c for c in constants if c.is_free and not c.has_range]
         self.unit = np.array(
@@ -406,8 +410,9 @@ class _ConstantFit:
         )
 
     def keys_of(self, effect: Effect) -> list[Key]:
-        """Return all free constants of an effect if at least one is to be fitted, else
-        none.
+        """Return the keys of an effect's free shape constants: (effect, joint, name).
+
+        The list is empty unless at least one of them is to be fitted (``free_keys``).
         """
         keys = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
         return [] if set(keys).isdisjoint(self.free_keys) else keys
@@ -435,10 +440,12 @@ class _ConstantFit:
             yield tuple(effects)
 
     def solve(self, wide: Regression) -> tuple[LeastSquares, Array]:
-        """Return the least-squares problem in all columns, and theta (p,).
+        """Return the least-squares problem in all columns, and theta (p,) fitted
+        without some.
 
-        theta is fitted without the constants' columns, which come after the p
-        parameters'. Parameters with a known plausible size get it as a prior.
+        The columns of ``wide`` are those of the p parameters, then those of the shape
+        constants; theta uses the first p. A parameter with a plausible size known
+        beforehand gets a prior of that standard deviation about zero.
         """
         p = self.n_parameters
         data = wide.least_squares(self.weights)
@@ -505,7 +512,12 @@ class _Descent:
         )
 
     def model_at(self, steps: Array) -> Model:
-        """Return the model whose constants have moved by ``steps`` (d,) from the start."""
+        """Return the model with the shape constants moved by ``steps`` (d,) from the
+        start.
+
+        A step is a change of the constant on its scale (of its logarithm, or of its
+        value).
+        """
         effects = list(self.begin)
         for constant, step in zip(self.fit.steps_of, steps.tolist(), strict=True):
             effect = effects[constant.place]

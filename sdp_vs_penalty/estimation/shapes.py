@@ -288,14 +288,15 @@ def _with_banks(
     open_constants: Sequence[_OpenConstant],
     widest: float,
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
-    """Build the model whose regressor holds each open constant at all values of its
-    grid.
+    """Build a model with a column for every grid value of every open shape constant.
 
-    Returns the wide model, (b,) the indices of the columns without an open constant,
-    and a bank (a constant with its grid, spline and column indices) for each open
-    constant.
+    open_constants : (effect, joint from 0, name of the constant), each. ``widest``
+    continues the grids. Returns the wide model; (b,) the indices of the columns without
+    an open constant; and for each open constant a _Bank (its grid as a spline, its
+    column indices).
     """
 
+    # 1. Effects without an open constant come first, unchanged.
     open_effects = [effect for effect, _, _ in open_constants]
     fixed = [
         e for e in model.effects if not any(e is effect for effect in open_effects)
@@ -305,6 +306,7 @@ def _with_banks(
     banks = list[_Bank]()
     parts = list[_Grid]()
     splines = dict[tuple[float, ...], Any]()
+    # 2. Each open constant becomes one effect with a column for each grid value.
     for effect, joint, key in open_constants:
         now = effect.shape[key]
         grid = _grid_with(effect, joint, key, now, widest)
@@ -313,7 +315,7 @@ def _with_banks(
         )
         columns = first + np.arange(len(grid))
         first += len(grid)
-        if grid not in splines:
+        if grid not in splines:  # through the unit vectors: it returns weights
             splines[grid] = scipy.interpolate.CubicSpline(
                 np.log(grid), np.eye(len(grid))
             )
@@ -384,8 +386,10 @@ class _Grid(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        """Return the regressor's blocks of all values: the columns of value m go to
-        parameter m.
+        """Return the regressor's blocks of all grid values of the constant.
+
+        A block holds a joint's columns (N, k) and their parameters' indices. The
+        columns of the effect with grid value m go to parameter m.
         """
         blocks_of_values = (
             (m, b)
@@ -478,7 +482,7 @@ class _ShapeProfile:
         """Return the banks' columns (r, B) at constants ln u (B,), and their
         derivatives (r, B).
         """
-        interpolated = [
+        interpolated = [  # of each bank (2, r): the column, and its derivative
             bank.weights(log_value) @ columns_on_grid
             for bank, columns_on_grid, log_value in zip(
                 self.banks, self.parts, u.tolist(), strict=True
@@ -492,14 +496,15 @@ class _ShapeProfile:
         """Return the torque's residual (r,) at constants ln u (B,), and its Jacobian
         (r, B).
 
-        Coefficients theta(u) are those of least squares (variable projection; the
-        Jacobian is Kaufman's). A friction column whose coefficient came out negative is
+        Variable projection: the coefficients theta(u) are those of least squares, and
+        the Jacobian is Kaufman's, -(1 - U U^T) (dY/du) theta, with U a basis of the
+        columns. A friction column (``brakes``) whose coefficient came out negative is
         removed, since friction brakes.
         """
         columns, derivatives = self._columns_at(u)
         theta = np.zeros(len(u))
         used = np.ones(len(u), bool)
-        pushes = used
+        pushes = used  # columns of friction that would push: fit without them
         while pushes.any():
             U, V = column_space(columns[:, used])
             theta[used] = V @ (U.T @ self.torque)
@@ -520,11 +525,14 @@ class _ShapeProfile:
         n_others, n_shown = self.shown.shape
         size = n_shown + T.shape[1]
         out = np.zeros((len(self.folds.blocks), size, size))
+        # rows (blocks, r, columns + 1): other columns, banks' columns, torque.
         for joint, indices, blocks, rows in self.folds.by_joint():
-            first = int(np.sum(indices < n_others))  # the others come first
-            products = rows[..., :first] @ self.shown[indices[:first]]
-            of_bank = np.append(indices[first:] - n_others, self.count)
-            combined = rows[..., first:] @ T[of_bank]
+            n_others_of_joint = int(np.sum(indices < n_others))
+            other_rows = rows[..., :n_others_of_joint]
+            products = other_rows @ self.shown[indices[:n_others_of_joint]]
+            # Rows of T for this joint's banks, and the last one for the torque.
+            rows_of_T = np.append(indices[n_others_of_joint:] - n_others, self.count)
+            combined = rows[..., n_others_of_joint:] @ T[rows_of_T]
             columns = self.weights[joint] * np.concatenate([products, combined], axis=2)
             out[blocks] += columns.swapaxes(1, 2) @ columns
         return out
@@ -548,10 +556,12 @@ class _ShapeProfile:
         """
         moved = [k for k, s in enumerate(estimates) if s.after != s.before]
         n_folds = len(self.folds.blocks)
-        taken = np.zeros(len(estimates))
+        gain = np.zeros(len(estimates))
         needed = np.zeros(len(estimates))
         if not moved or n_folds < 2:
-            return taken, needed
+            return gain, needed
+        # 1. Fit with each fold left out: with the model's constants (fit 0), and with
+        # one constant changed (fits 1, 2, ...).
         local = self._local_columns(estimates)
         grams = self._fold_grams(local.combinations)
         size = nonzero_or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
@@ -560,39 +570,44 @@ class _ShapeProfile:
         fits[..., -1] = -1.0  # the torque: (c, -1)^T G (c, -1) is the squared residual
         losses = _quadratic_forms(grams, fits)
         scale = size[-1] ** 2 / self.variance
-        # With r a fold's residual with the new constant and d the change of the torque,
-        # a fold's gain is |d|^2 + 2 r^T d; noise acts on 2 r^T d alone.
-        gains = scale * (losses[0] - losses[1:])
+        # 2. With r a fold's residual with the new constant and d the change of the
+        # torque, a fold's gain is |d|^2 + 2 r^T d; noise acts on 2 r^T d alone.
+        gain_of_folds = scale * (losses[0] - losses[1:])
         changes = scale * _quadratic_forms(grams, fits[1:] - fits[0])
-        noise_variance = np.sum((gains - changes) ** 2, axis=1)
+        noise_variance = np.sum((gain_of_folds - changes) ** 2, axis=1)
         white_variance = 4.0 * changes.sum(axis=1)
         noise_variance = np.maximum(noise_variance, white_variance)
         quantile = scipy.special.stdtrit(n_folds - 1, 0.975)
-        taken[moved] = gains.sum(axis=1)
+        gain[moved] = gain_of_folds.sum(axis=1)
         needed[moved] = quantile * np.sqrt(noise_variance)
-        return taken, needed
+        return gain, needed
 
     def _local_columns(self, estimates: Sequence[ShapeEstimate]) -> _LocalColumns:
-        """Linearise the fit around the estimates.
+        """Linearise the fit around the estimates: return the columns that take part in
+        it.
 
-        The columns are: the other columns; each bank's column at the model's value; and
-        for each constant that moves its column at the new value, with the derivative
-        unless the value lies at an end of its range.
+        The columns are: the k directions of the other columns (bank -1); each bank's
+        column at the model's value; and, for a constant that has moved, its column at
+        the new value with the derivative by ln u (without it if the value lies at an
+        end of its range). A bank is an open constant with its columns on a grid of
+        values.
         """
-        n_shown = self.shown.shape[1]
+        n_shown = self.shown.shape[1]  # k, directions of the other columns
         bank_of = [-1] * n_shown
         is_new = [False] * n_shown
-        weights = list[Array]()
+        weights = list[Array]()  # of each bank's column: on the bank's grid (K,)
         for j, (bank, estimate) in enumerate(zip(self.banks, estimates, strict=True)):
             weights.append(bank.weights(self.now[j])[0])
             bank_of.append(j)
             is_new.append(False)
             if estimate.after != estimate.before:
+                # (2, K): the column at the new value, and its derivative.
                 new = bank.weights(float(np.log(estimate.after)))
                 new = new[:1] if estimate.at_end else new
                 weights += [*new]
                 bank_of += [j] * len(new)
                 is_new += [True] * len(new)
+        # Each column is a combination of the banks' columns on their grids.
         combinations = np.zeros((self.count + 1, len(weights) + 1))
         for column, values, j in zip(
             combinations.T,
@@ -618,24 +633,26 @@ class _ShapeProfile:
         torque last.
         """
         n_folds, size = grams.shape[:2]
-        others = grams.sum(axis=0) - grams + UNSEEN * np.eye(size)
+        # Gram matrices of all other folds, with a small ridge.
+        training = grams.sum(axis=0) - grams + UNSEEN * np.eye(size)
         fits = np.zeros((len(moved) + 1, n_folds, size))
         for fit, bank in zip(fits, (None, *moved), strict=True):
             used = np.flatnonzero(local.used_for(bank))
-            gram = others[:, used[:, None], used]
-            fit[:, used] = np.linalg.solve(gram, others[:, used, -1:])[..., 0]
+            gram = training[:, used[:, None], used]
+            fit[:, used] = np.linalg.solve(gram, training[:, used, -1:])[..., 0]
         return fits
 
     def confirmed_estimates(self) -> list[ShapeEstimate]:
-        """Return the estimates after setting back constants that left-out folds do not
-        confirm.
+        """Return the estimates, set back to the model's value where held-out data
+        refuse them.
 
-        The remaining constants are estimated again after each removal, until all gain
-        enough.
+        A constant is refused if its gain on folds of the motion that are left out is
+        not larger than noise allows. The others are estimated again, until none is
+        refused.
         """
         u = self.best_on_grid()
         moves = np.ones(len(self.banks), bool)
-        refused = np.ones(1, bool)
+        refused = np.ones(1, bool)  # so that the loop begins
         while refused.any():
             u = self.minimised(np.where(moves, u, self.now), np.flatnonzero(moves))
             estimates = self.estimates_at(u)
@@ -648,22 +665,28 @@ class _ShapeProfile:
         ]
 
     def best_on_grid(self) -> Array:
-        """Return (B,) ln u: each constant in turn at the grid value with the least
-        residual.
+        """Return (B,) ln u: for each constant in turn, the grid value that explains
+        most torque.
+
+        The other constants stay at their last value meanwhile.
         """
         u = self.now.copy()
-        columns = self._columns_at(self.now)[0]
-        for k, (bank, part) in enumerate(zip(self.banks, self.parts, strict=True)):
-            U = column_space(np.delete(columns, k, axis=1))[0]
-            remaining = part - (part @ U) @ U.T
+        columns, _ = self._columns_at(self.now)
+        for k, (bank, grid_columns) in enumerate(
+            zip(self.banks, self.parts, strict=True)
+        ):
+            # Columns (K, r) on the grid, without what the other banks' columns explain.
+            U, _ = column_space(np.delete(columns, k, axis=1))
+            remaining = grid_columns - (grid_columns @ U) @ U.T
             products = remaining @ self.torque
             if self.brakes[k]:  # a negative coefficient would push: it explains nothing
                 products = np.maximum(products, 0.0)
+            # Squared torque that each grid value explains.
             squared_norms = nonzero_or_one(np.sum(remaining**2, axis=1))
             explained = products**2 / squared_norms
             best = int(np.argmax(explained))
             u[k] = bank.spline.x[best]
-            columns[:, k] = part[best]
+            columns[:, k] = grid_columns[best]
         return u
 
     def minimised(
@@ -671,10 +694,10 @@ class _ShapeProfile:
         start: Array,
         free: NDArray[np.intp],
     ) -> Array:
-        """Minimise the squared residual over the constants of the ``free`` banks.
+        """Minimise the squared residual of the torque over some of the constants.
 
-        start (B,) is ln u of all constants; free (f,) are the banks' indices. Returns
-        (B,) ln u; the constants that are not free stay at ``start``.
+        start (B,) is ln u of all constants; free (f,) are the indices of those that may
+        move. Returns (B,) ln u; the others stay at ``start``.
         """
         if not len(free):
             return start
@@ -704,24 +727,29 @@ class _ShapeProfile:
     def estimates_at(self, u: Array) -> list[ShapeEstimate]:
         """Return a ShapeEstimate for each constant at ln u (B,), with its standard
         deviation.
+
+        The deviation of u is u times that of ln u; infinite if the data bound nothing.
+        A constant that has not moved keeps the model's value exactly.
         """
-        stds = np.sqrt(self.variance) * deviations(self._residual_at(u)[1])
+        _, jacobian = self._residual_at(u)
+        log_stds = np.sqrt(self.variance) * deviations(jacobian)
         out = []
-        columns = zip(
+        constants = zip(
             self.banks,
             u.tolist(),
             self.now,
-            stds.tolist(),
+            log_stds.tolist(),
             self.ends.tolist(),
             strict=True,
         )
-        for bank, x, now, std, (low, high) in columns:
+        for bank, log_value, log_before, log_std, (low, high) in constants:
+            has_moved = log_value != log_before
             # Six digits, as in the text of an effect.
-            after = bank.now if x == now else float(f"{np.exp(x):.6g}")
+            after = float(f"{np.exp(log_value):.6g}") if has_moved else bank.now
             # Wider than a uniform distribution over the range: the data bound nothing.
             uniform_std = (high - low) / np.sqrt(12.0)
-            std = after * std if std < uniform_std else np.inf
-            end = x != now and at_end(x, low, high)
+            std = after * log_std if log_std < uniform_std else np.inf
+            is_at_end = has_moved and at_end(log_value, low, high)
             out.append(
                 ShapeEstimate(
                     effect=bank.effect.name,
@@ -730,7 +758,7 @@ class _ShapeProfile:
                     before=bank.now,
                     after=after,
                     std=std,
-                    at_end=bool(end),
+                    at_end=bool(is_at_end),
                 )
             )
         return out

@@ -142,6 +142,7 @@ def barycentric_part(
         moments = link[[4, 6, 9]]  # Ixx, Iyy, Izz
         size = float(moments.sum())
         form = _moment_form(bound.entry) * np.outer(scale, scale)
+        # sign (m I_e - m limit) >= 0, over its size at the reference (link[0]: mass).
         for sign, end in _ends(bound):
             limit = end + sign * TIGHT * (size + abs(end))
             factor = sign / (link[0] * (size + abs(limit)))
@@ -169,10 +170,11 @@ def _moment_form(entry: int) -> Array:
 
 
 def _ends(bound: BarycentricBound) -> list[tuple[float, float]]:
-    """Return (sign, value) of each end of a bound: 1 for a lower one, -1 for an upper
-    one.
+    """Return the finite ends of a bound on an inertia, as (sign, value).
 
-    Infinite ends, and lower ends of moments at or below zero, are left out.
+    The sign is 1 for a lower end and -1 for an upper one: sign (I_e - value) >= 0.
+    Lower ends of moments at or below zero are left out, since moments are never
+    negative.
     """
     is_moment = np.trace(inertia.STEINER_FORMS[bound.entry]) > 0.0
     ends = list[tuple[float, float]]()
@@ -402,6 +404,7 @@ class ShiftedPenalty:
         residuals = [np.zeros(0)]
         slopes = [np.zeros((0, len(x)))]
         for part, shift in zip(self.parts, shifts, strict=True):
+            # (cones of the part, entries of a cone, p)
             jacobian = part.jacobian(x).reshape(
                 len(shift),
                 -1,
@@ -450,18 +453,21 @@ class _Stage:
         return np.asarray(np.linalg.qr(stacked, mode="r"))
 
     def rows(self, z: Array) -> tuple[Array, Array]:
-        """Return residuals (p + 1,) and Jacobian (p + 1, p) at z.
+        """Return residuals (p + 1,) and Jacobian (p + 1, p) of one minimisation at z
+        (p,).
 
-        All rows are reduced to a triangle by a blocked QR. MINPACK's result is the
-        same, and its own QR, which is not blocked, has less to do.
+        All rows (data, pull to the centre, cones) are reduced to a triangle by a
+        blocked QR, which keeps |r|^2 and its derivatives. MINPACK's result is the same,
+        and its own QR, which is not blocked, has less to do.
         """
         residuals, slopes = self.penalty.cone_rows(
             z,
             self.shifts,
             self.weight,
         )
-        acts = np.any(slopes != 0.0, axis=1)
-        cones = np.column_stack([slopes[acts], residuals[acts]])
+        # Rows [J, r]; cones that hold have rows of zeros, which change nothing.
+        is_active = np.any(slopes != 0.0, axis=1)
+        cones = np.column_stack([slopes[is_active], residuals[is_active]])
         quadratic = self.quadratic.copy()
         target = quadratic[:, -1]
         quadratic[:, -1] = quadratic[:, :-1] @ z - target

@@ -266,7 +266,12 @@ def _run_summary(
     weight: float,
     n_evaluations: int,
 ) -> dict[str, Any]:
-    """Return losses, violations and evaluations of a run that ended at u (d,)."""
+    """Return the figures of a run that ended at u (d,), scaled to the unit box.
+
+    "loss": squared torque error; "objective": what the run minimised without penalty;
+    "penalised": with the penalty at ``weight``; "violations" by family of demands, and
+    the largest of them.
+    """
     theta = loss.theta(u)
     violations = loss.violations(loss.p(u))
     return {
@@ -362,6 +367,7 @@ def search_locally(
     n_evaluations = 0
     while n_evaluations < budget and lowest > 0.0:
         scaled = _ScaledLoss(loss, weight, 1.0 / lowest)
+        # A step of SLSQP may take more than one evaluation: four fifths of the budget.
         steps = max(1, (budget - n_evaluations) * 4 // 5)
         local = scipy.optimize.minimize(
             scaled.value,
@@ -442,7 +448,7 @@ class Demand(ABC):
         """
 
     def violation(self, p: Array) -> float:
-        """Return the largest violation of the demand.
+        """Return the largest violation of the demand that all margins are nonnegative.
 
         Parameters
         ----------
@@ -452,7 +458,8 @@ class Demand(ABC):
         Returns
         -------
         float
-            0 where the demand holds.
+            0 if the demand holds, else the smallest margin, made positive and times
+            ``violation_scale`` (the literature's figure for this demand).
         """
         return max(0.0, -self.violation_scale * float(self.margins(p).min()))
 
@@ -478,9 +485,13 @@ class TriangleInequality(Demand):
         links: NDArray[np.intp],
         size: int,
     ) -> None:
-        """Take the indices (n, 10) of the links' parameters among ``size`` parameters."""
-        self.entries = links[:, 4:]
-        self.matrices = self.entries[:, self._matrix]
+        """Store where the inertia of each link stands among ``size`` parameters.
+
+        links : (n, 10) indices of the links' barycentric parameters m, c (3), inertia
+        (6).
+        """
+        self.entries = links[:, 4:]  # (n, 6): Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+        self.matrices = self.entries[:, self._matrix]  # (n, 3, 3)
         self.size = size
 
     def margins(self, p: Array) -> Array:
@@ -662,11 +673,12 @@ class PenalisedLoss:
         (d,) array
             The gradient.
         """
+        # Chain rule: by theta, by barycentric p, by u (p = lower + u width).
         p = self.p(u)
-        in_theta = self.data.gradient(self.box.theta(p))
-        slope = self.box.pull_back(p, in_theta)
-        slope += weight * self.penalty_slope(p)
-        return slope[self.free] * self.width
+        by_theta = self.data.gradient(self.box.theta(p))
+        by_p = self.box.pull_back(p, by_theta)
+        by_p += weight * self.penalty_slope(p)
+        return by_p[self.free] * self.width
 
     def penalty(self, p: Array) -> float:
         """Return the penalty g, the sum of the violations of all demands.

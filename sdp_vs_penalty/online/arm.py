@@ -43,8 +43,13 @@ class ArmModel:
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
-        """Tabulate the model's effects; raises InputError for one that does not run in
-        the loop.
+        """Tabulate the effects of the arm's model (parameters theta (p,)) for the
+        control loop.
+
+        The links' torque comes from Pinocchio; friction and other effects from tables
+        over the velocity. ``dry_friction`` (n,) is half the jump of friction between
+        -REST_SPEED and REST_SPEED. Raises InputError for a model without links, and for
+        an effect that does not run in the loop.
         """
         if not len(model.rigid_indices):
             raise InputError("the model has no rigid body", "identify one with links")
@@ -220,12 +225,15 @@ class ArmModel:
         torque += high
 
     def _take(self, effect: Effect, theta: Array) -> None:
-        """Add an effect to the table of velocities, or to the slopes by position and
-        acceleration.
+        """Represent an effect in the control loop: torque(dq) + stiffness q + armature
+        ddq.
 
-        Raises InputError unless both together reproduce the effect's torque at random
-        states to _TOLERANCE.
+        The table torque(dq) and the slopes are read off the effect's own torque; theta
+        (k,) are its parameters. All effects are added up in one table. Raises
+        InputError unless they reproduce the effect's torque at random states to
+        _TOLERANCE.
         """
+        # 400 random states (400, n), on which table and slopes are checked below.
         rng = np.random.default_rng(0)
         q, dq, ddq = rng.uniform(
             -1.0,
@@ -234,6 +242,7 @@ class ArmModel:
         )
         try:
             exact = self._torque(effect, theta, q, dq, ddq)
+            # Torque over velocity, joint after joint (n entries,).
             nodes = self._nodes()[:, None] * np.ones(self.n)
             still = np.zeros_like(nodes)
             table = self._torque(effect, theta, still, nodes, still).T.ravel()

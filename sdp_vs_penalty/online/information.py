@@ -198,7 +198,9 @@ class Posterior:
         return fit - half_log_det + 0.5 * self._prior.log_det
 
     def covariance(self) -> Array:
-        """Return the covariance (10, 10) of the scaled parameters after the last
+        """Return the covariance (10, 10) of the payload's scaled parameters.
+
+        It is the inverse of the precision, by its Cholesky factor from the last
         :meth:`solve`.
         """
         return np.asarray(

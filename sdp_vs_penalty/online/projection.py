@@ -42,7 +42,14 @@ class ConeProjection:
     """
 
     def __init__(self) -> None:
-        """Allocate all arrays, so that a step allocates next to nothing."""
+        """Allocate the arrays of the projection, so that a step allocates next to
+        nothing.
+
+        theta (10,) is the projected payload, in scaled parameters; x (10,) the present
+        point with the pseudo-inertia X = P(x) (4x4); Z (4x4) the multiplier of X >= 0;
+        centre y (10,) the estimate that is projected; precision Lambda (10, 10) the
+        metric.
+        """
         self.theta = np.zeros(10)
         self.gap = np.inf
         self.is_done = True
@@ -91,6 +98,7 @@ class ConeProjection:
             clean=0,
             overwrite_a=1,
         )
+        # Warm start: from the last solution, moved off the cone's boundary.
         if self._is_warm:
             self._raise_last()
             self.gap = 0.0
@@ -105,9 +113,9 @@ class ConeProjection:
         # Z balances the slope of f, as far as it lies along the same eigenvectors.
         slope = precision @ (self._x - centre)
         dual = _matrix_of_slope(slope)
-        spread = np.maximum(np.diagonal(vectors.T @ dual @ vectors), 0.0)
-        dual_floor = smallest_share * max(float(spread.max()), 1e-12)
-        np.copyto(self._Z, (vectors * np.maximum(spread, dual_floor)) @ vectors.T)
+        dual_values = np.maximum(np.diagonal(vectors.T @ dual @ vectors), 0.0)
+        dual_floor = smallest_share * max(float(dual_values.max()), 1e-12)
+        np.copyto(self._Z, (vectors * np.maximum(dual_values, dual_floor)) @ vectors.T)
         self.gap = 0.0
         self.is_done = False
 
@@ -128,15 +136,17 @@ class ConeProjection:
     def step(self) -> bool:
         """Make one primal-dual Newton step; return True if the projection is finished.
 
-        It is finished when the certified gap is at most PROJECTION_GAP, or after
-        PROJECTION_STEPS.
+        The projection minimises (x - y)^T Lambda (x - y) / 2 over payloads x (10,) with
+        a positive semidefinite pseudo-inertia X = P(x) (4x4); Z (4x4) is its
+        multiplier. It is finished when the certified gap is at most PROJECTION_GAP, or
+        after PROJECTION_STEPS.
         """
         if self.is_done:
             return True
+        # 1. Hessian: Lambda + P*(X^-1 P(.) Z), by the Kronecker product of X^-1 and Z.
         X = _matrix(self._x)
         Z = self._Z
         inverse = _inverse(X)
-        # Hessian: Lambda + P*(X^-1 P(.) Z), by the Kronecker product of X^-1 and Z.
         np.multiply(
             inverse[:, None, :, None],
             Z[None, :, None, :],
@@ -150,11 +160,12 @@ class ConeProjection:
         np.dot(self._products, _BASIS.T, out=self._hessian)
         # Only its lower triangle is read; both orders of a product are the same here.
         self._hessian += self._precision
-        # Complementarity mu of the next point: a tenth of the present one, or more while
+        # 2. Target mu of the complementarity: a tenth of the present one, or more while
         # the dual slope is still far from balanced.
         complementarity = float(np.vdot(X, Z)) / 4.0
         imbalance = max(self.gap - 4.0 * complementarity, 0.0)
         target = 0.1 * max(complementarity, 0.1 * min(imbalance, 1e6))
+        # 3. Newton step dx: Hessian dx = -Lambda (x - y) + P*(mu X^-1).
         np.subtract(self._x, self._centre, out=self._step)
         np.dot(self._precision, self._step, out=self._slope)
         self._slope *= -1.0
@@ -172,6 +183,7 @@ class ConeProjection:
             lower=1,
             overwrite_b=1,
         )
+        # 4. dZ = mu X^-1 - Z - sym(X^-1 dX Z); go as far as both stay in the cone.
         dX = _matrix(self._step)
         product = inverse @ dX @ Z
         dZ = target * inverse - Z - 0.5 * (product + product.T)
@@ -187,7 +199,11 @@ class ConeProjection:
         return self.is_done
 
     def _certified_gap(self) -> float:
-        """Return the bound of f(x) - f*; infinity if x or Z lies outside of its cone."""
+        """Return a certified bound of f(x) - f*, the distance from the optimum.
+
+        It is s^T Lambda^-1 s / 2 + <X, Z> with s = Lambda (x - y) - P*(Z), by duality.
+        Infinite if X or Z is not positive definite.
+        """
         X = _matrix(self._x)
         slack = self._precision @ (self._x - self._centre) - _BASIS @ self._Z.ravel()
         scaled = scipy.linalg.lapack.dpotrs(self._factor, slack, lower=1)[0]
@@ -224,8 +240,8 @@ def _is_definite(matrix: Array) -> bool:
 def _length(matrix: Array, step: Array) -> float:
     """Return the share of a step that stays inside the cone, at most 1.
 
-    It is _SHARE of the way to the boundary, from the smallest generalised eigenvalue of
-    the step by the matrix (4, 4).
+    matrix X and step dX are (4, 4). X + a dX stays positive definite for a < -1 / l,
+    with l the smallest generalised eigenvalue of dX by X; _SHARE of that is taken.
     """
     lowest = float(scipy.linalg.lapack.dsygv(step, matrix, jobz="N")[0][0])
     return 1.0 if lowest >= -_SHARE else _SHARE / -lowest

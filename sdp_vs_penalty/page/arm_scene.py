@@ -270,8 +270,10 @@ class ArmScene:
 
 
 def _places_and_turns(poses: Array) -> Array:
-    """Convert poses (F, k, 4, 4) to positions and unit quaternions x, y, z, w: (F,
-    k, 7).
+    """Return the positions and orientations of k joints in F poses, (F, k, 7).
+
+    poses (F, k, 4, 4) : homogeneous matrices. Each row of the result is x, y, z [m] and
+    the unit quaternion x, y, z, w.
     """
     matrices = poses[..., :3, :3].reshape(-1, 3, 3)
     rotations = scipy.spatial.transform.Rotation.from_matrix(matrices)

@@ -59,7 +59,7 @@ from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_surfaces
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -121,12 +121,12 @@ class JobRequest(dict[str, Any]):
         ``progress``. A request without "frozen" leaves it out, so that the function's
         default applies.
         """
-        options_given = {
+        options = {
             "frozen": self.get("frozen"),
             "seed": self["seed"],
             "progress": self.progress,
         }
-        return {name: x for name, x in options_given.items() if x is not None}
+        return {name: value for name, value in options.items() if value is not None}
 
     def progress_of(self, name: str, text: str) -> None:
         """Report the progress of one of several named tasks."""
@@ -1121,6 +1121,48 @@ def _verdict_of(
     ).to_dict()
 
 
+def _curves_of_run(estimate: Estimate, arm: Estimate, rows: Rows) -> dict[str, Any]:
+    """Return the arrays that the page draws of one run of M filtered rows.
+
+    Returns
+    -------
+    dict
+        t (M,) [s]; torque, modelled, q, dq, ddq (M, n), in single precision; tf (F,)
+        [s] and poses (F, joints, 4, 4) of the arm for the 3D view.
+    """
+    motion = rows.motion
+    curves = {
+        "torque": rows.torque,
+        "modelled": predicted(rows, arm.theta),
+        "q": motion.q,
+        "dq": motion.dq,
+        "ddq": motion.ddq,
+    }
+    single = {name: curve.astype(np.float32) for name, curve in curves.items()}
+    tf, poses = placed(estimate.robot, motion.t, motion.q)
+    return {"t": motion.t, **single, "tf": tf, "poses": poses}
+
+
+def _failures_of(
+    estimate: Estimate,
+    judge: Measurements,
+    comparison: Comparison,
+) -> list[Answer]:
+    """Return for each joint where and why the model fails, with sentences for the page.
+
+    The list is empty if the judged runs are too short to tell.
+    """
+    try:
+        failures = where_it_fails(estimate, judge, noise=comparison.noise)
+    except InputError:
+        return []
+    units = estimate.robot.torque_units
+    return [
+        {**failure.to_dict(), "sentences": sentences(failure, units[failure.joint - 1])}
+        for failure in failures
+    ]
+
+
 def summary(job: JobRequest, estimate: Estimate) -> Answer:
     """Judge a model, save it at ``job["out"]``, and return its record for the history.
 
@@ -1137,8 +1179,9 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         checked.judge,
         noise_from=checked.judged_recordings,
     )[0]
-    (arm, judge) = driven(estimate, checked.judge)
-    (_, train) = driven(estimate, checked.train)
+    # A model of servos turns commands into torques; ``arm`` is the arm within it.
+    arm, judge = driven(estimate, checked.judge)
+    _, train = driven(estimate, checked.train)
     settings = estimate.preprocessing.resolve(judge)
     verdict_of_model = _verdict_of(job, estimate, comparison)
     estimate.provenance["verdict"] = verdict_of_model
@@ -1146,37 +1189,12 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         *train.runs(),
         *(judge.runs() if checked.test is not None else ()),
     ]
-    for k, run in enumerate(runs):
+    for number, run in enumerate(runs):
         rows = FilteredRun(run, settings).all_rows(arm.model)
-        motion = rows.motion
-        curves_found = {
-            "torque": rows.torque,
-            "modelled": predicted(rows, arm.theta),
-        }
-        curves_found |= {name: getattr(motion, name) for name in ("q", "dq", "ddq")}
-        arrays = {
-            "t": motion.t,
-            **{name: x.astype(np.float32) for name, x in curves_found.items()},
-        }
-        arrays["tf"], arrays["poses"] = placed(
-            estimate.robot,
-            motion.t,
-            motion.q,
-        )
-        save_arrays(out.with_name(f"{out.stem}-{k}.npz"), arrays)
+        arrays = _curves_of_run(estimate, arm, rows)
+        save_arrays(out.with_name(f"{out.stem}-{number}.npz"), arrays)
     job.progress("looking where it fails")
-    try:
-        failing = where_it_fails(estimate, judge, noise=comparison.noise)
-        units = estimate.robot.torque_units
-        failures = [
-            {
-                **f.to_dict(),
-                "sentences": sentences(f, units[f.joint - 1]),
-            }
-            for f in failing
-        ]
-    except InputError:  # too short to say: the errors stand on their own
-        failures = []
+    failures = _failures_of(estimate, judge, comparison)
     estimate.save(out)
     return {
         "file": str(out),

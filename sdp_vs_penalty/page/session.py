@@ -199,7 +199,14 @@ class Session:
         model: ModelStep,
         run: str,
     ) -> dict[str, Any]:
-        """Load the curves of one run, by its name, as a model explains it.
+        """Load the curves of one run as a model explains it.
+
+        Parameters
+        ----------
+        model : ModelStep
+            A model of the history.
+        run : str
+            Name of one of the model's runs.
 
         Returns
         -------
@@ -232,8 +239,9 @@ class Session:
         )
 
     def left(self, watcher: Any) -> None:
-        """Unregister a tab that was closed. The last one to close cancels the
-        running job.
+        """Unregister a tab that was closed.
+
+        If it was the last one, the running job is cancelled.
         """
         self.watchers = [tab for tab in self.watchers if tab is not watcher]
         if not self.watchers:
@@ -248,8 +256,9 @@ class Session:
     def say(self, *texts: str, error: bool = True) -> None:
         """Show these sentences as the page's notice, in place of the previous ones.
 
-        Paths of the session's folder are replaced by the names that the person knows.
-        Without sentences the notice disappears.
+        Paths are replaced by the names that the person knows: of the robot, of runs and
+        of dropped files. Without sentences the notice disappears. error : whether the
+        notice is an error or a remark.
         """
         names_by_file = {
             str(self.folder / run["file"]): run["name"] for run in self.runs
@@ -266,9 +275,10 @@ class Session:
     def start(
         self, do: Callable[..., Coroutine[Any, Any, None]], *arguments: Any, **how: Any
     ) -> None:
-        """Start one of the coroutines below as the session's only task.
+        """Start one of this session's coroutines as its only task.
 
-        If one is running already, the call is ignored.
+        do : the coroutine function; arguments, how : what it is called with. The call
+        is ignored if another task is running.
         """
         if self.task is None:
             self.notice = None
@@ -294,7 +304,8 @@ class Session:
         self.read_arrived()
 
     def _doing(self, **what: str) -> None:
-        """Update ``title`` or ``status`` of the running work, and redraw."""
+        """Update the running work, given its new ``title`` or ``status``, and redraw
+        the tabs."""
         self.working = replace(self.working or Working(), **what)  # type: ignore[arg-type]
         self.changed()
 
@@ -382,9 +393,11 @@ class Session:
         try:
             await self._take_runs("Reading measurements", "read", self.runs, **how)
         finally:
-            asked = {mapping["path"] for mapping in self.mappings}
-            for path in files.values():  # copies of ours: their runs are kept
-                if path.parent == self.folder and str(path) not in asked:
+            # Uploaded copies are deleted, except for files whose columns the person
+            # still has to assign.
+            unassigned = {mapping["path"] for mapping in self.mappings}
+            for path in files.values():
+                if path.parent == self.folder and str(path) not in unassigned:
                     path.unlink(missing_ok=True)
 
     def choose_column(
@@ -492,9 +505,11 @@ class Session:
         self.say(*(refused or remarks), error=bool(refused))
 
     def _choose_uses(self, new: Sequence[dict[str, Any]]) -> None:
-        """Make sure that some data are for training and, if possible, some for testing.
+        """Give each run a use, so that some data are for training and, if possible,
+        some for testing.
 
-        A single run is split. If all new runs are for testing, the first becomes
+        A single run is split into both if it is long enough. If all runs are new
+        (``new``) and their names make all of them for testing, the first becomes
         training.
         """
         if len(self.runs) == 1:
@@ -640,19 +655,20 @@ class Session:
             pictures=pictures,
         )
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
-        verdict = Verdict.from_dict(self.current.comparison["verdict"])
-        said = verdict.with_missing(
+        # A model that lacks a confident finding gets a lower grade.
+        before = Verdict.from_dict(self.current.comparison["verdict"])
+        verdict = before.with_missing(
             answer["missing"],
             answer["has_open_finding"],
         ).to_dict()
-        name, _, *figures = self.current.judged
+        name, _, *figures = self.current.judged  # the second cell is the grade
         self.history[-1] = replace(
             self.current,
-            judged=[name, said["grade"], *figures],
+            judged=[name, verdict["grade"], *figures],
             findings=diagnosis,
             curve_texts=answer["curves"],
             pictures=pictures,
-            comparison={**self.current.comparison, "verdict": said},
+            comparison={**self.current.comparison, "verdict": verdict},
         )
         self.new = "diagnose", "findings"
 

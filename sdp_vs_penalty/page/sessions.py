@@ -39,16 +39,20 @@ def shown_name(name_given: str) -> str:
     This is the last component of the browser's name, without unprintable characters and
     at most 80 characters long.
 
-    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\temp\\run.csv"), shown_name("..")
-    ('run 1.csv', 'run.csv', 'file')
+    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\temp\\run.csv"),
+    shown_name("..") ('run 1.csv', 'run.csv', 'file')
     """
-    last = PureWindowsPath(
-        name_given.replace("\0", "")
-    ).name  # takes / and \ and drives for separators
+    # A Windows path takes /, \ and drives for separators, whatever the system.
+    last = PureWindowsPath(name_given.replace("\0", "")).name
     name = "".join(c for c in last if c.isprintable()).strip()
     if name in ("", ".", ".."):
         return "file"
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
+
+
+def _size_of(folder: Path) -> int:
+    """Return the size of all files in a folder and below it [bytes]."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 async def receive(
@@ -90,10 +94,7 @@ async def receive(
                 async for chunk in chunks:
                     file.write(chunk)
                     file.flush()
-                    if (
-                        sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
-                        > LARGEST
-                    ):
+                    if _size_of(folder) > LARGEST:
                         what = f"a page takes {LARGEST // 2**20} MB of files"
                         raise InputError(
                             what,
@@ -166,7 +167,8 @@ class Sessions:
         return self._all.get(token)
 
     def unwatched(self, token: str | None) -> Session | None:
-        """Return the session with this token if no tab shows it at the moment, else None.
+        """Return the session with this token if no tab shows it at the moment, else
+        None.
 
         A person who comes back to the address finds this session again.
         """

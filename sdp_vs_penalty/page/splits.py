@@ -1,4 +1,5 @@
-"""One run alone: motion to identify from, motion to judge on, and what other splits show."""
+"""One run alone: motion to identify from, motion to judge on, and what other splits
+show."""
 
 from __future__ import annotations
 
@@ -53,7 +54,9 @@ class _Cutting:
 
     @classmethod
     def of(cls, problem: Problem, run: Measurements) -> _Cutting:
-        """Read how a run can be cut. Raises InputError for a run without motion."""
+        """Read from a run how it can be cut: the clock of its motion, its duration, and
+        the reach of the filters. Raises InputError for a run without motion.
+        """
         settings = problem.preprocessing.resolve(run)
         (clock,) = motion_clocks(tracks_of(run))
         return cls(
@@ -88,8 +91,10 @@ class _Cutting:
         )
 
     def judged_share(self, tested: Windows) -> float:
-        """Return the share of the run, behind the filters, that is in the tested
-        windows.
+        """Return the share of the run's filtered rows that lie in the tested windows
+        [-].
+
+        The filters take their reach off each window (begin, end) [s], and off the run.
         """
         judged = sum(max(b - a - self.reach, 0.0) for a, b in tested)
         return judged / max(self.seconds - self.reach, 1e-9)
@@ -139,10 +144,15 @@ def split_run(
 def _best_cut(
     cutting: _Cutting, shares: Sequence[float]
 ) -> tuple[float, tuple[Windows, Windows], float] | None:
-    """Return the first share that leaves enough to judge on, with its windows.
+    """Return the first of these training shares that leaves enough of the run to judge
+    on.
 
-    If none does, it is the share that leaves most. The last item is the share of the run
-    that is judged. None if the run is too short for all of them.
+    Returns
+    -------
+    tuple or None
+        The share of the motion for training; its windows (begin, end) [s] for training
+        and for testing; the share of the run that is judged. If no share leaves enough,
+        it is the one that leaves most. None if the run is too short for all of them.
     """
     best = None
     for share in shares:
@@ -178,12 +188,16 @@ def other_splits(
     run: Measurements,
     split: Mapping[str, Any],
 ) -> list[tuple[Windows, Windows]]:
-    """Splits of a run whose tested stretches lie elsewhere in its motion.
+    """List further splits of a run, whose tested stretches lie elsewhere in its motion.
+
+    The tested stretches of the first split are moved along the motion's clock by 1, 2
+    ... N_SPLITS - 1 steps. If they recur over the motion, they are moved between two of
+    them.
 
     Parameters
     ----------
     problem : Problem
-        As in :func:`split_run`.
+        Its filters decide how far training and testing keep apart.
     run : Measurements
         The recording.
     split : mapping
@@ -191,8 +205,8 @@ def other_splits(
 
     Returns
     -------
-    list of pairs of windows
-        For training and for testing [s], up to N_SPLITS - 1 of them.
+    list of (train, test)
+        Windows (begin, end) [s] of each split, up to N_SPLITS - 1 of them.
     """
     cutting = _Cutting.of(problem, run)
     clock = cutting.clock
@@ -225,10 +239,10 @@ def confirmed(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Diagnosis:
-    """A diagnosis with how many splits of its run show each confident finding.
+    """Return a diagnosis with the number of splits that show each confident finding.
 
-    The model is identified and diagnosed again on every split. A finding that fewer than
-    two thirds of them show is weak.
+    The model is identified and diagnosed again on every split of the run. A confident
+    finding that fewer than two thirds of the splits show becomes weak.
 
     Parameters
     ----------
@@ -237,11 +251,15 @@ def confirmed(
     model : Estimate
         The model that was diagnosed.
     run : Measurements
-        The whole recording.
-    splits : sequence of pairs of windows
-        Result of :func:`other_splits`.
-    frozen, seed, progress
-        As for the diagnosis; a model that is held fixed is not identified again.
+        The complete recording.
+    splits : sequence of (train, test)
+        Windows of further splits, from :func:`other_splits`.
+    frozen : bool
+        Whether the model's parameters are held fixed; it is then not identified again.
+    seed : int
+        Of the random numbers of identification and diagnosis.
+    progress : callable
+        Called with a short text before each split.
 
     Returns
     -------

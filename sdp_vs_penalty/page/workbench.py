@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.session import Session, Working
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 
@@ -35,14 +35,15 @@ class Workbench:
         self.view = view
         self.session = view.session
         self.client = view.client
-        #: By place: what it was last drawn from.
-        self._drawn: dict[int, str] = {}
-        #: By anchor: link, mark, section, sentence and end of a stage; a part and its
-        #: body.
-        self._at: dict[str, tuple[Any, ...]] = {}
-        self._seen = view.session.new
-        self._met = False
-        view.client.on_connect(partial(setattr, self, "_met", True))
+        #: By an element's id, the JSON of the state that it was last drawn from.
+        self._drawn_states: dict[int, str] = {}
+        #: By a stage's anchor: link, mark, section, places of its verdict and of the
+        #: link to the next stage; by "part-" and a part's anchor: the part, its body.
+        self._elements: dict[str, tuple[Any, ...]] = {}
+        # The news (stage and part) that the page has scrolled to.
+        self._shown_news = view.session.new
+        self._has_connected = False
+        view.client.on_connect(partial(setattr, self, "_has_connected", True))
         skip = tag("a", "Skip to content", "skip")
         with tag("header", style="top"), tag("div", style="inner"):
             tag("span", "sdp-vs-penalty", "brand")
@@ -72,7 +73,7 @@ class Workbench:
                         "lead",
                     )
                 for link, stage in zip(links, STAGES, strict=True):
-                    self._at[stage.anchor] = *link, *self._screen(stage)
+                    self._elements[stage.anchor] = *link, *self._screen(stage)
         skip.props["href"] = f"#{self._main.html_id}"
         self._dock()
         self.session.watchers.append(self)
@@ -83,9 +84,9 @@ class Workbench:
         """Whether a browser shows this page: it is connected, or has not connected
         yet.
         """
-        return not self.client.is_deleted and (
-            not self._met or self.client.has_socket_connection
-        )
+        if self.client.is_deleted:
+            return False
+        return not self._has_connected or self.client.has_socket_connection
 
     def redraw(self) -> None:
         """Bring the page up to date; only parts whose state has changed are drawn
@@ -98,18 +99,21 @@ class Workbench:
             for stage in STAGES:
                 for part in stage.parts:
                     ready = part.ready(self.session)
-                    place, body = self._at[f"part-{part.anchor}"]
+                    place, body = self._elements[f"part-{part.anchor}"]
                     place.set_visibility(ready)
                     state = part.depends(self.session) if ready else None
                     self._fill(body, state, partial(self._part, part, ready))
                 self._redraw_stage(stage)
             self._redraw_dock()
-            # Bring what is new into sight.
-            if (new := self.session.new) is not self._seen and new is not None:
-                ui.run_javascript(
-                    f"workbench.show({json.dumps(new[0])}, {json.dumps(new[1])})"
-                )
-            self._seen = new
+            self._scroll_to_news()
+
+    def _scroll_to_news(self) -> None:
+        """Scroll the browser to the stage and part with a new result, once."""
+        news = self.session.new
+        if news is not None and news is not self._shown_news:
+            stage, part = map(json.dumps, news)
+            ui.run_javascript(f"workbench.show({stage}, {part})")
+        self._shown_news = news
 
     def _part(self, part: PagePart, ready: bool) -> None:
         """Draw the content of a part if it is ready.
@@ -132,8 +136,8 @@ class Workbench:
         States are compared as JSON texts.
         """
         text = json.dumps(state, default=str)
-        if self._drawn.get(place.id) != text:
-            self._drawn[place.id] = text
+        if self._drawn_states.get(place.id) != text:
+            self._drawn_states[place.id] = text
             place.clear()
             with place:
                 draw()
@@ -166,7 +170,8 @@ class Workbench:
                 with tag("div", style="part", data_part=part.anchor) as place:
                     if part.title:
                         tag("h3", part.title)
-                    self._at[f"part-{part.anchor}"] = place, tag("div", style="body")
+                    body = tag("div", style="body")
+                    self._elements[f"part-{part.anchor}"] = place, body
             return section, status_line, tag("div", style="end")
 
     def _dock(self) -> None:
@@ -174,7 +179,7 @@ class Workbench:
         cancel it.
         """
         with tag("div", style="dock", aria_label="Status", role="region"):
-            self._said = tag(
+            self._announcement = tag(
                 "p",
                 "",
                 "unseen",
@@ -205,14 +210,15 @@ class Workbench:
         following = _NEXT.get(stage)
         ready = _is_ready(stage, session)
         verdict = (stage.verdict(session) if ready else None) or StageVerdict("", "")
-        on = ready and following is not None and _is_ready(following, session)
-        link, mark, section, above, end = self._at[stage.anchor]
-        later = "" if ready else " later"
+        goes_on = ready and following is not None and _is_ready(following, session)
+        link, mark, section, above, end = self._elements[stage.anchor]
+        later = "" if ready else " later"  # the style of a stage that is not ready
         link.classes(replace=f"{verdict.level}{later}")
         section.classes(replace=f"stage{later}")
         mark.text = verdict.word
 
-        def said() -> None:
+        def draw_verdict() -> None:
+            """Draw the verdict, or what has to be done before the stage is ready."""
             if not ready:
                 note(stage.before)
             if verdict.text:
@@ -221,42 +227,52 @@ class Workbench:
                         tag("strong", f"{verdict.word}. ")
                     tag("span", verdict.text)
 
-        def way() -> None:
-            if on and following is not None:
+        def draw_link_to_next() -> None:
+            """Draw the link to the next stage, prominent if the verdict is not bad."""
+            if goes_on and following is not None:
                 is_advised = verdict.text and verdict.level != "bad"
                 style = "action primary" if is_advised else "action"
                 at = {"data_to": following.anchor, "data_key": f"next-{stage.anchor}"}
                 tag("a", f"Next: {following.title}", style, href="#", **at)
 
         state = [ready, verdict.level, verdict.word, verdict.text]
-        self._fill(above, state, said)
-        self._fill(end, [on, *state], way)
+        self._fill(above, state, draw_verdict)
+        self._fill(end, [goes_on, *state], draw_link_to_next)
 
     def _redraw_dock(self) -> None:
-        """Update the status dock: what the running job does, and the notices.
+        """Update the status dock: what the running job does, and the notices."""
+        self._redraw_working(self.session.working)
+        notice = self.session.notice
+        errors: tuple[str, ...] = ()
+        remarks: tuple[str, ...] = ()
+        if notice is not None and notice.error:
+            errors = notice.texts
+        elif notice is not None:
+            remarks = notice.texts
+        # Screen readers read an alert at once, a status when they are idle.
+        for role, texts in (("alert", errors), ("status", remarks)):
+            self._fill(self._notices[role], texts, partial(self._notice, texts))
 
-        ``_said`` is a hidden text that screen readers announce.
+    def _redraw_working(self, working: Working | None) -> None:
+        """Show what the running job does; None: hide that, and announce the job's end.
+
+        The announcement is a hidden text for screen readers. It does not say "Done"
+        where a notice says how the job ended.
         """
-        session = self.session
-        working = self.session.working
-        self._working.set_visibility(working is not None)
-        self._main.classes(replace="page" + " busy" * (working is not None))
-        self._main.props["aria-busy"] = "false" if working is None else "true"
+        is_busy = working is not None
+        self._working.set_visibility(is_busy)
+        self._main.classes(replace="page busy" if is_busy else "page")
+        self._main.props["aria-busy"] = "true" if is_busy else "false"
         if working is not None:
-            self._status.text = working.title + (
-                f": {working.status}" if working.status else ""
-            )
-            self._said.text = f"{working.title}."
-        elif self._status.text:
+            step = f": {working.status}" if working.status else ""
+            self._status.text = f"{working.title}{step}"
+            self._announcement.text = f"{working.title}."
+        elif self._status.text:  # a job was shown until now
             self._status.text = ""
             self._clock.text = ""
-            self._said.text = (
-                f"{self._said.text} Done." if session.notice is None else ""
-            )
-        for role, place in self._notices.items():
-            notice = session.notice
-            texts = notice.texts if notice and notice.error == (role == "alert") else ()
-            self._fill(place, texts, partial(self._notice, texts))
+            has_notice = self.session.notice is not None
+            last = self._announcement.text
+            self._announcement.text = "" if has_notice else f"{last} Done."
 
     def _notice(self, texts: tuple[str, ...]) -> None:
         """Draw the sentences of a notice with a button to close it; nothing if there

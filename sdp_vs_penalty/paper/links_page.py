@@ -92,8 +92,8 @@ def _title(method: str, data: Data) -> str:
 
 
 def drawn_pose(robot: Robot) -> Array:
-    """Return the joint positions of the picture: mid-range, or a natural pose of seven
-    joints.
+    """Return the joint positions of the picture: a natural pose for an arm of seven
+    joints, else the middle of each joint's range.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def drawn_pose(robot: Robot) -> Array:
     Returns
     -------
     (n,) array
-        [rad, m].
+        Positions [rad, m]; 0.4 for a joint without limits, so that the arm is bent.
     """
     if robot.n == len(SEVEN_JOINTS):
         return np.array(SEVEN_JOINTS)
@@ -112,10 +112,11 @@ def drawn_pose(robot: Robot) -> Array:
 
 
 def view() -> Array:
-    """Return the projection (2, 3) of a point in the base frame to the picture: to the
-    right, and up.
+    """Return the projection (2, 3) of a point in the base frame to the picture: its
+    rows are the unit vectors to the right and up.
 
-    The camera looks horizontally along the azimuth, then down by the elevation.
+    The camera stands at AZIMUTH about the vertical and ELEVATION [rad] above the
+    horizon; ``towards`` is the horizontal direction from the arm to it.
     """
     right = np.array(
         [

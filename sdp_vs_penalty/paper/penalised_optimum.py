@@ -570,19 +570,20 @@ def solve_certified(
     bound: Array,
     accuracy: float = 1e-10,
 ) -> Fit:
-    """Minimise |R x - rho|^2 + floor^2 + linear x subject to constraints, with a
-    certificate.
+    """Minimise |R x - rho|^2 + residual_norm^2 + linear x subject to convex
+    constraints, with a certificate.
 
-    The solver is our own interior-point method.
+    The solver is our own interior-point method. Its dual multipliers prove a lower
+    bound of the minimum.
 
     Parameters
     ----------
     data : LeastSquares
-        R, rho and the floor.
+        R (r, k), rho (r,) and the residual norm.
     linear : (k,) array
         Linear cost of each variable.
     constraints : iterable of Constraint
-        Convex ones.
+        Convex constraints.
     start : (k,) array
         A strictly feasible point.
     bound : (k,) array

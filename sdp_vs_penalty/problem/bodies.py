@@ -92,13 +92,16 @@ def _body_of_geometry(shape: Geometry, ellipsoid: Array | None) -> Body:
 
 
 def _body_of_inertial(ellipsoid: Array, joints: Array) -> Body:
-    """Return the body around an enlarged inertial's ellipsoid (6, 3) and the joints (k,
-    3).
+    """Return the body around a link's inertial and its joints, without a known shape.
+
+    The inertial is given by the ends (6, 3) of its uniform ellipsoid [m], enlarged by
+    INERTIAL_MARGIN; joints (k, 3) are points of the joints [m].
     """
     centre = ellipsoid.mean(axis=0)
-    wide = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
-    places = balls(np.concatenate([joints, ellipsoid]), c.LEAST_RADIUS)
-    return around(np.concatenate([wide, places]), "inertial")
+    enlarged = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
+    # Points around each joint and each end, since a body is nowhere thinner than that.
+    near_points = balls(np.concatenate([joints, ellipsoid]), c.LEAST_RADIUS)
+    return around(np.concatenate([enlarged, near_points]), "inertial")
 
 
 def joint_places(robot: Robot, link: int) -> Array:
@@ -161,9 +164,10 @@ def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
         return None
     pseudo = inertia.pseudo_inertia(link)
     centre = pseudo[:3, 3] / link[0]
+    # Second moments about the centre of mass over the mass, ascending [m^2].
     size, axes = np.linalg.eigh(pseudo[:3, :3] / link[0] - np.outer(centre, centre))
     ends = np.sqrt(5.0 * np.maximum(size, 0.0)) * axes @ axes.T
-    is_impossible = size[0] < -1e-6 * abs(size[-1])
+    is_impossible = size[0] < -1e-6 * abs(size[-1])  # beyond rounding in files
     is_too_large = np.abs(centre).max() + ends.max() > largest
     if is_impossible or is_too_large:
         return None
@@ -260,8 +264,9 @@ def _lump(mass: float, centre: Array, second: Array) -> Array:
 def _actuators(robot: Robot) -> Array:
     """Return the mass (L,) of each joint's actuator [kg], from its torque limit.
 
-    Where limits are missing or all the same (a placeholder), the torque is that which
-    holds the arm beyond the joint. A sliding joint has none.
+    mass = factor torque^power (ACTUATOR). If limits are missing or all the same (a
+    placeholder), the torque is the one that holds the arm beyond the joint, HOLDING
+    length^2. A sliding joint has no actuator.
     """
     # Length of the arm beyond each joint [m]; a joint's children come after it.
     length_beyond = np.zeros(len(robot.tree))
@@ -272,7 +277,7 @@ def _actuators(robot: Robot) -> Array:
             strict=True,
         )
     )
-    for k in reversed(range(len(robot.tree))):
+    for k in reversed(range(len(robot.tree))):  # children before their parent
         lengths_of_children = [
             length_beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k
         ]
@@ -285,7 +290,7 @@ def _actuators(robot: Robot) -> Array:
     are_different = len(set(turning_limits.tolist())) > 1
     if np.all(np.isfinite(turning_limits)) and are_different:
         torque = limits
-    factor, power = c.ACTUATOR
+    factor, power = c.ACTUATOR  # mass [kg] = factor torque^power
     return np.where(
         is_turning,
         factor * np.minimum(torque, c.LARGEST) ** power,
@@ -301,8 +306,9 @@ def _tube(
 ) -> Array:
     """Return the pseudo-inertia (4, 4) of a tube between a link's joints.
 
-    Half of each joint's actuator is at the tube's ends. ``reach`` is the link's length
-    [m], ``actuators`` (L,) are masses [kg].
+    It is a guess for a link without inertial: a tube of TUBE kg/m in the middle of the
+    joints, and half of each joint's actuator at its ends. ``reach`` is the link's
+    length [m], ``actuators`` (L,) are masses [kg].
     """
     carrier = robot.link_joints[link]
     children = [k for k, joint in enumerate(robot.tree) if joint.parent == carrier]
@@ -311,9 +317,11 @@ def _tube(
         places.append(robot.tree[child].placement[:3, 3])
     into_link = np.linalg.inv(robot.tree[carrier].link_frame)
     ends = np.array(places) @ into_link[:3, :3].T + into_link[:3, 3]
+    # Origins of the joints in the link frame [m]: the link's joint, then its children.
     middle = ends[0]
     if children:
         middle = 0.5 * (ends[0] + ends[1:].mean(axis=0))
+    # Every lump is a solid ball of a quarter of the length: r^2 / 5 an axis.
     second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
     lumps = [_lump(c.TUBE * reach, middle, second)]
     for joint, end in zip([carrier, *children], ends, strict=True):

@@ -676,6 +676,7 @@ def convert(
     """
     if joints is None and problem is not None:
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names
+    # Positions of the motors by those of the joints: formulas, or the problem's.
     transmission = None
     if not isinstance(motors, bool):
         transmission = parse_transmission(

@@ -90,21 +90,22 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     BaseParameters
         Coefficients (b, p), names, and the leading standard parameters.
     """
-    matrix, places, lead = _rigid_base(problem, model)
+    # Combinations of the links' parameters (``link_indices`` in theta), then the rest.
+    matrix, link_indices, lead = _rigid_base(problem, model)
     p = len(model.parameters)
-    others = np.setdiff1d(np.arange(p), places)
+    others = np.setdiff1d(np.arange(p), link_indices)
     unit = np.eye(p)
     rows = np.vstack(
         [
-            matrix @ unit[places],
+            matrix @ unit[link_indices],
             unit[others],
         ]
     )
     leading = [
-        *(int(places[k]) for k in lead),
+        *(int(link_indices[k]) for k in lead),
         *others.tolist(),
     ]
-    names = []
+    names = []  # such as "Izz1 + ..." for a sum, "f_v3" for a single parameter
     for row, k in zip(rows, leading, strict=True):
         is_sum = np.count_nonzero(row) > 1
         names.append(model.parameters[k].name + (" + ..." if is_sum else ""))
@@ -116,8 +117,9 @@ def _rigid_base(
 ) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
     """Return the base parameters of the links and of effects that act like links.
 
-    Returns B (b, k) in k parameters, the indices (k,) of these in theta, and the
-    indices among the k of those that lead.
+    A rotor acts like inertia of the first links, so their common combinations count.
+    Returns B (b, k): combinations of k parameters that the torque depends on; the
+    indices (k,) of these parameters in theta; and which of the k lead the combinations.
     """
     rigid = model.rigid_indices
     if not len(rigid):
@@ -140,9 +142,11 @@ def _rigid_base(
 def _merged_base(
     model: Model, effects: Sequence[str]
 ) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
-    """Return :func:`_rigid_base` for the parameters of several effects together.
+    """Return the base parameters of several effects together, by their names.
 
-    ``effects`` are names. The columns of all are compared at random states.
+    Returns B (b, k), the indices (k,) of their parameters in theta, and which of the k
+    lead the combinations, as _rigid_base does. Dependent columns are found at random
+    states.
     """
     part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
     names = [p.name for p in model.parameters]
@@ -193,6 +197,7 @@ def structure(
     is_zero = norms <= 1e-10 * norms.max()
     unit = stacked / np.where(is_zero, 1.0, norms)
     scaled = np.where(is_zero, 0.0, unit) * preference
+    # The first ``rank`` pivots are independent columns; the diagonal falls.
     _, r, pivots = scipy.linalg.qr(
         scaled,
         mode="economic",
@@ -210,6 +215,7 @@ def structure(
             " independent ones",
             "leave the list out to let the program choose",
         )
+    # Y = Y_lead B by least squares.
     dependence = np.asarray(
         np.linalg.lstsq(stacked[:, leading], stacked, rcond=None)[0], float
     )
@@ -249,8 +255,10 @@ def _written_out(
     names: Sequence[str],
     lead: int,
 ) -> str:
-    """Return a linear function with coefficients row (k,) as text, the leading
-    parameter first.
+    """Return a linear function as text, the leading parameter first: "Izz2 - 0.64 m2".
+
+    row : (k,) coefficients of the parameters ``names``; zeros are left out. The leading
+    one has the index ``lead`` and the coefficient 1.
     """
     description = names[lead]
     for k, (value, name) in enumerate(zip(row, names, strict=True)):

@@ -158,8 +158,9 @@ def _residuals(
     parts: Sequence[Instrumented],
     theta: Array,
 ) -> Array:
-    """Return (n,) the squared residual of each joint's torque with parameters theta
-    (p,).
+    """Return (n,) the squared residual |X theta - tau|^2 of each joint's torque.
+
+    A part is (joint, indices of its parameters, instruments, rows [X, tau]).
     """
     out = np.zeros(model.robot.n)
     for joint, indices, _, X in parts:
@@ -173,19 +174,21 @@ def _instruments_of(
     model: Model,
     theta: Array | None,
 ) -> Array:
-    """Return the instruments Z (r, k) of a part.
+    """Return the instruments Z (r, k) of a part: columns without the sensors' noise.
 
-    The instrument of a servo's error is the error that the model of theta (p,) makes
-    itself: e^ = (tau - L theta) / kp. Other columns are those of the simulated motion.
+    They are the columns on the simulated motion, with one exception: a servo's control
+    error e is measured with noise. Its instrument is the error that a model theta (p,)
+    without noise would have, e^ = (tau - L theta) / kp, with L all other columns.
+    Without ``theta`` the columns stay as they are.
     """
     joint, indices, rows, _ = part
     Z = rows[:, :-1]
     gain = model.error_gains[joint]  # index of kp in theta
     places = np.flatnonzero(indices == gain)
-    if theta is None or not len(places):
+    if theta is None or not len(places):  # no servo on this joint
         return Z
     k = places[0]
-    if not np.any(Z[:, k]) or theta[gain] <= 0.0:
+    if not np.any(Z[:, k]) or theta[gain] <= 0.0:  # no error, or no usable gain
         return Z
     coefficients = theta[indices]
     coefficients[k] = 0.0
@@ -196,9 +199,11 @@ def _instruments_of(
 
 
 def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
-    """Return the instruments of each part, and theta^ (p,).
+    """Return the instruments Z of each part, and the estimate theta^ (p,) with them.
 
-    Four rounds, in which the joints' weights and the model's own errors settle.
+    Joint weights are inverse squared residuals, and the instrument of a servo's control
+    error depends on theta^: four rounds settle both. Known parameters count zero, since
+    their torque is no part of the rows.
     """
     theta = model.reference if model.drives.any() else None
     residuals = np.ones(model.robot.n)
@@ -222,11 +227,13 @@ def _solution(
     instruments: Sequence[Array],
     weights: Array,
 ) -> Array:
-    """Return theta^ (p,) that solves Z^T (tau - X theta^) = 0, with the joints' rows
-    weighted.
+    """Solve the instrumental-variable equations Z^T W (tau - X theta) = 0 for theta
+    (p,).
 
-    ``weights`` (n,) are the inverse squared residuals of the joints.
+    W holds ``weights`` (n,) of the joints, their inverse squared residuals. Directions
+    of theta in which the instruments Z are zero up to rounding stay zero.
     """
+    # Sums over all rows: Z^T Z, Z^T X and Z^T tau; X holds the torque as last column.
     zz = np.zeros((p, p))
     zx = np.zeros((p, p))
     right = np.zeros(p)
@@ -236,6 +243,7 @@ def _solution(
         zz[place] += weighted @ Z
         zx[place] += weighted @ X[:, :-1]
         right[indices] += weighted @ X[:, -1]
+    # Directions V that the instruments determine, from Z^T Z with unit columns.
     size = np.sqrt(np.diag(zz))
     used = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
     of_used = np.ix_(used, used)
@@ -245,8 +253,9 @@ def _solution(
     # decide.
     is_determined = values > 1e-6**2 * values.max(initial=0.0)
     V = vectors[:, is_determined] / size[used, None]
-    middle = V.T @ zx[of_used] @ V
-    inner = np.linalg.lstsq(middle, V.T @ right[used], rcond=None)[0]
+    # theta = V x with V^T Z^T X V x = V^T Z^T tau.
+    projected = V.T @ zx[of_used] @ V
+    x = np.linalg.lstsq(projected, V.T @ right[used], rcond=None)[0]
     solution = np.zeros(p)
-    solution[used] = V @ inner
+    solution[used] = V @ x
     return solution

@@ -177,32 +177,32 @@ class InTurn:
         self._answer = (np.zeros(0), np.zeros(0))
 
     def residual(self, x: Array) -> Array:
-        """Return the residuals at a point.
+        """Return the residual vector r(x) of the least-squares problem.
 
         Parameters
         ----------
         x : (p,) array
-            The point.
+            Variables.
 
         Returns
         -------
         (m,) array
-            r.
+            Residuals.
         """
         return self._both(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives of the residuals at a point.
+        """Return the Jacobian dr/dx of the residual vector.
 
         Parameters
         ----------
         x : (p,) array
-            The point.
+            Variables.
 
         Returns
         -------
         (m, p) array
-            J.
+            Derivatives.
         """
         return self._both(x)[1]
 

@@ -46,12 +46,15 @@ class NormalEquations:
 
     @classmethod
     def of(cls, full: Array, n_own: int) -> NormalEquations:
-        """Project the columns that only one joint has out of each joint's rows.
+        """Eliminate each joint's own columns (those that no other joint has).
+
+        The Gram matrix [[A, B], [B^T, C]] of own and other columns becomes that of the
+        residuals after least squares in the own columns, C - B^T A^-1 B.
 
         Parameters
         ----------
         full : (..., n, w, w) array
-            Gram matrices of own columns, shared columns, and the torque as the last.
+            Gram matrices of n joints: own columns, shared columns, and the torque last.
         n_own : int
             Number of own columns.
 
@@ -60,6 +63,7 @@ class NormalEquations:
         NormalEquations
             In the shared columns.
         """
+        # Blocks of the Gram matrix: A of own columns, B own by others, B^T.
         own = full[..., :n_own, :n_own]
         own_by_others = full[..., :n_own, n_own:]
         others_by_own = full[..., n_own:, :n_own]
@@ -68,9 +72,9 @@ class NormalEquations:
         ridge = np.maximum(1e-6 * mean_square, 1e-280)
         own = own + ridge[..., None, None] * np.eye(n_own)
         own_solution = np.linalg.solve(own, own_by_others)
-        # Schur complement: the Gram matrix of the residuals.
+        # Schur complement C - B^T A^-1 B: the Gram matrix of the residuals.
         remaining = full[..., n_own:, n_own:] - others_by_own @ own_solution
-        energy = remaining[..., -1, -1]
+        energy = remaining[..., -1, -1]  # squared torque; the torque is the last column
         return cls(
             gram=remaining[..., :-1, :-1],
             cross=remaining[..., :-1, -1],
@@ -148,7 +152,10 @@ class NormalEquations:
         return gram.reshape(*gram.shape[:-2], s, s), cross
 
     def fitted(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Fit the shared parameters, each joint weighted by its own residual.
+        """Fit the shared parameters, each joint weighted by its inverse squared
+        residual.
+
+        The weights depend on the fit: ROUNDS rounds settle them.
 
         Parameters
         ----------
@@ -166,10 +173,11 @@ class NormalEquations:
         for _ in range(ROUNDS):
             gram, cross = self.normal(chosen / residuals)
             theta = solve(gram, cross[..., None])[..., 0]
+            # Of each joint j: |tau|^2 - 2 theta^T cross + theta^T gram theta.
             column = theta[..., None, :, None]
             image = (self.gram @ column)[..., 0]
-            fall = np.einsum("...js,...s->...j", image - 2.0 * self.cross, theta)
-            residuals = np.maximum(self.energy + fall, FLOOR * self.total)
+            change = np.einsum("...js,...s->...j", image - 2.0 * self.cross, theta)
+            residuals = np.maximum(self.energy + change, FLOOR * self.total)
         return theta, residuals
 
 

@@ -173,8 +173,11 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
 
 
 def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
-    """Return Pinocchio's model of a URDF and its collision geometry; None without
-    shapes.
+    """Return Pinocchio's model of a URDF and its collision geometry; None if the file
+    has no shapes, or some that cannot be read.
+
+    Pinocchio reads a copy of the URDF with simplified meshes, first in a child process,
+    which a broken file can end.
     """
     from sdp_vs_penalty.robot._pinocchio import pin
 

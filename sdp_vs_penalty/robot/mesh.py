@@ -106,7 +106,8 @@ def read_mesh(
 
 
 def load_coal() -> None:
-    """Import what :func:`mesh_of` needs, before its process is forked."""
+    """Import the collision library coal in the parent process, so that each forked
+    child that parses a mesh (:func:`mesh_of`) has it at once."""
     import coal  # noqa: F401
 
 

@@ -254,7 +254,8 @@ def _n_bytes_around(path: Path) -> int:
 
 
 def load_mujoco() -> None:
-    """Import MuJoCo, before the parser's process is forked."""
+    """Import MuJoCo in the parent process, so that the forked child that parses a model
+    has it at once."""
     import mujoco  # noqa: F401
 
 

@@ -370,7 +370,11 @@ def _chain(
 
 
 def _changed() -> Iterator[Entry]:
-    """Yield ill-conditioned instances: regular ones with one change of CHANGES."""
+    """Yield ill-conditioned instances: five regular ones, each with one change of
+    CHANGES.
+
+    CHANGES has by name the function that changes an instance, and the change in words.
+    """
     simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
     bases: dict[str, Callable[[], Instance]] = {
         "two_link": partial(simulated, "two_link"),

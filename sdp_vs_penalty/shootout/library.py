@@ -85,7 +85,8 @@ def write_instance(
     item: Entry,
     instance: Instance,
 ) -> dict[str, Any]:
-    """Write the files of one instance: problem, proof and description.
+    """Write the files of one instance: the problem in two or three formats, and its
+    proof.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def write_instance(
     Returns
     -------
     dict
-        Its row of index.csv.
+        Its row of index.csv: name, status, sizes, and SHA-256 of each file.
     """
     status, proof = proved(instance)
     sdp = instance.sdp
@@ -108,10 +109,10 @@ def write_instance(
         write_proof(proof, folder / "proof.json")
         if status == "optimum proved":
             interval = (proof["lower"], proof["upper"])
-    has_exponential_cones = any(c.kind == "exp" for c in sdp.conic.cones)
-    names = (
-        ["problem.cbf"] if has_exponential_cones else ["problem.cbf", "problem.dat-s"]
-    )
+    names = ["problem.cbf"]
+    # The sparse SDPA format (dat-s) has no exponential cones.
+    if not any(c.kind == "exp" for c in sdp.conic.cones):
+        names.append("problem.dat-s")
     about = {
         "name": item.name,
         "about": item.sentence,
@@ -121,6 +122,7 @@ def write_instance(
     for name in names:
         written = export_sdp(sdp, folder / name, interval, status=status, **about)
         sums[name] = written["sha256"]
+    # The quadratic objective becomes a linear one with a second-order cone.
     linear_problem = linear_objective(sdp.conic).problem
     arrays = _npz(linear_problem)
     write_bytes(folder / "problem.npz", arrays)

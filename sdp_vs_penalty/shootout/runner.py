@@ -504,9 +504,27 @@ def _references(
     say: Progress,
     work: Callable[..., Any],
 ) -> dict[str, dict[str, Any]]:
-    """Return hash and proved interval of each instance; proves those that are missing.
+    """Return hash and proved interval of each instance, and prove those that are
+    missing.
 
-    Proofs are kept in references.json of the output folder.
+    Proofs are stored in references.json of the output folder, after each.
+
+    Parameters
+    ----------
+    setup : Shootout
+        Output folder, and limits of each proof.
+    entries : sequence of Entry
+        The instances.
+    say : callable
+        Called with the number of proofs done.
+    work : callable
+        Spreads assignments over workers; yields the index and the rows of each that is
+        done.
+
+    Returns
+    -------
+    dict of str to dict
+        By name: {"hash": ..., "reference": interval, "remark": why a proof failed}.
     """
     path = setup.out / "references.json"
     known = _known_references(path)

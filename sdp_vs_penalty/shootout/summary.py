@@ -161,45 +161,19 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     accuracies_shown = accuracies(runs)
     count = runs.groupby("solver")["problem"].nunique()
     count = count[~count.index.str.endswith(" certified")]
-    shown = sorted(count.index[count >= 0.8 * count.max()])
+    solvers = sorted(count.index[count >= 0.8 * count.max()])
+    # A fixed salt of element names and no date: the same runs give the same file.
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
-        shared: dict[str, Any] = {
-            "sharey": True,
-            "squeeze": False,
-            "layout": "constrained",
-        }
         figure, (axes,) = plt.subplots(
             1,
             len(accuracies_shown),
             figsize=(3.2 * len(accuracies_shown) + 1.6, 3.4),
-            **shared,
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
         )
         for panel, accuracy in zip(axes, accuracies_shown, strict=True):
-            curves = profile(runs, accuracy)
-            for k, solver in enumerate(shown):
-                ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
-                # The curve goes on to the right end of the axis.
-                last = shares[-1:] if len(shares) else 0.0
-                x = np.append(ratios, 1e5)
-                y = np.append(shares, last)
-                style = {"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"}
-                width = 2.2 if solver == "lmi-sdp" else 1.2
-                panel.step(
-                    x,
-                    y,
-                    where="post",
-                    label=solver,
-                    linewidth=width,
-                    **style,
-                )
-            panel.set(
-                xscale="log",
-                xlim=(0.9, 1e4),
-                ylim=(0.0, 1.03),
-                title=f"{accuracy:.0e}",
-            )
-            panel.set_xlabel("time over the fastest that was right")
-            panel.grid(alpha=0.3)
+            _plot_profiles_at(panel, runs, accuracy, solvers)
         axes[0].set_ylabel("share of problems got right")
         labels = axes[0].get_legend_handles_labels()
         figure.legend(*labels, loc="outside right upper", frameon=False)
@@ -207,6 +181,34 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
             figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)
     return True
+
+
+def _plot_profiles_at(
+    panel: Any, runs: pandas.DataFrame, accuracy: float, solvers: Sequence[str]
+) -> None:
+    """Draw the performance profiles of some solvers at one accuracy into axes."""
+    curves = profile(runs, accuracy)
+    for k, solver in enumerate(solvers):
+        ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
+        # The curve goes on to the right end of the axis, at 1e4.
+        last = shares[-1:] if len(shares) else 0.0
+        panel.step(
+            np.append(ratios, 1e5),
+            np.append(shares, last),
+            where="post",
+            label=solver,
+            linewidth=2.2 if solver == "lmi-sdp" else 1.2,
+            color=f"C{k % 10}",  # matplotlib has ten colours
+            linestyle="-" if k < 10 else "--",
+        )
+    panel.set(
+        xscale="log",
+        xlim=(0.9, 1e4),
+        ylim=(0.0, 1.03),
+        title=f"{accuracy:.0e}",
+    )
+    panel.set_xlabel("time over the fastest that was right")
+    panel.grid(alpha=0.3)
 
 
 def solved_over_time(
@@ -260,17 +262,7 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
     if plt is None:
         return False
     asked = accuracies(runs)
-    longest = max(float(runs["seconds"].max()), 1.0)
-    named = {
-        "lmi-sdp": "lmi-sdp (ours)",
-        "clarabel": "Clarabel",
-        "scs": "SCS",
-        "cvxopt": "CVXOPT",
-        "csdp": "CSDP",
-        "sdpa-program": "SDPA",
-        "penalty": "penalty (ours)",
-        "log-cholesky L-BFGS": "log-Cholesky",
-    }
+    # A fixed salt of element names and no date: the same runs give the same file.
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
         figure, (axes,) = plt.subplots(
             1,
@@ -281,43 +273,11 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
             layout="constrained",
         )
         for panel, accuracy in zip(axes, asked, strict=True):
-            curves = solved_over_time(runs, accuracy)
-            for k, (solver, label) in enumerate(named.items()):
-                if solver not in curves:
-                    continue
-                seconds, shares, wrong = curves[solver]
-                # The curve begins at share 0 left of the axis, and goes on to the right
-                # end; a solver without any success stays at 0.
-                x = np.concatenate([[1e-4], seconds, [longest]])
-                y = np.concatenate([[0.0], shares, shares[-1:], [0.0]])[: len(x)]
-                width = 2.2 if solver == "lmi-sdp" else 1.2
-                panel.step(
-                    x,
-                    y,
-                    where="post",
-                    label=label,
-                    color=f"C{k}",
-                    linewidth=width,
-                )
-                # Crosses lie on the curve, at the times of the wrong answers.
-                share_at_cross = y[np.searchsorted(x, wrong, side="right") - 1]
-                panel.plot(wrong, share_at_cross, "x", color=f"C{k}", markersize=6)
-            panel.set(
-                xscale="log",
-                xlim=(1e-3, longest),
-                ylim=(-0.02, 1.03),
-                title=f"to {accuracy:.0e}",
-            )
-            panel.set_xlabel("processor time [s]")
-            panel.grid(alpha=0.3)
+            _plot_solved_at(panel, runs, accuracy)
         axes[0].set_ylabel("share of problems solved")
         handles, labels = axes[0].get_legend_handles_labels()
-        (cross,) = axes[0].plot(
-            [],
-            [],
-            "kx",
-            markersize=6,
-        )
+        # An empty curve: the sample of a cross in the legend.
+        (cross,) = axes[0].plot([], [], "kx", markersize=6)
         figure.legend(
             [*handles, cross],
             [*labels, "silently wrong answer"],
@@ -328,6 +288,55 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
             figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)
     return True
+
+
+#: Solvers in the picture over time, and their labels: enough to tell apart.
+_SOLVERS_OVER_TIME = {
+    "lmi-sdp": "lmi-sdp (ours)",
+    "clarabel": "Clarabel",
+    "scs": "SCS",
+    "cvxopt": "CVXOPT",
+    "csdp": "CSDP",
+    "sdpa-program": "SDPA",
+    "penalty": "penalty (ours)",
+    "log-cholesky L-BFGS": "log-Cholesky",
+}
+
+
+def _plot_solved_at(panel: Any, runs: pandas.DataFrame, accuracy: float) -> None:
+    """Draw the share of problems solved over time at one accuracy into axes.
+
+    Crosses mark the silently wrong answers of each solver.
+    """
+    longest = max(float(runs["seconds"].max()), 1.0)
+    curves = solved_over_time(runs, accuracy)
+    for k, (solver, label) in enumerate(_SOLVERS_OVER_TIME.items()):
+        if solver not in curves:
+            continue
+        seconds, shares, wrong = curves[solver]
+        # The curve begins at share 0 left of the axis, and goes on to the right end; a
+        # solver without any success stays at 0.
+        x = np.concatenate([[1e-4], seconds, [longest]])
+        y = np.concatenate([[0.0], shares, shares[-1:], [0.0]])[: len(x)]
+        panel.step(
+            x,
+            y,
+            where="post",
+            label=label,
+            color=f"C{k}",
+            linewidth=2.2 if solver == "lmi-sdp" else 1.2,
+        )
+        # Crosses lie on the curve, at the times of the wrong answers.
+        share_at_cross = y[np.searchsorted(x, wrong, side="right") - 1]
+        panel.plot(wrong, share_at_cross, "x", color=f"C{k}", markersize=6)
+    panel.set(
+        xscale="log",
+        xlim=(1e-3, longest),
+        ylim=(-0.02, 1.03),
+        title=f"to {accuracy:.0e}",
+    )
+    panel.set_xlabel("processor time [s]")
+    panel.grid(alpha=0.3)
 
 
 def _milliseconds(seconds: float) -> str:
@@ -365,13 +374,15 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
     runs : DataFrame
         Rows of runs.csv.
     time_limit : float
-        Of each run [s].
+        Time limit of each run [s].
 
     Returns
     -------
     DataFrame
-        One row for each solver and setting.
+        One row for each solver and setting: runs, success_percent, the number of runs
+        of each class, mean_seconds, medians of the errors, attempts, version.
     """
+    # ``where`` keeps values of the rows that fulfil it, and replaces the others.
     errors = runs[["objective_error", "violation", "own_gap"]].where(
         runs["claimed"] == "optimal"
     )
@@ -379,14 +390,15 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
     runs_with_errors = runs.assign(
         **errors.replace(np.inf, np.nan), mean_seconds=np.log(times + _TIME_SHIFT)
     )
+    # A column for each class with 1 for its runs, whose sum counts them.
+    is_of_class = pandas.get_dummies(runs["class"], dtype=int)
     runs_with_errors = runs_with_errors.join(
-        pandas.get_dummies(runs["class"], dtype=int).reindex(
-            columns=CLASSES, fill_value=0
-        )
+        is_of_class.reindex(columns=CLASSES, fill_value=0)
     )
     runs_with_errors = runs_with_errors.sort_values(
         ["solver", "accuracy"], ascending=[True, False]
     )
+    # Of each column of the result: the column that it is computed from, and how.
     how: dict[str, Any] = {
         "runs": ("problem", "size"),
         "success_percent": ("right", "mean"),
@@ -639,12 +651,14 @@ def write_summary(
     for (solver, reason), count in sorted(n_by_solver_and_reason.items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     option_rows = _option_rows(runs)
+    # _SHOWN has (heading, function that writes a cell) of columns; others use str.
     texts = {
         name: column.map(_SHOWN.get(name, ("", str))[1])
         for name, column in table.items()
     }
     headings = {name: heading for name, (heading, _) in _SHOWN.items()}
     shown = pandas.DataFrame(texts).rename(columns=headings)
+    # summary.md beside this module is the template.
     template = Path(__file__).with_suffix(".md").read_text("utf-8")
     content = template.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),

@@ -70,20 +70,22 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         ar: Array,
         count: int,
     ) -> scipy.sparse.csr_array:
-        """Return the sparse matrix that whitens a series: each row minus its prediction
-        by an autoregression.
+        """Return the sparse matrix W that whitens a series x (count,).
+
+        (W x)_i = x_i - sum_k a_k x_(i-k): each row minus its prediction by an
+        autoregression from the ORDER rows before it. The last matrix is cached.
 
         Parameters
         ----------
-        ar : array
-            Coefficients of the autoregression.
+        ar : (ORDER,) array
+            Coefficients a_1, a_2 ... of the autoregression.
         count : int
             Number of rows of the series.
 
         Returns
         -------
         (count, count) sparse array
-            The map; rows without enough past are zero.
+            W; its rows are zero where a piece has fewer than ORDER rows before.
         """
         key = ar.tobytes(), count
         if self._last is None or self._last[0] != key:
@@ -101,20 +103,26 @@ class Pieces(tuple[NDArray[np.intp], ...]):
 
 
 def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
-    """Fit an autoregression to a series.
+    """Fit an autoregression x_i = sum_k a_k x_(i-k) + e_i, k = 1 ... ORDER, by least
+    squares.
+
+    With fewer than 4 ORDER rows to predict, the series is taken for white noise: a = 0.
 
     Parameters
     ----------
-    x
-        (M,) the series.
-    pieces
+    x : (M,) array
+        The series.
+    pieces : Pieces
         Its uninterrupted rows.
 
     Returns
     -------
-    tuple
-        Coefficients (ORDER,), standard deviation of the innovations, and their degrees
-        of freedom.
+    a : (ORDER,) array
+        Coefficients.
+    sigma : float
+        Standard deviation of the innovations e, above 0 so that it may divide.
+    degrees : float
+        Degrees of freedom of sigma.
     """
     count = len(pieces.predicted)
     if count < 4 * ORDER:
@@ -145,23 +153,28 @@ def local_excess(
     tests: int,
     degrees: float,
 ) -> Mask:
-    """Find windows whose energy noise of unit variance does not reach by chance.
+    """Find windows of a whitened series with more energy than noise has by chance.
+
+    The energy (sum of squares) of a window of m rows over the estimated unit variance
+    is m F, F distributed with m and ``degrees`` degrees of freedom. The limit is
+    exceeded with the probability FALSE_EVENT in all windows of all series together. It
+    is raised where the energies of the other windows are as scattered.
 
     Parameters
     ----------
-    white
-        (M,) a whitened series.
-    pieces
-        Index arrays of uninterrupted rows.
-    tests
-        How many such series are searched in all.
-    degrees
+    white : (M,) array
+        A whitened series, of unit variance.
+    pieces : sequence of int arrays
+        Numbers of uninterrupted rows.
+    tests : int
+        Number of series that are searched in all.
+    degrees : float
         Degrees of freedom behind the estimate of the unit variance.
 
     Returns
     -------
-    Mask
-        (M,) rows inside such windows.
+    (M,) array of bool
+        Rows in such windows.
     """
     mask = np.zeros(len(white), bool)
     n_rows = sum(len(p) for p in pieces)
@@ -210,43 +223,44 @@ def lone_windows(
     rate: float,
     tests: int,
 ) -> Mask:
-    """Find windows whose energy no other window in the same state of motion comes near.
+    """Find windows whose energy is far above that of all other windows.
 
-    This is for a residual that holds a model's error, of which neither scale nor tails
-    are known. Of each stretch of one phase the largest logarithm of a window's energy
-    counts. Windows in which the joint is slow are compared with each other, and so are
-    the others.
+    This is for a residual that holds a model's error, whose scale and tails are
+    unknown: the windows are compared with each other. Windows in which the joint is
+    slow are compared among themselves, and so are the others. The log is cut into
+    stretches of one phase of the motion, and the largest energy of each counts; the
+    limit comes from the tail of these (:func:`_tail_limit`).
 
     Parameters
     ----------
-    white
-        (M,) a whitened series.
-    pieces
-        Index arrays of uninterrupted rows.
-    slow
-        (M,) rows in which the joint is slow.
-    rate
-        Rows a second.
-    tests
-        How many such series are searched in all.
+    white : (M,) array
+        A whitened series.
+    pieces : sequence of int arrays
+        Numbers of uninterrupted rows.
+    slow : (M,) array of bool
+        Rows in which the joint is slow.
+    rate : float
+        Rows per second [Hz].
+    tests : int
+        Number of series that are searched in all.
 
     Returns
     -------
-    Mask
-        (M,) rows inside such windows.
+    (M,) array of bool
+        Rows in such windows.
     """
     mask = np.zeros(len(white), bool)
     stretches = _stretches(pieces, max(2, round(2.0 * SAME_PHASE * rate)))
-    n_tests = 2 * len(LENGTHS) * tests
+    n_tests = 2 * len(LENGTHS) * tests  # two kinds: slow windows and the others
     for length in LENGTHS:
         energy, is_slow = _window_energy(white, pieces, slow, length)
         for is_of_kind in (is_slow, ~is_slow):
             energy_of_kind = np.where(is_of_kind, energy, -np.inf)
             largest = np.array([energy_of_kind[rows].max() for rows in stretches])
-            known = np.sort(largest[np.isfinite(largest)])[::-1]  # descending
-            is_lone = energy_of_kind > _tail_limit(known, n_tests)
+            descending = np.sort(largest[np.isfinite(largest)])[::-1]
+            is_lone = energy_of_kind > _tail_limit(descending, n_tests)
             for row in np.flatnonzero(is_lone):
-                first = row - length // 2
+                first = row - length // 2  # the window is centred on its row
                 mask[max(first, 0) : first + length] = True
     return mask
 
@@ -319,24 +333,23 @@ def _tail_limit(values: Array, tests: int) -> float:
 def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     """Estimate how the motion modulates the standard deviation of white noise.
 
-    A log's clock that jitters turns rates of change into noise. The variance is
-    modelled as a + sum b_i rate_i with a, b_i >= 0. Squares are clipped, so that an
-    event does not shape it. The profile stays within what counts as motion itself,
-    ABOVE, either way.
+    The variance is modelled as a + sum_i b_i rate_i, with a, b_i >= 0, because a clock
+    that jitters turns rates of change into noise. Squares of the noise are clipped, so
+    that an event does not shape it. The variance stays between 1 / ABOVE and ABOVE.
 
     Parameters
     ----------
-    white
-        (M,) noise; zero where it is not known.
-    rates
-        (M, r) squared rates on these rows.
-    at
-        (K, r) squared rates on the rows that are asked for.
+    white : (M,) array
+        Whitened noise; zero where it is unknown.
+    rates : (M, r) array
+        Squared rates on these rows.
+    at : (K, r) array
+        Squared rates on the rows for which the profile is returned.
 
     Returns
     -------
-    Array
-        (K,) standard deviation, around 1 on the rows of ``white``.
+    (K,) array
+        Standard deviation relative to that of ``white`` [-]; 1 for too few rows.
     """
 
     used = white != 0.0
@@ -360,17 +373,18 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
 
 
 def robust_scale(white: Array) -> float:
-    """Estimate the standard deviation of noise with a few events in it.
+    """Estimate the standard deviation of noise from the median of its absolute values,
+    which a few events do not change.
 
     Parameters
     ----------
-    white
-        (M,) noise.
+    white : (M,) array
+        Noise.
 
     Returns
     -------
     float
-        By the median of its size; 1 of no noise.
+        Standard deviation, in the unit of the noise; 1 for an empty array.
     """
     if not len(white):
         return 1.0

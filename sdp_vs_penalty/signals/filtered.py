@@ -170,13 +170,7 @@ def low_passed(
         return dict(blocks)
     ends = np.cumsum([len(x) for x in columns])
     filtered = low_pass @ np.vstack(columns).T
-    parts = iter(
-        np.split(
-            filtered,
-            ends[:-1],
-            axis=1,
-        )
-    )
+    parts = iter(np.split(filtered, ends[:-1], axis=1))
     return {
         k: [replace(b, columns=next(parts)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()
@@ -195,7 +189,7 @@ class FilteredRun:
     run: Measurements
     settings: Preprocessing
     movement_override: Movement | None = None
-    _kept: dict[bool, list[_ChunkCache]] = field(
+    _chunk_caches: dict[bool, list[_ChunkCache]] = field(
         default_factory=dict,
         init=False,
         repr=False,
@@ -207,20 +201,24 @@ class FilteredRun:
 
     @cached_property
     def filters(self) -> RunFilter:
-        """The run's filters."""
+        """The low-pass filters of the run's positions, columns and torques."""
         return RunFilter(self.run, self.settings)
 
     @property
     def moving(self) -> Movement:
-        """Which instants count."""
+        """Which instants become rows: by default those at which the arm moves."""
         return self.movement_override or self.filters.movement
 
     @cached_property
     def simulated(self) -> FilteredRun:
-        """The filtered run of the simulated motion "qsim" that the run's file holds as
-        well, at the same instants."""
+        """The simulated motion of the run, filtered, with rows at the same instants.
+
+        The run's file has to hold simulated positions as the channel "qsim", and may
+        hold their integral over time as "isim".
+        """
         commanded = dict(self.run.commanded)
         if "isim" in commanded:
+            # "isum" is the channel of the integral of the positions q.
             commanded["isum"] = commanded["isim"]
         run = replace(
             self.run,
@@ -269,8 +267,9 @@ class FilteredRun:
         return Rows(joined(p.motion for p in pieces), torque, columns)
 
     def states(self) -> Iterator[Motion]:
-        """Yield the states at the rows, piece by piece, without columns."""
-        return (chunk.read().rows for chunk in self._pieces(False))
+        """Return an iterator over the filtered states q, dq, ddq (M, n) at the rows of
+        each chunk of the run; no columns of a model are made."""
+        return (chunk.read().rows for chunk in self._pieces(uncut=False))
 
     @property
     def step(self) -> int:
@@ -289,17 +288,25 @@ class FilteredRun:
         return float(1.0 / (self.step * (kernel @ kernel)))
 
     def _pieces(self, uncut: bool) -> list[_ChunkCache]:
-        """Return the caches of the run's chunks, filtered once.
+        """Return the cached chunks of the run; the run is filtered on the first call.
 
-        uncut : for effects with memory: each stretch in one chunk, with every sample.
+        Chunks of a long run are kept in a file, those of a short one in memory.
+
+        uncut : whether each stretch between gaps is one chunk with every sample of the
+        log, which effects with memory need.
         """
-        if uncut not in self._kept:
-            shelf = DiskCache() if self.run.q.size > SAMPLES else None
-            put: Any = (lambda piece: lambda: piece) if shelf is None else shelf.put
-            self._kept[uncut] = [
-                _ChunkCache(put(piece), shelf) for piece in self._cut(uncut)
-            ]
-        return self._kept[uncut]
+        if uncut not in self._chunk_caches:
+            is_long = self.run.q.size > SAMPLES
+            shelf = DiskCache() if is_long else None
+            caches = []
+            for chunk in self._cut(uncut):
+                # A function that returns the chunk, from memory or from the file.
+                read: Any = (
+                    partial(_itself, chunk) if shelf is None else shelf.put(chunk)
+                )
+                caches.append(_ChunkCache(read, shelf))
+            self._chunk_caches[uncut] = caches
+        return self._chunk_caches[uncut]
 
     def _cut(self, uncut: bool) -> Iterator[FilteredChunk]:
         """Filter the run and yield its chunks; long stretches are cut at PART samples,
@@ -321,30 +328,38 @@ class FilteredRun:
             raise no_rows(self.run, 2 * margin * filters.dt)
 
 
+def _itself(chunk: FilteredChunk) -> FilteredChunk:
+    """Return the chunk; with functools.partial, a function that reads it from memory."""
+    return chunk
+
+
 def _chunk(
     filters: RunFilter,
     part: Stretch,
     at: NDArray[np.int64],
     keep: NDArray[np.bool_],
 ) -> FilteredChunk:
-    """Filter a stretch without gaps around its samples ``at`` (K,); ``keep`` (K,) says
-    which of them become rows."""
-    motion, smooth = filters.around(part, at)
-    since = at[keep] - at[0]
-    # Places of the rows on the fine and the coarse column grid.
-    local = since // filters.stride + filters.coarse.half
-    coarse = since // filters.smooth_stride + filters.smooth.half
+    """Filter a stretch of the log around some of its samples.
+
+    at (K,) : samples of the stretch, which has no gaps; keep (K,) : which of them
+    become rows. Both column grids begin half a kernel before the first sample, so that
+    a row that lies s samples after it has the place s / stride + half on a grid.
+    """
+    motion, smooth_motion = filters.around(part, at)
+    since_first = at[keep] - at[0]  # samples of the log
+    places = since_first // filters.stride + filters.coarse.half
+    smooth_places = since_first // filters.smooth_stride + filters.smooth.half
     states = Motion(
-        motion.t[local],
-        motion.q[local],
-        motion.dq[local],
-        motion.ddq[local],
+        motion.t[places],
+        motion.q[places],
+        motion.dq[places],
+        motion.ddq[places],
     )
     return FilteredChunk(
         column_motion=motion,
-        low_pass=Decimator(filters.coarse, local),
-        smooth=smooth,
-        smooth_low_pass=Decimator(filters.smooth, coarse),
+        low_pass=Decimator(filters.coarse, places),
+        smooth=smooth_motion,
+        smooth_low_pass=Decimator(filters.smooth, smooth_places),
         rows=states,
         torque=filters.torque(part, at[keep]),
     )

@@ -80,7 +80,7 @@ class Decimator:
         start: int,
         stop: int,
     ) -> tuple[Decimator, slice]:
-        """Return the decimator of some of the rows.
+        """Return the decimator of a slice of the rows, for a chunk of the samples.
 
         Parameters
         ----------
@@ -89,8 +89,11 @@ class Decimator:
 
         Returns
         -------
-        tuple
-            The decimator, and the slice of samples that it reads.
+        Decimator
+            Its samples count from the first one that these rows need.
+        slice
+            The samples that the rows need, from half a kernel before the first row to
+            half a kernel behind the last.
         """
         at = self.at[start:stop]
         half = self.kernel.half
@@ -166,15 +169,16 @@ class Kernel(LowPass):
 
         Parameters
         ----------
-        q
-            (N, n) positions [rad or m].
+        q : (N, n) array
+            Positions, sampled every dt [rad or m].
 
         Returns
         -------
-        tuple of Array
-            q, dq, ddq, each (N - 2 half, n).
+        q, dq, ddq : (N - 2 half, n) arrays
+            Low-passed positions and their first and second derivative by time, at the
+            samples with half a kernel on either side.
         """
-        # This keeps the rounding of the transforms relative to the motion.
+        # Relative to the first row, so that rounding errors are relative to the motion.
         centred = q - q[:1]
         low, first, second = convolve(
             centred,

@@ -104,7 +104,11 @@ class MotionRecord(JsonRecord):
 
 
 def record_motion(runs: FilteredRuns) -> MotionRecord | None:
-    """Record the motion of runs, as a path of positions and velocities.
+    """Record the motion of runs as a path of positions and velocities (q, dq).
+
+    Each of the 2 n coordinates is measured from its mean, in units of its standard
+    deviation, so that distances of joints compare. Two passes over the rows: the first
+    for mean and deviation, the second for the path.
 
     Parameters
     ----------
@@ -149,8 +153,12 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
 
 
 def _paths(runs: FilteredRuns) -> Iterator[Array]:
-    """Yield uninterrupted paths (M, 2 n), M > 0, of positions and velocities at the
-    runs' filtered rows; runs without rows are left out."""
+    """Yield the paths (M, 2 n), M > 0, of positions and velocities (q, dq) at filtered
+    rows.
+
+    A path ends where rows are missing: at a time step of more than 1.5 usual ones. Runs
+    of which the filters leave no row are skipped.
+    """
     for run in runs.runs:
         with suppress(InputError):  # no rows
             longest_step = 1.5 * run.step * run.filters.dt
@@ -178,8 +186,11 @@ def _record(
 
 
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
-    """List the lines (K, 2 n) that stand for paths: few points of each path, and only
-    where no line is near already. None for more numbers than _LARGEST_RECORD.
+    """Thin paths (M, 2 n) of positions and velocities to polygonal lines (K, 2 n).
+
+    Rows that are near a line already (within _NEAR times the distance) are left out, so
+    that repeated motion is kept once; the other rows become lines of few points. None
+    if the lines have more numbers than _LARGEST_RECORD.
     """
     lines = list[Array]()
     n_read = 0
@@ -197,6 +208,7 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
             if lines:
                 fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
             for first, end in spans(fresh):
+                # With the row before and the row behind, so that lines join.
                 piece = rows[max(first - 1, 0) : end + 1]
                 lines.append(_straight(piece, _NEAR * distance))
             if sum(line.size for line in lines) > _LARGEST_RECORD:

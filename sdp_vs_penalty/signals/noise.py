@@ -80,11 +80,12 @@ class Noise:
 
     @cached_property
     def scale(self) -> Array:
-        """(M, n) standard deviation of the innovations (the part of the noise that its
-        past does not predict) [N m or N].
+        """(M, n) standard deviation of the noise's innovations in each row [N m or N].
 
-        What friction adds while a joint stands still also disturbs the predictions of
-        the rows that follow, by the autoregression's coefficients.
+        An innovation is the part of the noise that the autoregression does not predict
+        from the rows before. Its variance is (sigma profile)^2 + held^2, plus a_k^2
+        held^2 of the k-th row before for each coefficient a_k: friction of a joint at
+        rest disturbs the predictions of later rows as well.
         """
         variance = (self.sigma * self.profile) ** 2 + self.held**2
         for lag, a in enumerate(self.ar.T, start=1):
@@ -93,8 +94,12 @@ class Noise:
 
     @cached_property
     def worth(self) -> Array:
-        """(M, n) share of a row's information that remains beside the friction of a
-        joint that stands still, from 0 to 1."""
+        """(M, n) share of a row's information that is left where a joint stands still,
+        0 to 1.
+
+        It is sigma^2 profile^2 / scale^2: 1 for a moving joint, less where unknown dry
+        friction adds to the noise.
+        """
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
     def whiten(
@@ -103,18 +108,21 @@ class Noise:
         joint: int,
         pieces: Pieces,
     ) -> Array:
-        """Whiten columns of a joint by its noise model: noise becomes white, of unit
-        variance.
+        """Whiten columns of a joint: make its noise independent from row to row, of
+        variance 1.
+
+        Each row is replaced by (x_i - sum_k a_k x_(i-k)) / scale_i, with the
+        autoregression a of the joint's noise.
 
         Parameters
         ----------
         values : (M, k) or (M,) array
-            Columns, or a series.
+            Columns, or a series, at all rows.
         joint : int
-            Index of the joint.
+            The joint, from 0.
         pieces : Pieces
-            Uninterrupted pieces of rows. The first ORDER rows of each have no past and
-            become zero.
+            Uninterrupted pieces of rows. The first ORDER rows of each have no past;
+            they become zero.
 
         Returns
         -------
@@ -127,57 +135,63 @@ class Noise:
 
 
 def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> Noise:
-    """Measure the noise of each joint's torque, from the best source that the runs
-    have.
+    """Measure the noise of each joint's torque from the best source that the runs have.
 
-    Where motion repeats, it is measured from repetition. Else the floor is taken from
-    the torque's spectrum, though no more than the model's residual; else from that
-    residual. Without repetition the noise is taken for white: a colour would be that of
-    the model's error, and hide what is looked for.
+    1. Repeated motion: differences of the residual between repetitions. 2. The torque's
+    spectrum above the band of the motion; no more than the model's residual. 3. The
+    model's residual itself.
+
+    Without repetition the noise is taken to be white: a colour estimated from the
+    residual would be that of the model's error, and would hide missing effects.
 
     Parameters
     ----------
     runs : SegmentedRuns
         The rows.
     noise_runs : SegmentedRuns, optional
-        All that was measured, where ``runs`` are windows of it. The noise is that of
-        all of it, which may repeat what a window does not.
+        The complete measurements, where ``runs`` are windows of them: a motion may
+        repeat in them, but not within a window.
 
     Returns
     -------
     Noise
-        Its profile, suspect rows and repeats are of the rows of ``runs``.
+        Its arrays of M rows belong to the rows of ``runs``.
     """
     known = _from_repetition(noise_runs or runs, runs)
     if known is not None:
         return known
     guess = noise_in(runs, runs.residual)
-    floor = spectral_floor(runs)
-    floor_estimate = guess.floor if floor is None else np.minimum(floor, guess.floor)
-    source = RESIDUAL if floor is None else SPECTRUM
+    of_spectrum = spectral_floor(runs)
+    floor = guess.floor
+    source = RESIDUAL
+    if of_spectrum is not None:
+        floor = np.minimum(of_spectrum, guess.floor)
+        source = SPECTRUM
     return replace(
         guess,
-        floor=floor_estimate,
-        sigma=floor_estimate,
-        ar=np.zeros_like(guess.ar),
+        floor=floor,
+        sigma=floor,
+        ar=np.zeros_like(guess.ar),  # white
         source=source,
     )
 
 
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
-    """Take a residual for noise: a guess, since the model's error is in it.
+    """Return the noise model of a residual, as if the residual were noise alone.
+
+    This is a guess: the model's error is part of the residual.
 
     Parameters
     ----------
     runs : SegmentedRuns
         The rows.
     residual : (M, n) array
-        What a model leaves of the torque [N m or N].
+        Measured less modelled torque [N m or N].
 
     Returns
     -------
     Noise
-        Of the rows in which a joint moves.
+        Fitted to the rows in which a joint moves; to all rows if those are too few.
     """
     n = runs.n
     moving = []
@@ -202,17 +216,20 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
 
 
 def _without_rows(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
-    """Return pieces of a series without the marked rows (M,); the pieces as they are if
-    too few rows would remain for an autoregression."""
+    """Return pieces of rows without the marked ones (M,).
+
+    The pieces are returned unchanged if fewer than _FEWEST rows would remain that an
+    autoregression can predict.
+    """
     others = Pieces(piece[~marked[piece]] for piece in pieces)
     return others if len(others.predicted) >= _FEWEST else pieces
 
 
 def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
-    """Measure the noise of ``runs`` where they repeat their motion.
+    """Measure the noise of ``runs`` where their motion repeats.
 
-    ``shown`` are the same runs, or windows of them: profile, suspect and repeats are of
-    their rows. Returns None where too little repeats.
+    shown : the runs whose rows the result describes (profile, suspect, repeats): the
+    same ``runs``, or windows of them. Returns None if fewer than _FEWEST rows repeat.
     """
     repeats = runs.repeats()
     if sum(len(r.rows) for r in repeats) < _FEWEST:
@@ -241,7 +258,8 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
 
 @dataclass(frozen=True)
 class _JointNoise:
-    """What :class:`Noise` holds of one joint."""
+    """The noise of one joint: the fields of :class:`Noise` with the same names, without
+    the axis of the joints."""
 
     floor: float
     ar: Array
@@ -255,9 +273,10 @@ class _RepeatedRows:
     """D differences of the residuals of n joints between rows with the same motion.
 
     difference (D, n) : noise, scaled to the variance of one residual [N m or N]; both
-    (D, 2) : the rows at the two instants; pieces : uninterrupted differences; stuck
-    (D, n) : where no law of friction says what torque holds the joint; share : of the
-    differences that are independent of the others; rates (n, M, 2) : rate_features.
+    (D, 2) : the rows at the two instants; earlier_rows (D,) : the first of the two;
+    pieces : uninterrupted differences; stuck (D, n) : whether no law of friction says
+    what torque holds the joint; independent_share : of the differences; rates (n, M, 2)
+    : squared rates of torque and velocity, from :func:`rate_features`.
     """
 
     def __init__(
@@ -265,32 +284,40 @@ class _RepeatedRows:
         runs: SegmentedRuns,
         repeats: tuple[Repeat, ...],
     ) -> None:
-        """Take the differences of the residuals of ``runs`` between rows with the same
-        motion."""
+        """Subtract the residuals of ``runs`` between rows with the same motion, which
+        ``repeats`` lists; D differences.
+        """
         self.runs = runs
         self.n_rows = len(runs.t)
         self.difference = differences(runs, repeats)
         self.both = pairs(repeats)
-        self.index, later = self.both.T
+        self.earlier_rows, later_rows = self.both.T
         self.pieces = Pieces(consecutive(repeats))
         # A joint that stands still does so again when the motion repeats, and friction
         # may hold another torque: this is no noise of the sensor.
         no_law = runs.unexplained_standstill_torque[1]
-        self.stuck = no_law[self.index] | no_law[later]
-        n_new = new_differences(self.both, self.n_rows)
-        self.share = min(1.0, n_new / len(self.index))
+        self.stuck = no_law[self.earlier_rows] | no_law[later_rows]
+        n_independent = new_differences(self.both, self.n_rows)
+        self.independent_share = min(1.0, n_independent / len(self.earlier_rows))
         self.rates = rate_features(runs)
-        self._gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
+        # Seconds from the earlier to the later instant of each difference, (D,).
+        gaps = [repeat.later - runs.t[repeat.rows] for repeat in repeats]
+        self._gap = np.concatenate(gaps)
         self._phase = phases(self.both, self.n_rows)
-        self._reach = max(1, round(SAME_PHASE * runs.rate))
+        # Number of rows within which two phases of the motion count as the same.
+        self._rows_of_same_phase = max(1, round(SAME_PHASE * runs.rate))
 
     def joint(self, j: int, rates_shown: Array) -> _JointNoise:
-        """Measure the noise of one joint (from 0).
+        """Measure the noise of joint j (from 0) from its D differences.
 
-        rates_shown : (M, 2) :func:`rate_features` of the rows whose profile is asked
-        for.
+        Steps: drift and events are taken out of the differences; an autoregression is
+        fitted to what is left; the dependence of the noise on the motion's rates is
+        estimated.
+
+        rates_shown : (M, 2) squared rates (:func:`rate_features`) of the rows for which
+        the profile is returned.
         """
-        rates = self.rates[j][self.index]
+        rates = self.rates[j][self.earlier_rows]
         drift = self._drift(j)
         pieces = _without_rows(self.pieces, self.stuck[:, j])
         left, good = _without_events(
@@ -303,23 +330,24 @@ class _RepeatedRows:
         )
         # Only differences without an event.
         steady = Pieces(p[good[p]] for p in pieces)
-        ar, deviation, free = autoregression(left, steady)
+        ar, deviation, degrees = autoregression(left, steady)
         n_used = sum(map(len, steady))
+        # The fitted drift takes as many degrees of freedom as it has columns.
         rank = int(np.linalg.matrix_rank(drift * good[:, None]))
-        n_free = max(n_used - rank, 1)  # slow columns take noise with them
+        n_free = max(n_used - rank, 1)
         squares = sum(np.sum(left[p] ** 2) for p in steady)
-        # Known on the rows that repeat, needed on all.
+        # The profile is estimated on rows that repeat; the floor is that of all rows.
         white = steady.filter(ar, len(left)) @ left
-        swell = noise_profile(white, rates, self.rates[j])
-        mean_swell = np.sqrt(np.mean(swell[self.runs.keep[:, j]] ** 2))
-        # An event may have happened at either instant.
+        profile = noise_profile(white, rates, self.rates[j])
+        mean_profile = np.sqrt(np.mean(profile[self.runs.keep[:, j]] ** 2))
+        # An event may have happened at either of the two instants of a difference.
         suspect = np.zeros(self.n_rows, bool)
         suspect[self.both[~good]] = True
         return _JointNoise(
-            floor=float(np.sqrt(squares / n_free) * mean_swell),
+            floor=float(np.sqrt(squares / n_free) * mean_profile),
             ar=ar,
             sigma=float(deviation * np.sqrt(n_used / n_free)),
-            degrees=float(max(self.share * free - rank, 1.0)),
+            degrees=float(max(self.independent_share * degrees - rank, 1.0)),
             suspect=suspect,
             profile=noise_profile(white, rates, rates_shown),
         )
@@ -328,11 +356,12 @@ class _RepeatedRows:
         """Return the columns (D, 6), of unit norm, that drifts leave in joint j's
         differences.
 
-        Offset, Coulomb and viscous friction drift at a constant or a linearly changing
-        rate, so that a difference holds that rate times the time between its instants.
+        Offset, Coulomb friction and viscous friction are taken to drift with time, at a
+        rate that is constant (3 columns) or changes linearly (3 more). A difference
+        holds the rate times the time between its two instants.
         """
-        t = self.runs.t[self.index]
-        dq = self.runs.dq[self.index, j]
+        t = self.runs.t[self.earlier_rows]
+        dq = self.runs.dq[self.earlier_rows, j]
         laws = np.column_stack(
             [
                 np.ones_like(t),
@@ -347,8 +376,11 @@ class _RepeatedRows:
 
     def _comes_back(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which of the marked differences (D,) recur at other instants with the
-        same motion: they are no events."""
-        return recurring(self.both, self._phase, self._reach, marked)
+        same motion.
+
+        These are noise that the motion amplifies, and no single events.
+        """
+        return recurring(self.both, self._phase, self._rows_of_same_phase, marked)
 
 
 def _carried(
@@ -356,18 +388,22 @@ def _carried(
     runs: SegmentedRuns,
     shown: SegmentedRuns,
 ) -> NDArray[np.bool_]:
-    """Return the suspect rows (M, n) of windows ``shown`` from those of all ``runs``: a
-    row of a window is suspect if one of its neighbours in the runs is."""
+    """Return the suspect rows (M, n) of windows from those of the complete runs.
+
+    suspect : of the rows of ``runs``; shown : windows of these runs, whose rows lie at
+    other instants. A window's row is suspect if one of its two neighbours in ``runs``
+    is.
+    """
     of_windows = []
     for window in shown.segments:
         marked = np.zeros((len(window.t), runs.n), bool)
         for number, source_segment in enumerate(runs.segments):
             if is_part(window, source_segment):
-                rows_here = suspect[runs.segment == number]
-                at = np.searchsorted(source_segment.t, window.t)
-                for neighbour in (at - 1, at):
-                    place = np.clip(neighbour, 0, len(rows_here) - 1)
-                    marked |= rows_here[place]
+                suspect_rows = suspect[runs.segment == number]
+                row_after = np.searchsorted(source_segment.t, window.t)
+                for neighbour in (row_after - 1, row_after):
+                    row = np.clip(neighbour, 0, len(suspect_rows) - 1)
+                    marked |= suspect_rows[row]
         of_windows.append(marked)
     return np.concatenate(of_windows)
 
@@ -375,17 +411,21 @@ def _carried(
 def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     """Subtract residuals with the same motion: (r(t) - r(t + T)) / sqrt(2).
 
+    r is measured less modelled torque. r(t + T) is read between rows by a cubic spline
+    on a dense grid.
+
     Parameters
     ----------
-    runs
-        The rows, with their residual.
-    repeats
-        Which rows come back, and when.
+    runs : SegmentedRuns
+        The rows, with the torque of a model.
+    repeats : sequence of Repeat
+        Which rows are repeated, and at what instants.
 
     Returns
     -------
-    Array
-        (D, n) noise [N m or N], with the variance of one residual.
+    (D, n) array
+        Differences [N m or N]; they have the variance of the noise of a single
+        residual.
     """
 
     residuals = [
@@ -406,40 +446,39 @@ def _without_events(
     tests: int,
     comes_back: Callable[[NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Take drift and events out of differences, in three turns: each spoils the
-    estimate of the other.
+    """Separate the noise in differences from drift and events.
+
+    Drift is estimated without events, and events are found without drift: three turns,
+    because each spoils the estimate of the other.
 
     Parameters
     ----------
     x : (D,) array
         Differences of one joint [N m or N].
     drift : (D, k) array
-        Columns of what drifts leave in them.
+        Columns that drifts leave in them.
     rates : (D, r) array
-        Squared rates that may swell the noise.
+        Squared rates that may increase the noise.
     pieces : Pieces
         Uninterrupted differences.
     tests : int
-        Number of joints that are searched for events.
+        Number of joints that are searched for events (for the rate of false events).
     comes_back : callable
-        Returns which of marked differences (D,) recur, and are no events.
+        Returns which of marked differences (D,) recur; these are no events.
 
     Returns
     -------
     without_drift : (D,) array
-        What the drift leaves.
+        Differences without the drift [N m or N].
     good : (D,) array of bool
-        Which differences are not of an event.
+        Differences that are not part of an event; all, if more than RARE of them were.
     """
     good = np.ones(len(x), bool)
     for _ in range(3):
-        size = np.linalg.lstsq(
-            drift[good],
-            x[good],
-            rcond=1e-10,
-        )[0]
-        without_drift = x - drift @ size
+        drift_sizes = np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        without_drift = x - drift @ drift_sizes
         ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
+        # Whitened differences of variance about 1, with 0 where there is no past.
         white = pieces.filter(ar, len(without_drift)) @ without_drift
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)
@@ -452,20 +491,21 @@ def _without_events(
 
 
 def rate_features(runs: SegmentedRuns) -> Array:
-    """Return the squares of two rates that may swell the noise of a torque: the rate of
-    change of the modelled torque, and the velocity.
+    """Return the squares of two rates that may increase the noise of a torque.
 
-    A clock that jitters turns rates into noise.
+    They are the time derivative of the modelled torque and the velocity: a clock that
+    jitters turns rates of change into noise.
 
     Parameters
     ----------
-    runs
-        The rows, with a model's torque.
+    runs : SegmentedRuns
+        The rows, with the torque of a model.
 
     Returns
     -------
-    Array
-        (n, M, 2) both squares, for each joint and row.
+    (n, M, 2) array
+        For each joint and row, the square of the torque's rate [(N m/s)^2 or (N/s)^2]
+        and of the velocity [(rad/s)^2 or (m/s)^2].
     """
     rates = [
         s.low_pass
@@ -481,22 +521,23 @@ def rate_features(runs: SegmentedRuns) -> Array:
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
-    """Estimate the noise of the filtered rows from the spectrum above the motion.
+    """Estimate the noise of the filtered rows from the torque's spectrum above the
+    motion.
 
-    The density S of the noise is continued below the motion's band and passes the
-    low-pass H: floor^2 = mean over w of S |H|^2.
+    The density S of the noise, fitted above the band of the motion, is continued below
+    it and passes the low-pass H: floor^2 = mean over all frequencies of S |H|^2.
 
     Parameters
     ----------
-    runs
+    runs : SegmentedRuns
         The rows.
 
     Returns
     -------
-    Array or None
-        (n,) standard deviation [N m or N]. None where the logs show nothing above the
-        motion, only what a filter has left of it, or what comes and goes with the
-        motion.
+    (n,) array or None
+        Standard deviation of the noise of a filtered row [N m or N]. None where the log
+        shows no noise there: nothing above the motion, a torque smoothed before it was
+        logged, or a spectrum that comes and goes with the motion.
     """
     stretches = [s.stretch for s in runs.segments]
     noise = torque_spectrum(stretches, runs.cutoff)

@@ -42,17 +42,20 @@ class MotionClock:
     periodic: bool
 
     def at(self, t: ArrayLike) -> Array:
-        """Read the motion's clock.
+        """Return the motion's clock at instants of the run.
+
+        A periodic motion's clock starts anew with each period. Another's stops at its
+        ends.
 
         Parameters
         ----------
-        t
+        t : array
             Instants of the run [s].
 
         Returns
         -------
-        Array
-            Seconds in [0, length].
+        array
+            Seconds since the motion's beginning, in [0, length].
         """
         since = np.asarray(t, float) - self.start
         if self.periodic:
@@ -61,7 +64,10 @@ class MotionClock:
 
 
 def tracks_of(measurements: Measurements) -> list[Track]:
-    """Positions of each run, thinned to 100 Hz at most; motion holds little above.
+    """Return the positions of each run, thinned to find repeated motion in.
+
+    The rate is 100 Hz at most, because a robot's motion holds little above half of it,
+    and low enough that a run has no more than SAMPLES samples.
 
     Parameters
     ----------
@@ -70,39 +76,31 @@ def tracks_of(measurements: Measurements) -> list[Track]:
 
     Returns
     -------
-    list of Track
-        One a run.
+    list of (t (M,), q (M, n))
+        Instants [s] and positions of each run.
     """
     tracks = []
     for run in measurements.runs():
         span = float(run.t[-1] - run.t[0])
         rate = min(sample_rate(run), _LARGEST_TRACK_RATE_HZ, SAMPLES / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
-        tracks.append(
-            (
-                t,
-                interpolated(
-                    t,
-                    run.t,
-                    run.q,
-                ),
-            )
-        )
+        tracks.append((t, interpolated(t, run.t, run.q)))
     return tracks
 
 
 def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
-    """Clocks of the runs, on which repeated motion has the same time.
+    """Return a clock for each run, on which repeated motion has the same time.
 
     Parameters
     ----------
-    tracks : sequence of Track
-        Positions of each run.
+    tracks : sequence of (t (M,), q (M, n))
+        Instants [s] and positions of each run.
 
     Returns
     -------
     tuple of MotionClock
-        One a run. Runs that repeat each other share a clock.
+        One a run. A run that repeats an earlier run's motion gets the clock of that
+        run, shifted by the difference of their beginnings.
     """
     clocks: list[MotionClock] = []
     for number, track in enumerate(tracks):
@@ -150,19 +148,21 @@ class PhaseFolds:
         run: int,
         t: ArrayLike,
     ) -> NDArray[np.intp]:
-        """Index of the fold that tests on given instants.
+        """Return the fold that tests on each instant of a run.
+
+        The fold is floor(count phase), with the phase in [0, 1] of the motion's clock.
 
         Parameters
         ----------
         run : int
-            Index of the run.
+            Number of the run, from 0.
         t : (N,) array
             Instants [s].
 
         Returns
         -------
         (N,) array of int
-            Folds.
+            Folds, from 0.
         """
         clock = self.clocks[run]
         phase = clock.at(t) / clock.length
@@ -174,20 +174,22 @@ class PhaseFolds:
         run: int,
         t: ArrayLike,
     ) -> NDArray[np.intp]:
-        """Index of the cell in which given instants lie, between two borders of folds
-        or guards.
+        """Return the cell in which each instant of a run lies.
+
+        Cells cut each motion's clock at the borders of folds and of their guards, so
+        that a fold tests, trains on or leaves out whole cells.
 
         Parameters
         ----------
         run : int
-            Index of the run.
+            Number of the run, from 0.
         t : (N,) array
             Instants [s].
 
         Returns
         -------
         (N,) array of int
-            Cells.
+            Cells, counted from 0 through all motions.
         """
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
@@ -200,8 +202,9 @@ class PhaseFolds:
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
-        """Of each cell the number of its motion, and the instants on that motion's
-        clock at which it begins and ends [s]."""
+        """For each cell (motion, begin, end): the number of its motion, and the
+        instants on that motion's clock at which the cell begins and ends [s].
+        """
         places = []
         for motion, (_, _, edges) in self._motions.items():
             for begin, end in pairwise(edges.tolist()):
@@ -211,31 +214,35 @@ class PhaseFolds:
     def tested(self, fold: int) -> list[int]:
         """List the cells on which a fold tests.
 
+        A cell is a stretch of a motion's clock between two borders of folds or guards.
+
         Parameters
         ----------
         fold : int
-            Index of the fold.
+            Number of the fold, from 0.
 
         Returns
         -------
         list of int
-            Cells.
+            Numbers of the cells, from 0.
         """
         return np.flatnonzero(self._seconds_to_stretch(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
-        """List the cells on which a fold trains: those farther than the guard from the
+        """List the cells on which a fold trains: those farther than the guard from
         tested ones.
+
+        A cell is a stretch of a motion's clock between two borders of folds or guards.
 
         Parameters
         ----------
         fold : int
-            Index of the fold.
+            Number of the fold, from 0.
 
         Returns
         -------
         list of int
-            Cells.
+            Numbers of the cells, from 0.
         """
         return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 
@@ -258,10 +265,10 @@ class PhaseFolds:
 
     @cached_property
     def _motions(self) -> dict[int, tuple[int, MotionClock, Array]]:
-        """By the motion's number, the number of its first cell, its clock, and the
-        borders of its cells on the clock [s].
+        """By the number of a motion: its first cell, its clock, and the borders of its
+        cells on that clock, (K,) [s].
 
-        Borders are those of the folds, and of the guards on either side of them.
+        Borders are those of the folds, and the guard's distance before and behind each.
         """
         motions = dict[int, tuple[int, MotionClock, Array]]()
         first = 0
@@ -277,10 +284,11 @@ class PhaseFolds:
         return motions
 
     def _seconds_to_stretch(self, fold: int) -> Array:
-        """Return the time [s] on its motion's clock from the middle of each cell to the
-        stretch that a fold tests, (cells,); -1 for cells within the stretch.
+        """Return how far each cell's middle is from the stretch that a fold tests,
+        (cells,) [s].
 
-        On a periodic clock it is the shorter way round.
+        The time is that of the motion's clock; on a periodic clock it is the shorter
+        way round. It is -1 for cells within the stretch.
         """
         of_motions = list[Array]()
         for _, clock, edges in self._motions.values():
@@ -288,7 +296,8 @@ class PhaseFolds:
             begin = fold * clock.length / self.count
             to_begin = begin - middle
             from_end = middle - begin - clock.length / self.count
-            ways = np.array([to_begin, from_end])  # negative: on the other side
+            # Both are negative within the stretch, one of them on either side of it.
+            ways = np.array([to_begin, from_end])
             if clock.periodic:
                 seconds = np.min(ways % clock.length, axis=0)
             else:
@@ -303,10 +312,10 @@ def phase_folds(
     settings: Preprocessing,
     count: int,
 ) -> PhaseFolds:
-    """Cut runs into folds by the phase of their motion, guarded by the reach of the
-    filters.
+    """Cut runs into folds by the phase of their motion.
 
-    Two rows farther apart than the guard share no sample of the log.
+    The guard between training and testing is as long as the reach of the filters, so
+    that no two rows on either side share a sample of the log.
 
     Parameters
     ----------
@@ -327,7 +336,9 @@ def phase_folds(
 
 
 def filter_reach(run: Measurements, settings: Preprocessing) -> float:
-    """Return how many seconds of a run's log one filtered row is made of."""
+    """Return the length [s] of the part of a run's log that one filtered row depends
+    on: twice the half lengths of the low-passes of states and of columns.
+    """
     filters = RunFilter(run, settings)
     return 2.0 * (filters.state.half + filters.column.half) * filters.dt
 
@@ -403,24 +414,27 @@ def rotated_windows(
     pause: float,
     shortest: float,
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """Return the windows of another split of a run, whose tested stretches of the
-    motion lie ``offset`` later; training is all that keeps off them.
+    """Return another split of a run, in which testing lies ``offset`` later in the
+    motion.
+
+    The rest of the motion is for training, except for a pause on either side of the
+    tested stretches.
 
     Parameters
     ----------
-    tested : sequence of (float, float)
+    tested : sequence of (begin, end)
         Stretches of the motion's clock that the first split tests on [s].
     clock : MotionClock
-        Of the run, whose start is its own first instant.
+        The run's clock, which starts at the run's first instant.
     span : float
-        How long the run lasts [s].
+        Duration of the run [s].
     offset : float
-        By which they are moved along the clock [s]; past its end they go on at its
-        beginning.
+        By how much the stretches are moved along the clock [s]; what passes its end
+        continues at its beginning.
     pause : float
-        Between training and testing [s].
+        Time left out between training and testing [s].
     shortest : float
-        Windows below this length are left out [s].
+        Windows shorter than this are left out [s].
 
     Returns
     -------
@@ -466,8 +480,9 @@ def _gaps(
     taken: Sequence[tuple[float, float]],
     length: float,
 ) -> list[tuple[float, float]]:
-    """List the stretches (begin, end) [s] of a clock from 0 to its length that are free
-    of ``taken`` ones."""
+    """List the free stretches (begin, end) [s] of a clock from 0 to ``length``: those
+    between the ``taken`` ones, which may overlap.
+    """
     free = []
     reached = 0.0
     for begin, end in sorted(taken):
@@ -485,10 +500,11 @@ def _in_run(
     span: float,
     shortest: float,
 ) -> list[tuple[float, float]]:
-    """List windows [s from the run's start] from stretches of the motion's clock, in
-    each repetition of the motion, which begin at ``begins``.
+    """Convert stretches of a motion's clock into windows of the run [s from its start].
 
-    Windows that touch are joined; those below ``shortest`` are left out.
+    Each stretch occurs once in each repetition of the motion, which start at
+    ``begins``. Windows that touch are joined. Windows shorter than ``shortest`` are
+    left out.
     """
     windows: list[tuple[float, float]] = []
     for begin in begins:

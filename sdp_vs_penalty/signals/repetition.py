@@ -29,20 +29,20 @@ _FEWEST_ROWS = 2 * ORDER
 
 
 def motion_scale(q: Array) -> Array | None:
-    """Measure the size of each joint's motion, by its standard deviation.
+    """Return the size of each joint's motion: the standard deviation of its position.
 
-    It is at least ALIKE times the largest joint's: the noise of a joint that hardly
-    moves is no motion.
+    It is at least ALIKE (1 %) of the largest joint's, because the noise of a joint that
+    hardly moves is no motion.
 
     Parameters
     ----------
-    q
-        (N, n) positions.
+    q : (N, n) array
+        Positions [rad or m].
 
     Returns
     -------
-    Array or None
-        (n,) sizes [rad or m]; None where no joint moves.
+    (n,) array or None
+        Sizes [rad or m]; None if no joint moves.
     """
     size = q.std(axis=0)
     largest = size.max()
@@ -52,25 +52,26 @@ def motion_scale(q: Array) -> Array | None:
 def repeat_period(t: Array, q: Array) -> float | None:
     """Find the period after which a run repeats its motion.
 
-    ``_SHORTEST`` seconds at least must overlap. A stand at either end does not count,
-    and up to ``_SHORTEST`` seconds there may be another motion: the way to where it
-    repeats, a ramp.
+    Standstill at either end is cut off first. Then up to ``_SHORTEST`` seconds are cut
+    off both ends if needed, where the motion may be another one (an approach, a ramp).
+    Repetitions have to overlap by ``_SHORTEST`` seconds or more.
 
     Parameters
     ----------
-    t
-        (M,) instants of one run [s].
-    q
-        (M, n) positions [rad or m].
+    t : (M,) array
+        Instants of one run [s].
+    q : (M, n) array
+        Positions [rad or m].
 
     Returns
     -------
     float or None
-        The period [s]; None where the motion does not repeat.
+        The period [s]; None if the motion does not repeat.
     """
     scale = motion_scale(q)
     if scale is None:
         return None
+    # From the first row away from the initial pose to the last away from the final one.
     has_left = np.any(np.abs(q - q[0]) > ALIKE * scale, axis=1)
     is_coming = np.any(np.abs(q - q[-1]) > ALIKE * scale, axis=1)
     begin = int(np.argmax(has_left))
@@ -89,8 +90,12 @@ def repeat_period(t: Array, q: Array) -> float | None:
 
 
 def _first_period(track: Track) -> float | None:
-    """Return the shortest lag [s] after which a track repeats (and not a multiple of
-    it), of half a second or more; None where it does not."""
+    """Return the shortest lag [s] after which a track repeats itself; None if it does
+    not.
+
+    Lags from half a second on are tried, in ascending order, so that the result is the
+    period and no multiple of it. track : instants (M,) [s] and positions (M, n).
+    """
     t, q = track
     scale = motion_scale(q) if len(t) >= 3 else None
     if scale is None:
@@ -98,13 +103,9 @@ def _first_period(track: Track) -> float | None:
     step = float(np.median(np.diff(t)))
     first = max(1, int(0.5 / step))
     last = int((t[-1] - t[0] - _SHORTEST) / step)
-    for _, lag in _valleys(
-        track,
-        track,
-        scale,
-        step,
-        np.arange(first, last),
-    ):
+    lags = np.arange(first, last)  # in steps
+    # Each valley is a pair of the mean square difference and the lag [s].
+    for _, lag in _valleys(track, track, scale, step, lags):
         if _is_repeated(track, track, scale, lag):
             return lag
     return None
@@ -115,21 +116,23 @@ def repeat_lag(
     b: Track,
     slip: float = 5.0,
 ) -> float | None:
-    """Find the difference of clocks after which one track repeats another.
+    """Find by how much the clock of one track differs from that of another with the
+    same motion.
 
     Parameters
     ----------
-    a
-        Instants (M,) [s] and positions (M, n).
-    b
-        The track that may repeat ``a`` from its beginning on.
-    slip
-        How far ``b`` may begin before or after the motion of ``a`` [s].
+    a : (t (M,), q (M, n))
+        Instants [s] and positions.
+    b : (t (N,), q (N, n))
+        The track that may repeat ``a``.
+    slip : float
+        How much earlier or later than ``a`` the same motion may begin in ``b`` [s].
 
     Returns
     -------
     float or None
-        The difference [s]; None where ``b`` does not repeat ``a``.
+        The difference d [s], so that q_b(t + d) = q_a(t); None if ``b`` does not repeat
+        ``a``.
     """
     t_a, q_a = a
     t_b = b[0]
@@ -142,24 +145,14 @@ def repeat_lag(
     if min(back, forward) <= 0:
         return None
     lags = np.arange(-back, forward + 1)
-    best = min(
-        _valleys(
-            a,
-            b,
-            scale,
-            step,
-            lags,
-        ),
-        default=None,
-    )
-    if best is None or not _is_repeated(
-        a,
-        b,
-        scale,
-        best[1],
-    ):
+    # Pairs of mean square difference and lag: the smallest difference is the best.
+    best = min(_valleys(a, b, scale, step, lags), default=None)
+    if best is None:
         return None
-    return best[1] + float(t_b[0] - t_a[0])
+    lag = best[1]
+    if not _is_repeated(a, b, scale, lag):
+        return None
+    return lag + float(t_b[0] - t_a[0])
 
 
 def _valleys(
@@ -229,7 +222,8 @@ def _valleys(
 
 def _evenly(track: Track, step: float, scale: Array) -> Array:
     """Return the positions (n, M) of a track in units of the scale (n,), interpolated
-    at instants ``step`` [s] apart."""
+    linearly at instants ``step`` seconds apart.
+    """
     t, q = track
     return interpolated(
         np.arange(t[0], t[-1], step),
@@ -260,8 +254,12 @@ def _is_repeated(
     scale: Array,
     lag: float,
 ) -> bool:
-    """Whether track b repeats track a: lag [s] after its begin it is where a was at its
-    begin, and so on, within ALIKE of each joint's motion (``scale``, (n,))."""
+    """Whether track b repeats track a with a lag [s]: q_b(t_b0 + s + lag) = q_a(t_a0 +
+    s).
+
+    The root mean square difference over all s in both tracks has to be below ALIKE (1
+    %) of the joints' motion, ``scale`` (n,).
+    """
     t_a, q_a = a
     t_b, q_b = b
     at = t_a - t_a[0] + lag + t_b[0]
@@ -307,8 +305,11 @@ class Repeat:
 
 
 def is_part(window: Filtered, longer: Filtered) -> bool:
-    """Whether a segment is a part of a longer one: it has the same positions at the
-    same instants, within a tenth of ALIKE."""
+    """Whether a segment is a window of a longer one.
+
+    It is if both have the same positions at the same instants, within a tenth of ALIKE
+    (0.1 % of the joints' motion).
+    """
     t = window.t_dense
     span = longer.t_dense
     inside = (t >= span[0]) & (t <= span[-1])
@@ -321,17 +322,18 @@ def is_part(window: Filtered, longer: Filtered) -> bool:
 
 
 def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
-    """Find all pairs of stretches with the same motion, in segments and between them.
+    """Find all pairs of stretches with the same motion, within segments and between
+    them.
 
     Parameters
     ----------
-    segments
+    segments : sequence of Filtered
         The segments, in the order of their rows.
 
     Returns
     -------
     tuple of Repeat
-        What comes back, and where.
+        Which rows repeat, in which segment, and when.
     """
     repeats = []
     # Number of the first row of each segment, among all rows.
@@ -367,8 +369,17 @@ def _same_positions(
     b: Filtered,
     shift: float,
 ) -> tuple[NDArray[np.intp], Array]:
-    """Return the rows (K,) of segment a at which b has the same positions ``shift``
-    seconds later, and these instants (K,); none where there are too few."""
+    """Find the rows (K,) of segment a whose positions segment b has ``shift`` seconds
+    later.
+
+    Returns
+    -------
+    rows : (K,) array of int
+        Numbers of the rows within a; empty if there are fewer than _FEWEST_ROWS to
+        compare.
+    later : (K,) array
+        Instants in b with the same positions [s].
+    """
     later = a.t + shift
     is_within = (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
     rows = np.flatnonzero(a.keep & is_within)
@@ -383,19 +394,21 @@ def _same_positions(
 
 
 def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
-    """Return the two rows whose motion is the same, for each repeated row.
+    """Return the two rows with the same motion, for each repeated row.
 
-    Noise is measured on the D differences of the torque's residual between them.
+    Noise is measured on the D differences of the torque's residual between two such
+    rows.
 
     Parameters
     ----------
-    repeats
-        What repeats.
+    repeats : sequence of Repeat
+        Which rows repeat, and when.
 
     Returns
     -------
-    NDArray
-        (D, 2) numbers of the rows, at the earlier and at the later instant.
+    (D, 2) array of int
+        Number of the row at the earlier instant, and of the row at or behind the later
+        one.
     """
     rows = [np.column_stack([r.rows, r.there]) for r in repeats]
     return np.concatenate(rows)
@@ -404,39 +417,41 @@ def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
 def new_differences(both: NDArray[np.intp], count: int) -> int:
     """Count the independent differences between rows with the same motion.
 
-    Of K rows with the same motion K - 1 differences are independent. Six equal runs
-    make fifteen pairs of each row, but five independent differences.
+    K rows with the same motion have K (K - 1) / 2 differences, of which K - 1 are
+    independent: six equal runs make fifteen pairs of each row, five of them
+    independent.
 
     Parameters
     ----------
-    both
-        (D, 2) of :func:`pairs`.
-    count
-        Rows in all.
+    both : (D, 2) array of int
+        Pairs of rows with the same motion, from :func:`pairs`.
+    count : int
+        Number of all rows.
 
     Returns
     -------
     int
-        Their number.
+        Number of independent differences: rows less groups of rows with the same
+        motion.
     """
     n_motions, _ = _motions_of_rows(both, count)
     return count - n_motions
 
 
 def phases(both: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    """Find the phase of the motion in each difference.
+    """Return for each difference a number that stands for the phase of its motion.
 
     Parameters
     ----------
-    both
-        (D, 2) of :func:`pairs`.
-    count
-        Rows in all.
+    both : (D, 2) array of int
+        Pairs of rows with the same motion, from :func:`pairs`.
+    count : int
+        Number of all rows.
 
     Returns
     -------
-    NDArray
-        (D,) the first row with that motion, of all rows that pairs connect.
+    (D,) array of int
+        The first of all rows that pairs connect with the difference's rows.
     """
     n_motions, motion = _motions_of_rows(both, count)
     first_rows = np.full(n_motions, count, dtype=np.intp)
@@ -468,25 +483,27 @@ def recurring(
     reach: int,
     marked: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """Tell which marked differences come back between two other instants.
+    """Return which marked differences recur between two other instants of the same
+    phase.
 
-    They are noise that the motion swells: no one instant is to blame.
+    A difference that recurs is noise that the motion amplifies; one that does not is an
+    event at one instant.
 
     Parameters
     ----------
-    both
-        (D, 2) of :func:`pairs`.
-    phase
-        (D,) of :func:`phases`.
-    reach
-        Rows within which phases are the same.
-    marked
-        (D,) the differences in question.
+    both : (D, 2) array of int
+        Pairs of rows with the same motion, from :func:`pairs`.
+    phase : (D,) array of int
+        Phase of each difference, from :func:`phases`.
+    reach : int
+        Number of rows within which two phases count as the same.
+    marked : (D,) array of bool
+        The differences in question.
 
     Returns
     -------
-    NDArray
-        (D,) those that come back.
+    (D,) array of bool
+        Those of them that recur.
     """
     recurs = np.zeros(len(phase), bool)
     candidates = np.flatnonzero(marked)
@@ -504,13 +521,14 @@ def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
 
     Parameters
     ----------
-    repeats
-        Rows whose motion repeats; each makes one difference.
+    repeats : sequence of Repeat
+        Rows whose motion repeats; each row makes one difference.
 
     Returns
     -------
-    list of NDArray
-        Numbers of the differences, from 0, of each piece.
+    list of int arrays
+        Numbers of the differences of each piece, counted from 0 through all repeats. A
+        piece ends where a row is missing, and where a repeat ends.
     """
     none = np.arange(0)
     rows = np.concatenate([none, *(repeat.rows for repeat in repeats)])

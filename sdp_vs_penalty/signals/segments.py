@@ -3,11 +3,14 @@ models are judged.
 
 Three grids, all uniform:
 
-- the log's: positions become q, dq, ddq there, and the torque is low-passed there;
-- the column grid (30 times the low-pass's cut-off): columns of effects are computed there, fast
+- the log's: positions become q, dq, ddq there, and the torque is low-passed there; -
+the column grid (30 times the low-pass's cut-off): columns of effects are computed
+there, fast
   enough for a friction that turns round within milliseconds;
-- the rows: twice the cut-off, one row an independent sample. Columns and torque pass the same kernel,
-  so that a linear relation between them survives, the folding of what lies above the row rate included.
+- the rows: twice the cut-off, one row an independent sample. Columns and torque pass
+the same kernel,
+  so that a linear relation between them survives, the folding of what lies above the
+  row rate included.
 
 Rows are dropped where the robot stands.
 """
@@ -70,27 +73,36 @@ class ColumnCache:
     cache: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
 
     def of(self, effect: Effect, keep: bool) -> list[Block]:
-        """Return an effect's blocks of columns (M, k), per unit of true torque; cached
-        ones, or new ones, which are cached if ``keep``."""
-        # Columns that turn with the sign of a velocity depend on the width of the turn.
-        width = None
+        """Return an effect's blocks of low-passed columns (M, k), one for each joint,
+        per unit of true torque.
+
+        Columns are taken from the cache if it has them; new ones are added to it if
+        ``keep``.
+        """
+        # Columns with the sign of a velocity depend on the width [rad/s, m/s] over which
+        # the smoothed sign turns.
+        sign_width = None
         if self.parts and not effect.signless:
             _, motion = self.parts[0]
-            width = motion.sign_width
-        key = type(effect), effect.joints, *effect.shape.items(), width
+            sign_width = motion.sign_width
+        key = type(effect), effect.joints, *effect.shape.items(), sign_width
+        # Columns that depend on a model's torque have a cache of their own.
         cache = self.cache[depends(effect)]
-        known, blocks = cache.get(key, (None, None))
-        if blocks is None or known is None or not known.same_columns(effect):
+        cached_effect, blocks = cache.get(key, (None, None))
+        is_same = cached_effect is not None and cached_effect.same_columns(effect)
+        if blocks is None or not is_same:
             blocks = self._make_columns(effect)
             if keep:
                 cache[key] = effect, blocks
         return blocks
 
     def _make_columns(self, effect: Effect) -> list[Block]:
-        """Make an effect's low-passed columns, a few rows at a time.
+        """Make an effect's low-passed columns at the rows of all segments.
 
-        The column grid is many times as fine as the rows: the more columns, the fewer
-        rows at once, to bound the memory. Effects with memory need all rows at once.
+        They are made a few rows at a time to bound the memory, because the grid of
+        columns is many times as fine as the rows: the more columns, the fewer rows at
+        once. Effects with memory, and those that depend on a model's torque, need all
+        rows of a segment at once.
         """
         uncut = depends(effect) or effect.has_memory
         pieces = list[list[Block]]()
@@ -134,7 +146,7 @@ class Segment(Filtered):
 
     @property
     def residual(self) -> Array:
-        """(M, n) filtered measured torque minus the model's [N m or N]."""
+        """(M, n) filtered measured torque less the attached model's torque [N m or N]."""
         return np.asarray(self.torque - self.low_pass @ self.motion.modelled)
 
 
@@ -185,22 +197,22 @@ class SegmentedRuns:
 
     @cached_property
     def q(self) -> Array:
-        """(M, n) filtered positions."""
+        """(M, n) filtered positions [rad or m]."""
         return np.concatenate([s.low_pass @ s.motion.q for s in self.segments])
 
     @cached_property
     def dq(self) -> Array:
-        """(M, n) filtered velocities."""
+        """(M, n) filtered velocities [rad/s or m/s]."""
         return np.concatenate([s.low_pass @ s.motion.dq for s in self.segments])
 
     @cached_property
     def torque(self) -> Array:
-        """(M, n) filtered measured torque."""
+        """(M, n) filtered measured torque [N m or N]."""
         return np.concatenate([s.torque for s in self.segments])
 
     @cached_property
     def residual(self) -> Array:
-        """(M, n) filtered measured less modelled torque."""
+        """(M, n) filtered measured torque less the attached model's torque [N m or N]."""
         return np.concatenate([s.residual for s in self.segments])
 
     @cached_property
@@ -210,7 +222,9 @@ class SegmentedRuns:
 
     @cached_property
     def slow(self) -> Array:
-        """(M, n) share of each row that comes from instants at which a joint was slow."""
+        """(M, n) share of each row that comes from instants at which a joint was slow:
+        below SLIDES times its root mean square velocity.
+        """
         velocities = np.concatenate([s.motion.dq for s in self.segments])
         usual = np.sqrt(np.mean(velocities**2, axis=0))
         shares = []
@@ -220,13 +234,13 @@ class SegmentedRuns:
         return np.concatenate(shares)
 
     def seen(self, joint: int) -> JointCoverage:
-        """Return how much of a joint all runs show: its travel, and the resolution of
-        its positions.
+        """Return how much of a joint the runs show: its travel, the resolution of its
+        position, and how often it stands still.
 
         Parameters
         ----------
-        joint
-            The joint from 0.
+        joint : int
+            The joint, from 0.
 
         Returns
         -------
@@ -243,11 +257,12 @@ class SegmentedRuns:
 
     @cached_property
     def held(self) -> Array:
-        """(M, n) standard deviation of the friction torque in a row while its joint
+        """(M, n) standard deviation of the unknown friction torque of a joint that
         stands still [N m or N].
 
-        Dry friction that holds a joint is anything up to its size; its size is taken to
-        be the root mean square torque that the links leave.
+        Dry friction of a joint at rest may have any value up to its size. The size is
+        estimated by the root mean square of the torque without the links' share; it is
+        multiplied by the share of the row that is standstill.
         """
         links = [
             s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current
@@ -259,11 +274,11 @@ class SegmentedRuns:
 
     @cached_property
     def steps(self) -> Array:
-        """(M, n) an example of the error that the encoders' resolution makes in the
+        """(M, n) one sample of the error that the encoders' resolution causes in the
         residual [N m or N].
 
-        It is the difference of the residuals under the logged positions and under those
-        of encoders with shifted steps, over sqrt(2).
+        It is (r - r') / sqrt(2): r is the residual under the logged positions, r' that
+        under the same motion read by encoders whose steps lie elsewhere.
         """
         shifted = self.with_shifted_encoders().segments
         by_start = {(s.run, s.t[0]): s for s in shifted}
@@ -276,15 +291,15 @@ class SegmentedRuns:
 
     @cached_property
     def unexplained_standstill_torque(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Torque at standstill that laws of friction do not explain.
+        """Torque at standstill that no usual law of friction explains (sliding
+        friction, Dahl's law of any travel).
 
         Returns
         -------
         (M, n) array
-            Its standard deviation in each row [N m or N], beyond Dahl's law, of any
-            travel, and sliding friction.
+            Its standard deviation in each row [N m or N]; 0 where the joint moves.
         (M, n) array of bool
-            Rows of a standstill about which no law of friction says anything.
+            Rows at standstill to which no law of friction applies.
         """
         held = np.zeros_like(self.still)
         stuck = np.zeros(self.still.shape, bool)
@@ -316,7 +331,10 @@ class SegmentedRuns:
 
     @cached_property
     def pieces(self) -> list[Pieces]:
-        """For each joint the pieces of consecutive rows that count for it."""
+        """For each joint, the uninterrupted pieces of rows that count for it.
+
+        A piece ends at the end of a segment, and where rows do not count.
+        """
         index = np.arange(len(self.t))
         of_joints = []
         is_other_segment = np.diff(self.segment) != 0
@@ -338,16 +356,18 @@ class SegmentedRuns:
         Parameters
         ----------
         attach : callable
-            Adds the torques of the model and of its links to a motion.
+            Returns a motion with the torques of the model and of its links added.
         add_others : callable, optional
-            Adds the torques of other models, to which some columns refer.
+            Returns a motion with the torques of other models, to which some columns
+            refer.
         gains : (n,) tuple, optional
-            The model's gains of the torque channels.
+            The model's gains of the torque channels (reading over true torque) [-].
 
         Returns
         -------
         SegmentedRuns
-            With cached columns of the motion alone; those of another model are dropped.
+            Cached columns that depend on the motion alone are kept; those that depend
+            on another model are dropped.
         """
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, add_others(s.motion)) for s in segments]
@@ -390,7 +410,7 @@ class SegmentedRuns:
 
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
-    """Filter all runs, and cut them into segments at gaps.
+    """Filter all runs, and cut them into segments at gaps of their clocks.
 
     Parameters
     ----------
@@ -402,7 +422,8 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     Returns
     -------
     SegmentedRuns
-        Without segments where no run is long enough.
+        Stretches that are too short for the filters, or in which the arm stands, are
+        left out; there may be no segment at all.
     """
     assert settings.torque_cutoff is not None
     segments: list[Segment] = []
@@ -487,45 +508,40 @@ def _segment(
 def window_subsample(
     measurements: Measurements, settings: Preprocessing
 ) -> Measurements:
-    """Take windows of a long recording, for what needs all rows at once.
+    """Take windows of a long recording, for computations that need all rows at once.
 
-    The windows are spread evenly over all runs, both ends among them, and are long
-    enough that a motion repeats inside one. Of many short runs some are taken whole.
+    The windows are spread evenly over all runs, from the first to the last, and are
+    long enough that a motion may repeat within one. Of many short runs some are taken
+    whole.
 
     Parameters
     ----------
     measurements : Measurements
         The runs.
     settings : Preprocessing
-        Filters, resolved.
+        Filters, resolved: their cut-off frequencies are numbers.
 
     Returns
     -------
     Measurements
-        Windows of about MAX_ROWS rows in all, each a run of its own; the measurements
+        Windows of about MAX_ROWS filtered rows in all, each as a run; the measurements
         themselves if they have fewer.
     """
     assert settings.torque_cutoff is not None
     runs = measurements.runs()
     spans = [float(run.t[-1] - run.t[0]) for run in runs]
-    allowed = MAX_ROWS / (2.0 * settings.torque_cutoff)
+    # Rows are independent at twice the cut-off a second.
+    allowed = MAX_ROWS / (2.0 * settings.torque_cutoff)  # [s]
     if sum(spans) <= allowed:
         return measurements
+    # All runs are cut into slots of equal length, of which some are taken.
     slots = []
     for run, span in zip(runs, spans, strict=True):
         n_slots = max(1, int(span * _WINDOWS / allowed))
         edges = np.linspace(0.0, span, n_slots + 1)
         slots += [(run, a, b) for a, b in pairwise(edges.tolist())]
     count = max(1, int(len(slots) * allowed / sum(spans)))
-    places = (
-        np.linspace(
-            0,
-            len(slots) - 1,
-            count,
-        )
-        .round()
-        .astype(int)
-    )
+    places = np.linspace(0, len(slots) - 1, count).round().astype(int)
     windows = []
     for place in np.unique(places):
         run, start, stop = slots[place]
@@ -539,8 +555,12 @@ def subsample_sentence(
     measurements: Measurements,
     what: str,
 ) -> str | None:
-    """Say that ``what`` rests on windows of a long recording, and on how many; None
-    where it rests on all of it."""
+    """Return the sentence that a result rests on windows of a long recording, and on
+    how many; None if it rests on the complete recording.
+
+    part : the windows; measurements : the recording; what : subject and verb, such as
+    "the noise is measured on".
+    """
     if part is measurements:
         return None
     return (

@@ -26,8 +26,9 @@ def highest_harmonic(run: Measurements) -> float:
     """Return the highest frequency at which some joint's position has 1 % of its
     largest amplitude.
 
-    The largest amplitude is that of the whole run: in a short stretch between two gaps,
-    in which a joint hardly moves, its noise is no motion.
+    The reference is the largest amplitude in the run, not in the stretch: in a short
+    stretch between two gaps a joint may hardly move, and its noise would count as
+    motion.
 
     Parameters
     ----------
@@ -99,19 +100,8 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     """
     length = min(part.count, c.SAMPLES)
     n_pieces = -(-part.count // length)  # rounded up
-    starts = np.linspace(
-        0,
-        part.count - length,
-        n_pieces,
-    ).astype(int)
-    pieces = [
-        part.resampled(
-            values,
-            start,
-            start + length,
-        )
-        for start in starts
-    ]
+    starts = np.linspace(0, part.count - length, n_pieces).astype(int)
+    pieces = [part.resampled(values, start, start + length) for start in starts]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
     return np.asarray(np.mean(spectra, axis=0)), frequency
@@ -122,41 +112,37 @@ def periodograms(
     length: int,
     degree: int = 0,
 ) -> Array:
-    """Compute the periodograms of overlapping windows, of unit mean for white noise.
+    """Compute periodograms of overlapping windows; white noise of unit variance has a
+    mean of one.
 
-    Each window goes without its course, a polynomial: what leaks of it would hide that
-    a torque was smoothed. White noise of unit variance has a mean of one.
+    A polynomial is taken out of each window first: a slow course would leak into higher
+    frequencies, and hide that a torque was smoothed.
 
     Parameters
     ----------
-    x
-        (N, n) signals.
-    length
+    x : (N, n) array
+        Signals.
+    length : int
         Samples of a window; windows overlap by half.
-    degree
+    degree : int
         Degree of the polynomial that is taken out.
 
     Returns
     -------
-    Array
-        (W, F, n) periodograms of W windows.
+    (W, F, n) array
+        Periodograms of W windows at F = length // 2 + 1 frequencies; 0 for a signal
+        that is constant in a window.
     """
     window = np.hanning(length)[:, None]
-    powers = np.vander(
-        np.linspace(
-            -1.0,
-            1.0,
-            length,
-        ),
-        degree + 1,
-    )
-    course = np.linalg.qr(powers)[0]
+    # Orthonormal polynomials, (length, degree + 1).
+    powers = np.vander(np.linspace(-1.0, 1.0, length), degree + 1)
+    polynomials = np.linalg.qr(powers)[0]
     starts = range(0, len(x) - length + 1, length // 2)
     pieces = np.stack([x[k : k + length] for k in starts])
-    moves = np.ptp(pieces, axis=1, keepdims=True) > 0.0
-    without_course = pieces - course @ (course.T @ pieces)
+    changes = np.ptp(pieces, axis=1, keepdims=True) > 0.0
+    without_course = pieces - polynomials @ (polynomials.T @ pieces)
     # A constant channel has no spectrum, rather than one of rounding errors.
-    pieces = np.where(moves, without_course, 0.0)
+    pieces = np.where(changes, without_course, 0.0)
     spectrum = np.fft.rfft(pieces * window, axis=1)
     return np.asarray(np.abs(spectrum) ** 2 / np.sum(window**2))
 
@@ -167,23 +153,25 @@ def unbent_cutoff(
     band: float,
     highest: float,
 ) -> float:
-    """Choose the cut-off of a state filter that leaves the least error in acceleration.
+    """Choose the cut-off of the filter of q, dq, ddq with the least error in
+    acceleration.
 
-    The error is what the filter bends of the motion within the band of the torque, and
-    the noise of the positions that it lets through. A robot that sticks at its
-    reversals moves more sharply than it was commanded to. The given cut-off stays where
-    it takes away less of the acceleration than motions that are alike differ by, or
-    where wider ones are noisy on some joint.
+    The error has two parts, both within the band of the torque: motion that the filter
+    takes away, and noise of the positions that it lets through. Cut-offs are tried in
+    steps of half an octave from ``cutoff`` up. The lowest stays if it takes away no
+    more of the acceleration than equal motions differ by (ALIKE), or if higher ones are
+    too noisy on some joint. Robots that stick at reversals move more sharply than
+    commanded, and need more.
 
     Parameters
     ----------
-    runs
+    runs : sequence of Measurements
         The runs.
-    cutoff
-        The given cut-off [Hz], the lowest that is tried.
-    band
-        Low-pass of the torque [Hz].
-    highest
+    cutoff : float
+        The lowest cut-off that is tried [Hz].
+    band : float
+        Cut-off of the torque's low-pass [Hz].
+    highest : float
         The highest cut-off that is tried [Hz].
 
     Returns
@@ -258,8 +246,11 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
 
 
 def _gain(kernel: Kernel, length: int) -> Array:
-    """Return the gain (length // 2 + 1,) of a low-pass at the frequencies of a spectrum
-    of ``length`` samples, multiples of 1 / (length dt)."""
+    """Return the gain (F,) of a low-pass at the frequencies k / (length dt) of a
+    spectrum of ``length`` samples, F = length // 2 + 1.
+
+    The kernel is rolled so that its middle is at sample 0: its transform is then real.
+    """
     padded = np.pad(kernel.value, (0, length - len(kernel.value)))
     centred = np.roll(padded, -kernel.half)
     return np.asarray(np.fft.rfft(centred).real)
@@ -281,26 +272,26 @@ class TorqueNoise:
 
 
 def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | None:
-    """Fit the noise of the torque of some stretches above a low-pass.
+    """Fit the noise of the torque above a low-pass by a first-order autoregression.
 
-    The fit is a first-order autoregression, S(w) = c / (1 + a^2 - 2 a cos(w)). It
-    follows the quantiles QUIET over windows of periodograms: friction that turns round,
-    or a blow, spoils some windows. Unless half of some joint's amplitudes are within a
-    factor NOISE_LIKE of S the torque was smoothed, as drives log currents, which says
-    nothing of the noise below. Where loud windows are farther than that above quiet
-    ones it is uneven.
+    Its spectrum is S(w) = c / (1 + a^2 - 2 a cos(w)), w [rad/sample]. It is fitted to a
+    low quantile (QUIET) of periodograms over windows, because friction at reversals, or
+    a blow, makes some windows loud. The torque counts as smoothed unless half of each
+    joint's amplitudes are within a factor NOISE_LIKE of S: drives smooth currents
+    before they log them, and the noise below the low-pass then stays unknown. The
+    torque counts as uneven if loud windows exceed quiet ones by more than that factor.
 
     Parameters
     ----------
-    parts
-        The stretches; those of the first one's rate count.
-    cutoff
+    parts : sequence of Stretch
+        The stretches; only those with the first one's sample time are used.
+    cutoff : float
         The low-pass [Hz].
 
     Returns
     -------
     TorqueNoise or None
-        None where stretches are too short, or sampled too slowly, to show any.
+        None if the stretches are too short, or sampled too slowly, to show any noise.
     """
     if not parts:
         return None
@@ -351,14 +342,7 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
 
     A periodogram of noise is exponential: its quantile is -log(1 - share) of its mean.
     """
-    return np.asarray(
-        np.quantile(
-            powers,
-            share,
-            axis=0,
-        )
-        / -np.log1p(-share)
-    )
+    return np.asarray(np.quantile(powers, share, axis=0) / -np.log1p(-share))
 
 
 def _autoregression(
@@ -405,23 +389,24 @@ def _autoregression(
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
-    """Lower the cut-off of a torque filter to where there is torque.
+    """Lower the cut-off of a torque filter, if the torque was smoothed before it was
+    logged.
 
-    Where every run's torque was smoothed before it was logged, it is the last frequency
-    at which a joint's torque has 1 % of its largest amplitude. Above it columns would
-    hold what the torque lost.
+    It is then the highest frequency at which some joint's torque has 1 % of its largest
+    amplitude: above it the columns of a model would hold torque that the log has lost.
 
     Parameters
     ----------
-    runs
+    runs : sequence of Measurements
         The runs.
-    cutoff
+    cutoff : float
         The given cut-off [Hz].
 
     Returns
     -------
     float
-        The cut-off [Hz], between a quarter of the given one and the given one.
+        The cut-off [Hz], from a quarter of the given one to the given one; the given
+        one unless all runs were smoothed.
     """
     last = 0.0
     for run in runs:

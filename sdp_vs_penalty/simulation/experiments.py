@@ -89,10 +89,8 @@ class Sensor:
 
     @property
     def poles(self) -> Array:
-        """(n, 1 + k) coefficients of the filter that whitens each joint's torque noise.
-
-        This is the denominator 1 - sum_m a_m z^-m of the autoregressive process.
-        """
+        """(n, 1 + k) coefficients of the denominator 1 - sum_m a_m z^-m of each joint's
+        torque noise, an autoregressive process; (n, 1) ones for white noise."""
         ones = np.ones((len(self.torque_std), 1))
         if self.torque_ar is None:
             return ones
@@ -104,6 +102,9 @@ class Sensor:
         rng: np.random.Generator,
     ) -> Array:
         """Draw samples of the torque noise at the controller's rate.
+
+        White noise passes the filter gain / poles (an autoregressive process); the gain
+        makes the standard deviation of the result ``torque_std``.
 
         Parameters
         ----------
@@ -193,10 +194,8 @@ class Sensor:
 
 
 def innovation_share(poles: Array) -> float:
-    """Return the variance of an autoregressive process's white input over its own
-    variance.
-
-    This is 1 / sum h_k^2 with the impulse response h of 1 / poles.
+    """Return the variance of an autoregressive process's white input over the variance
+    of the process itself: 1 / sum h_k^2 with the impulse response h of 1 / poles.
 
     Parameters
     ----------

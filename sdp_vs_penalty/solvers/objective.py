@@ -47,7 +47,10 @@ class Entropy:
         return StackedCones.from_groups(group_cones(self.links))
 
     def value(self, theta: Array) -> float:
-        """Return the value of the prior.
+        """Return the value of the prior, w sum (tr(P_0^-1 P) - log det(P_0^-1 P) - 4).
+
+        The sum is over the links' pseudo-inertias P(theta) (4x4), P_0 the nominal ones.
+        With the eigenvalues r of P_0^-1 P it is w sum (r - ln r - 1).
 
         Parameters
         ----------
@@ -59,14 +62,14 @@ class Entropy:
         float
             Infinite unless all pseudo-inertias are positive definite.
         """
-        matrices = self.entries.at(theta)[0].reshape(
+        pseudo_inertias = self.entries.at(theta)[0].reshape(
             -1,
             4,
             4,
         )
-        roots = self._roots
-        # Eigenvalues of P_0^-1 P: a determinant's sign hides two negative ones.
-        ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
+        roots = self._roots  # L^-1 with P_0 = L L^T
+        # Eigenvalues r of P_0^-1 P: a determinant's sign hides two negative ones.
+        ratios = np.linalg.eigvalsh(roots @ pseudo_inertias @ np.swapaxes(roots, 1, 2))
         if ratios.min() <= 0.0:
             return np.inf
         return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))
@@ -84,9 +87,9 @@ class Entropy:
         (p,)
             Gradient weight (P_0^-1 - P(theta)^-1), as derivatives by the parameters.
         """
-        matrices = self.entries.at(theta)[0].reshape(-1, 4, 4)
+        pseudo_inertias = self.entries.at(theta)[0].reshape(-1, 4, 4)
         nominal_inverse, _ = self.nominal_terms
-        slope = nominal_inverse - np.linalg.inv(matrices)
+        slope = nominal_inverse - np.linalg.inv(pseudo_inertias)
         return self.weight * self.entries.adjoint(slope.ravel(), len(theta))
 
 

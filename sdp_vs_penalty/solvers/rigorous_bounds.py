@@ -71,16 +71,19 @@ def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array
     (e,) array
         Sums of absolute values in each entry, for bounds of the rounding.
     """
+    # Nonnegative rows are done by this; other groups are overwritten below.
     size = np.maximum(multipliers, 0.0)
     exact = np.asarray(size, Long)
+    # Views of each group, written to in place: ``values`` of exact, ``its_size`` of
+    # size.
     parts = [entries.split(x) for x in (multipliers, exact, size)]
-    # Views of each group: written to in place.
     groups_with_values = zip(entries.groups, *parts, strict=True)
     for group, raw, values, its_size in groups_with_values:
         if group.cone == "psd" and raw.any():
             symmetric = 0.5 * (raw + np.swapaxes(raw, 1, 2))
             values[:], its_size[:] = _square(factor(symmetric))
         elif group.cone == "soc":
+            # Raise the axis to the norm of the other entries, rounding included.
             values[:] = raw
             norm = np.sqrt(np.sum(values[:, 1:] ** 2, axis=1))
             norm_with_rounding = norm * (1 + _gamma(values.shape[1])) + _TINY

@@ -10,8 +10,8 @@ Standard library, rational numbers, no rounding; docs/proof.md is the format. Th
 or, of kind "infeasible", that there is no such x. Any y, S_i and T_i in the cones bound f from below:
 |r|^2 >= 2 <y, r> - <y, y>, <S, F> >= 0, -log det F >= log det T + d - <T, F> for F, T > 0.
 
-What holds may still say nothing: a proof is vacuous from a gap (upper - lower) / loss(theta) of 1 on,
-and above a thousandth it shows no optimum.
+What holds may still say nothing: a proof is vacuous from a gap (upper - lower) /
+loss(theta) of 1 on, and above a thousandth it shows no optimum.
 """
 
 import hashlib
@@ -205,13 +205,14 @@ def log_below(x):
 
 
 def dual_bound(p):
-    """Return constant and slope (n,) of an affine function that bounds the objective
-    from below.
+    """Return an affine lower bound constant + slope' theta of the objective, slope
+    (n,).
 
     The bound holds wherever all constraints hold. For any y and multipliers S_i in
-    their cones: f(theta) >= floor^2 + 2 y'(R theta - rho) - y'y - sum <S_i,
+    their cones ("dual"): f(theta) >= floor^2 + 2 y'(R theta - rho) - y'y - sum <S_i,
     F_i(theta)>. A prior adds w (log det T + log det P0 + <P0^-1 - T, P>), a tangent of
-    its log det with matrix T ("dual").
+    its log det with matrix T ("dual"). Raises ValueError for a multiplier outside its
+    cone.
     """
     constant = p["floor"] ** 2 - 2 * dot(p["y"], p["rho"]) - dot(p["y"], p["y"])
     slope = [2 * dot(p["y"], column) for column in zip(*p["R"], strict=True)]
@@ -284,9 +285,13 @@ def objective(p):
 def check(proof):
     """Verify a proof in exact arithmetic.
 
-    Returns (lower, upper), the proved interval of the smallest objective, or None for a
-    proof that nothing satisfies the constraints. Raises ValueError for a proof that
-    does not hold.
+    Steps: the form of the file, its checksum, then the claim. "optimum" claims lower <=
+    smallest objective <= upper: lower by the dual bound over |theta_k| <= bound_k,
+    upper by a feasible theta. "infeasible" claims that no theta satisfies the
+    constraints: the dual bound of the zero objective is positive (Farkas).
+
+    Returns (lower, upper) as Fractions, or None for a proof of infeasibility. Raises
+    ValueError for a proof that does not hold.
     """
     need(type(proof) is dict, "it is no JSON object")
     form = proof.get("format")

@@ -303,7 +303,7 @@ def recorded(screen: Screen, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any,
     told = lambda do, *given, **on: called.append((do.__name__, *given, on))  # noqa: E731
     monkeypatch.setattr(screen.session, "start", told)
     (bench,) = screen.session.watchers
-    bench._drawn.clear()
+    bench._drawn_states.clear()
     screen.do(bench.redraw)
     return called
 

@@ -43,7 +43,7 @@ class Clock(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         yield replace(now, reversed=not now.reversed)
         if not any(now.gravity):
@@ -71,6 +71,7 @@ class Clock(Transformation):
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy = "reverse q and tau in time"
+            log_odds = 2.0 * c.LOG_ODDS_AGAINST_FAULT  # rarer than other faults
             yield Fault(
                 kind="time reversed",
                 severity="warning",
@@ -78,8 +79,7 @@ class Clock(Transformation):
                 what=what,
                 remedy=remedy,
                 removal=repair.with_defaults("reversed"),
-                log_odds_against=2.0
-                * c.LOG_ODDS_AGAINST_FAULT,  # rarer than other faults
+                log_odds_against=log_odds,
                 place="all rows",
             )
         rate = repair.rate

@@ -48,7 +48,7 @@ class Degrees(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
         beyond_a_turn = [j for j in log.revolute if largest[j] > 2.0 * np.pi]

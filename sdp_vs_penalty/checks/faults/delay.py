@@ -54,7 +54,7 @@ class Delay(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         for name, times in _TIMES_TRIED.items():
             for seconds in times:
@@ -90,7 +90,7 @@ class Delay(Transformation):
 
 
 def _milliseconds(seconds: float) -> str:
-    """A time in words: "25 ms"."""
+    """Return a time [s] in words: "25 ms"."""
     return f"{1e3 * seconds:.0f} ms"
 
 
@@ -100,7 +100,11 @@ def _size(
     joints: tuple[int, ...],
     seconds: float,
 ) -> FaultSize:
-    """The size of a delay (``lead``) or low-pass (``lag``) of some joints' torques [s]."""
+    """Return the size [s] of a delay or a low-pass of some joints' torques.
+
+    name : entry of the repair that holds it: "lead" (a delay) or "lag" (the time
+    constant of a low-pass).
+    """
     return FaultSize(
         value=seconds,
         repair_with=partial(repair.with_entries, name, joints),
@@ -111,7 +115,8 @@ def _size(
 
 
 def _place(log: Likelihood, joints: tuple[int, ...]) -> str:
-    """Where the fault is, in words; empty for one joint, which the issue names."""
+    """Return in words where the fault is: all channels; empty for a single joint, which
+    the issue names by itself."""
     is_all = len(joints) == log.n > 1
     return "all torque channels" if is_all else ""
 
@@ -122,7 +127,7 @@ def _delay(
     joints: tuple[int, ...],
     seconds: float,
 ) -> Fault:
-    """The fault that some joints' torques, or all, are later than the motion.
+    """Return the fault that some joints' torques, or all, are later than the motion.
 
     seconds : by how much; negative where they are earlier.
     """
@@ -149,7 +154,8 @@ def _low_pass(
     joints: tuple[int, ...],
     seconds: float,
 ) -> Fault:
-    """The fault that some joints' torques, or all, went through a causal low-pass.
+    """Return the fault that some joints' torques, or all, went through a causal
+    low-pass.
 
     seconds : its time constant.
     """

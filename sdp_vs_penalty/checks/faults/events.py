@@ -51,15 +51,10 @@ class Beside(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         yield from _laws(log, now, fit)
-        ramp = LogEvent(0).shape(log.data.motion.t)  # (M, 1), the same for any joint
-        mask = log.torque_mask(now)[:, :, None]
-        falls = fit.log_falls_by_columns(mask * ramp)[:, 0] * log.moving
-        j = int(np.argmax(falls))
-        if falls[j] > 0.0:
-            yield now.with_event(LogEvent(j))
+        yield from _likeliest_drift(log, now, fit)
         yield from _likeliest_step(log, now, fit)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
@@ -97,13 +92,29 @@ def _laws(
     order = list(now.order)
     names = [*log.data.laws]
     mask = log.torque_mask(now)[:, :, None]
-    falls = []  # of each law (n,)
+    falls_of_laws = []  # one (n,) a law: fall of the logarithm of the residual
     for columns in log.data.laws.values():
         falls_of_columns = fit.log_falls_by_columns(mask * columns[order])
-        falls.append(falls_of_columns.max(axis=1))
-    best = np.argmax(falls, axis=0)  # (n,) number of a law
+        falls_of_laws.append(falls_of_columns.max(axis=1))
+    best_law = np.argmax(falls_of_laws, axis=0)  # (n,) place in ``names``
     for j in np.flatnonzero(fit.is_poorly_explained).tolist():
-        yield now.with_event(LogEvent(j, names[best[j]]))
+        yield now.with_event(LogEvent(j, names[best_law[j]]))
+
+
+def _likeliest_drift(
+    log: Likelihood,
+    now: LogTransform,
+    fit: ArmFit,
+) -> Iterator[LogTransform]:
+    """Yield the linear drift of one joint's torque that lowers the joint's squared
+    residual most, of all moving joints; nothing where no drift lowers it."""
+    drift = LogEvent(joint=0)  # without an instant; its ramp is that of any joint
+    ramp = drift.shape(log.data.motion.t)  # (M, 1)
+    mask = log.torque_mask(now)[:, :, None]
+    falls = fit.log_falls_by_columns(mask * ramp)[:, 0] * log.moving  # (n,)
+    j = int(np.argmax(falls))
+    if falls[j] > 0.0:
+        yield now.with_event(LogEvent(j))
 
 
 def _likeliest_step(
@@ -157,7 +168,8 @@ def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
 
 
 def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
-    """The note that a joint's torque holds a law of its motion which the model lacks."""
+    """Return the note that a joint's torque holds a law of its motion which the model
+    lacks."""
     return Fault(
         kind=f"law: {event.at}",
         severity="note",
@@ -172,7 +184,7 @@ def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
 
 
 def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
-    """The fault that a joint's torque drifts linearly over the log."""
+    """Return the fault that a joint's torque drifts linearly over the log."""
     size = _size(log, repair, event)
     unit = log.problem.robot.torque_units[event.joint]
     return Fault(
@@ -195,11 +207,12 @@ def _step(
     event: LogEvent,
     t: float,
 ) -> Fault:
-    """The fault that a joint's torque steps at t [s] and stays there.
+    """Return the fault that a joint's torque steps at t [s] and stays there.
 
     Its prior odds count the moments that a low-passed torque can distinguish.
     """
     n_moments = c.ROWS // c.PARTS
+    log_odds = odds_against_one_of(log.n * n_moments)
     size = _size(log, repair, event)
     name = joints_text([event.joint])
     unit = log.problem.robot.torque_units[event.joint]
@@ -211,8 +224,7 @@ def _step(
         " stays there.",
         remedy="cut the run there, or find out what touched the arm",
         removal=repair.without_event(event),
-        log_odds_against=odds_against_one_of(log.n * n_moments)
-        + 2.0 * c.LOG_ODDS_AGAINST_FAULT,
+        log_odds_against=log_odds + 2.0 * c.LOG_ODDS_AGAINST_FAULT,
         place=f"{name}, t = {t:.4g} s",
         is_repairable=False,
         figures={"size": size, "t": t},

@@ -28,9 +28,10 @@ _SHARE_OF_REACH_PER_RADIAN = 0.3
 
 
 def _length_like_a_radian(log: Likelihood) -> float:
-    """Length [m] that matters to this arm's torques as a radian does: 0.3 of its reach.
+    """Return the length [m] that changes this arm's torques about as a radian does.
 
-    Tolerances of angles, times this length, are those of prismatic joints and links.
+    It is 0.3 of the arm's reach, about one link. A tolerance of angles [rad] times this
+    length is the tolerance of prismatic joints and link lengths [m].
     """
     return _SHARE_OF_REACH_PER_RADIAN * float(log.problem.robot.link_reach().sum())
 
@@ -49,7 +50,7 @@ def _with_zero(
 
 
 def _degrees(angle: float) -> str:
-    """An angle [rad] in words: "1.5 degrees"."""
+    """Return an angle [rad] in words: "1.5 degrees"."""
     return f"{np.degrees(angle):.4g} degrees"
 
 

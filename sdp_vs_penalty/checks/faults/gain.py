@@ -56,7 +56,7 @@ class Gain(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         if len(log.joints) < 2:
             return
@@ -98,8 +98,8 @@ class Gain(Transformation):
 
 
 def _gain(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """The fault that joint j's torque is off by a factor; a sign is a fault of its
-    own."""
+    """Return the fault that joint j's torque is off by a factor; a sign is a fault of
+    its own."""
     factor = abs(repair.gain[j])
     sign = float(np.sign(repair.gain[j]))
     size_in_words = f"{factor:.3g} times too small"

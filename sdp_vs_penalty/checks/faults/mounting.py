@@ -55,7 +55,7 @@ class Mounting(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         gravity = np.array(now.gravity)
         size = float(np.linalg.norm(gravity))

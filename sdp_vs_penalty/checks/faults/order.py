@@ -42,7 +42,7 @@ class Exchange(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")

@@ -50,7 +50,7 @@ class Saturation(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         for j in log.joints:
             # Torques that come to 90 and to 98 % of the limit.
@@ -77,7 +77,7 @@ class Saturation(Transformation):
 
 
 def _saturated(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """The fault that joint j's torque bends towards its amplifier's limit.
+    """Return the fault that joint j's torque bends towards its amplifier's limit.
 
     The limit is that of the raw channel, multiplied by the channel's gain: so it has
     the unit of the joint's torque also where the channel was logged in another.

@@ -51,7 +51,7 @@ class Sign(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         all_turned = now.with_multiplied("gain", range(log.n), -1.0)
         yield all_turned
@@ -98,7 +98,7 @@ class Sign(Transformation):
 
 
 def _position_sign(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """The fault that joint j's position, and not its torque, has the wrong sign."""
+    """Return the fault that joint j's position, and not its torque, has the wrong sign."""
     return Fault(
         kind="position sign",
         severity="warning",
@@ -111,7 +111,7 @@ def _position_sign(log: Likelihood, repair: LogTransform, j: int) -> Fault:
 
 
 def _joint_sign(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """The fault that joint j's position and torque both have the wrong sign."""
+    """Return the fault that joint j's position and torque both have the wrong sign."""
     return Fault(
         kind="joint sign",
         severity="warning",
@@ -130,7 +130,7 @@ def _torque_sign(
     repair: LogTransform,
     turned: tuple[int, ...],
 ) -> Fault:
-    """The fault that the torques of some joints have the wrong sign.
+    """Return the fault that the torques of some joints have the wrong sign.
 
     They are one fault, since a convention that differs is one mistake: its prior odds
     are those of single mistakes or those of one pattern of 2^n, whichever are smaller.

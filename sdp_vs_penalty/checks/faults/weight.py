@@ -47,7 +47,7 @@ class Weight(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
         if not any(now.gravity):
             return
@@ -95,8 +95,8 @@ def _gravity_removed(
     joints: tuple[int, ...],
     share: float,
 ) -> Fault:
-    """The fault that a share of the arm's weight is missing from some torques, or
-    all."""
+    """Return the fault that a share of the arm's weight is missing from some torques,
+    or all."""
     torques = f"the torque of {joints_text(joints)}"
     remedy = "log the torques before gravity compensation"
     if len(joints) == log.n:

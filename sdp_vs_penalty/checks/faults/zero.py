@@ -51,30 +51,28 @@ class Place(Transformation):
         Returns
         -------
         iterator of LogTransform
-            Complete repairs, to fit arms to.
+            Repairs to fit arms to, with all corrections of ``now``.
         """
-        places = [
-            *_distances(log, now),
-            *_zeros(log, now, bool(fit.is_poorly_explained.any())),
-        ]
-        if not places:
+        try_turns = bool(fit.is_poorly_explained.any())
+        candidates = [*_distances(log, now), *_zeros(log, now, try_turns)]
+        if not candidates:
             return
-        values = np.array([place.value for place in places])
-        units = np.array([place.unit for place in places])
-        # Of all at once, the change of each that the fit asks for to first order.
+        values = np.array([candidate.value for candidate in candidates])
+        units = np.array([candidate.unit for candidate in candidates])
+        # The change of each length or zero that lowers the residual most, to first order.
         steps, spreads = log.on_third_of_rows.first_order_steps(
             now,
-            [place.repair_with for place in places],
+            [candidate.repair_with for candidate in candidates],
             values,
             _DIFFERENCE * units,
         )
         largest = _FIRST_ORDER * units
-        nearest = np.clip(steps, -largest, largest).tolist()
+        changes = np.clip(steps, -largest, largest).tolist()
         # Without a finite standard deviation the motion does not show the number.
         for k in np.flatnonzero(np.isfinite(spreads)).tolist():
-            place = places[k]
-            for change in (nearest[k], *place.turns):
-                yield place.repair_with(place.value + change)
+            candidate = candidates[k]
+            for change in (changes[k], *candidate.turns):
+                yield candidate.repair_with(candidate.value + change)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield a fault for each link length and each encoder's zero that a repair
@@ -139,12 +137,12 @@ def _distances(log: Likelihood, now: LogTransform) -> Iterator[_Candidate]:
 def _zeros(
     log: Likelihood,
     now: LogTransform,
-    is_poor: bool,
+    try_turns: bool,
 ) -> Iterator[_Candidate]:
-    """Yield the encoder's zero of each joint that moves.
+    """Yield the encoder's zero of each joint that moves, as a number to be changed.
 
     A revolute first joint is left out: its zero is the mounting about its axis.
-    Quarters of a turn are tried as well where the arm explains a joint poorly.
+    try_turns : whether revolute zeros are also tried a quarter or half of a turn off.
     """
     for j in log.joints:
         is_revolute = j in log.revolute
@@ -154,13 +152,13 @@ def _zeros(
             value=now.zero[j],
             repair_with=partial(_with_zero, log, now, j),
             unit=1.0 if is_revolute else _length_like_a_radian(log),
-            turns=QUARTERS if is_revolute and is_poor else (),
+            turns=QUARTERS if is_revolute and try_turns else (),
         )
 
 
 def _link_length(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """The fault that joint j is farther from the joint before, or nearer to it, than
-    the kinematics say."""
+    """Return the fault that joint j is farther from the joint before, or nearer to it,
+    than the kinematics say."""
     length = _length_like_a_radian(log)
     longer = repair.longer[j]  # [m]
     where = "farther from" if longer > 0.0 else "nearer to"
@@ -186,7 +184,8 @@ def _link_length(log: Likelihood, repair: LogTransform, j: int) -> Fault:
 
 
 def _encoder_offset(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """The fault that joint j's encoder counts from another zero than the kinematics.
+    """Return the fault that joint j's encoder counts from another zero than the
+    kinematics.
 
     The repair adds an offset to the position; the zero is away by minus that offset.
     """
@@ -216,15 +215,17 @@ def _encoder_offset(log: Likelihood, repair: LogTransform, j: int) -> Fault:
 
 
 def _metres(length: float) -> str:
-    """A length [m] in words."""
+    """Return a length [m] in words: "0.25 m"."""
     return f"{length:.4g} m"
 
 
 def _minus_degrees(offset: float) -> str:
-    """By how much a zero is away whose encoder lacks an offset [rad], in words."""
+    """Return in words how far an encoder's zero is off, minus the ``offset`` [rad] that
+    the repair adds."""
     return _degrees(-offset)
 
 
 def _minus_metres(offset: float) -> str:
-    """By how much a zero is away whose encoder lacks an offset [m], in words."""
+    """Return in words how far an encoder's zero is off, minus the ``offset`` [m] that
+    the repair adds."""
     return _metres(-offset)

@@ -27,22 +27,18 @@ def verb(
     from sdp_vs_penalty.results.table import Table
 
     headings, rows = listing(what)
-    rows_shown = rows if name is None else [details(what, name)]
-    console.save_json(
-        json_, [dict(zip(headings, row, strict=True)) for row in rows_shown]
-    )
     if name is not None:
-        console.details(list(zip(headings, details(what, name), strict=True)))
+        rows = [details(what, name)]
+    entries = [dict(zip(headings, row, strict=True)) for row in rows]
+    console.save_json(json_, entries)
+    if name is not None:
+        console.details(list(entries[0].items()))
         return
+    # The terminal shows the most important columns; all of them hold words.
     columns = [headings.index(heading) for heading in _SHORT.get(what, headings)]
-    shown = [[row[k] for k in columns] for row in (headings, *rows)]
-    console.table(
-        Table(
-            shown[0],
-            shown[1:],
-            words=range(len(columns)),
-        )
-    )
+    cells = [[row[k] for k in columns] for row in rows]
+    shown_headings = [headings[k] for k in columns]
+    console.table(Table(shown_headings, cells, words=range(len(columns))))
     if len(columns) < len(headings):
         console.say(
             f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}"

@@ -394,8 +394,13 @@ class _Merge:
         field_name: str,
         part: NDArray[np.intp],
     ) -> Array:
-        """Return one field of one joint in some rows of the leading stream; NaN where
-        no stream has it."""
+        """Return one field of one joint in the rows ``part`` of the leading stream:
+        (K,) values.
+
+        ``sources`` names the stream that has the field, None if no stream has it (then
+        NaN); ``rows`` holds for each stream its row that is nearest in time to each row
+        of the leading one.
+        """
         source = self.sources[joint, field_name]
         if source is None:
             return np.full(len(part), np.nan)

@@ -121,7 +121,10 @@ def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
     """List the styles of the sets to which a column can belong, each with the further
     words that all columns of the set share.
 
-    "name" shares none: there the further words tell the joints apart.
+    The style says what tells the joints apart: "joint" (the robot's joint names),
+    "number", "name" (further words, so that the columns share none) or "block" (one
+    column with all joints). Example: [("name", ()), ("number", ("left",))] for
+    "left_q_1".
     """
     if reading.joint is not None:
         return [("joint", reading.other_words)]
@@ -138,10 +141,13 @@ def _columns_by_joint(
     names: Sequence[str],
     readings: Mapping[str, Reading],
 ) -> dict[Hashable, str]:
-    """Order the columns of one set by their joint.
+    """Order the columns of one set by what tells their joints apart: {0: "q_1", 1:
+    "q_2"}.
 
-    Empty where they are no set: two columns of one joint, numbers with a gap, a "block"
-    of several columns, or one "name" alone.
+    By style that is the robot's joint ("joint"), a number ("number", from 0 in the
+    result), the further words of the name ("name"), or "" for one column that holds all
+    joints ("block"). Empty if the columns are no set: two columns of one joint, numbers
+    with a gap, several blocks, or a single "name".
     """
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
@@ -157,7 +163,8 @@ def _columns_by_joint(
 
 def _key_of(style: str, reading: Reading) -> Hashable:
     """Return what tells a column's joint apart in a set of this style: the robot's
-    joint, a number, or the further words."""
+    joint from 0 ("joint"), a number ("number"), or the further words and the number of
+    its name ("name")."""
     if style == "joint":
         return reading.joint
     if style == "number":

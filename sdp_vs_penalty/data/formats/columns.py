@@ -523,11 +523,13 @@ def _groups(
     is_recognised: bool,
     what: str,
 ) -> dict[str, Sequence[str]]:
-    """List the file's columns of each channel group (t, q, dq, tau, ...), the clock
-    first.
+    """List the file's columns of each channel group: {"t": ["time"], "q": ["pos_1",
+    ...], ...}, the clock first.
 
-    Columns that have our names count too, unless the columns were recognised: then all
-    of them are in ``rename``, which gives the file's names by ours.
+    rename : the file's names by ours, chosen by the user or recognised. names : all
+    columns. choice : the rate, and whether the user renamed columns. what : how
+    messages call the file. Columns that have our names count too, unless the columns
+    were recognised (``is_recognised``): then all of them are in ``rename``.
     """
     our_names = {} if is_recognised else dict(zip(names, names, strict=True))
     named = {**our_names, **rename}

@@ -81,8 +81,8 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def load_scipy() -> None:
-    """Import SciPy's reader of .mat files before the parsing process begins its
-    work."""
+    """Import SciPy's reader of .mat files in the parent process, so that the forked
+    child that parses a file has it at once."""
     import scipy.io  # noqa: F401
 
 

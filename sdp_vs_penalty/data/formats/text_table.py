@@ -140,6 +140,8 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         with open_text(path) as file:
             while text := file.read(PIECE):
                 text += file.readline(PIECE)
+                # With an odd number of quotes the piece may end within a quoted cell:
+                # its next lines belong to it.
                 for _ in range(_LONGEST_CELL if text.count('"') % 2 else 0):
                     text += file.readline(PIECE)
                 n_characters_left -= len(text)
@@ -466,8 +468,12 @@ def _kinds(
     width: int,
     number: partial[bool],
 ) -> tuple[str, ...]:
-    """Find what each of the columns holds ("number", "text" ...), by the rows that are
-    complete."""
+    """Find what each of the columns holds: "number", "text", "list", "stamp" or
+    "empty".
+
+    ``sample`` are rows of cells, of which only those with ``width`` cells count;
+    ``number`` tells whether a cell is a number.
+    """
     full_rows = [row for row in sample if len(row) == width]
     columns = [[row[k] for row in full_rows if row[k]] for k in range(width)]
     return tuple(_kind_of(cells, number) for cells in columns)

@@ -104,8 +104,8 @@ class Basis:
     def evaluate(self, *values: Array) -> Array:
         """Return all K basis functions (N, K) at N points.
 
-        Of two variables they are all products of a spline of the first with one of the
-        second; the second's index runs fastest.
+        Of one variable they are its splines. Of two they are all products of a spline
+        of the first with a spline of the second; the second's index runs fastest.
 
         Parameters
         ----------
@@ -141,15 +141,15 @@ class Basis:
 
 @lru_cache
 def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
-    """Penalty matrix of a P-spline surface: the sum of the variables' penalties
-    (Eilers, Marx 1996).
+    """Return the penalty matrix of a P-spline surface: the sum of the penalties along
+    each variable (Eilers, Marx 1996).
 
     The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace,
-    with first and second differences D1 and D2 of the coefficients. c is (2 pi /
-    count)^2 for more than _SPLINES_OF_PAIR splines, else 0: first differences then
-    count as much as second ones do for a wave as long as the range, and where few
-    measurements lie, the curve levels off instead of going on straight. A sign has no
-    penalty.
+    where (x) is the Kronecker product, and D1, D2 are first and second differences of
+    the coefficients. c is (2 pi / count)^2 for a single variable (more than
+    _SPLINES_OF_PAIR splines), else 0. With it, first differences count as much as
+    second ones for a wave as long as the range, and where measurements are few the
+    curve levels off instead of going on straight. A sign has no penalty.
 
     Parameters
     ----------
@@ -576,7 +576,7 @@ class CurveColumns:
         (F, k) array
             Coefficients of the curve.
         """
-        Q = self.fit.basis  # (n, M, r)
+        Q = self.fit.basis  # (n, M, r): orthonormal, M rows of each of n joints
         y = self.fit.target  # (n, M)
         r = Q.shape[2]
         k = len(self.s)
@@ -634,11 +634,12 @@ class SplineFit:
 
     @cached_property
     def projector(self) -> Array:
-        """(k, k) projector onto curves that the rows determine.
+        """(k, k) matrix V V' (z'z + P) that projects coefficients onto what the rows
+        determine.
 
-        It removes the directions that the model's own columns can make, or that the
-        penalty alone decides: those whose share D / (z'z + P) is at most ABSORBED_CURVE
-        (2 %).
+        The columns of V are generalised eigenvectors, D v = share (z'z + P) v, with a
+        share above ABSORBED_CURVE (2 %). Directions with a smaller share are those that
+        the model's own columns can make, or that the penalty P alone decides.
         """
         metric = self.columns.raw + self.P
         values, vectors = scipy.linalg.eigh(self.columns.D, metric)

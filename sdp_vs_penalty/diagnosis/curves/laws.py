@@ -72,11 +72,23 @@ class Law:
         return starts.min(axis=0), starts.max(axis=0)
 
     def columns(self, points: Array, constants: Array) -> Array:
-        """Return the law's m columns at P points (P, number of variables).
+        """Return the law's m terms, each with amplitude 1, at P points.
 
-        They are (P, m) for one set of constants (c,), and (P, S, m) for S sets (c, S).
-        Overflow gives infinity without a warning.
+        Overflow gives infinity without a warning: such constants are left out later.
+
+        Parameters
+        ----------
+        points
+            (P, number of variables) values of the variables.
+        constants
+            (c,) non-linear constants, or (c, S) for S sets of them at once.
+
+        Returns
+        -------
+        (P, m) or (P, S, m) array
+            The terms [no unit].
         """
+        # (v, P), or (v, P, 1) against (c, S): broadcast to P points times S sets.
         x = points.T if constants.ndim == 1 else points.T[:, :, None]
         with np.errstate(over="ignore", invalid="ignore"):
             terms = self.terms(x, constants)

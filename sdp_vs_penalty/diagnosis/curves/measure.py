@@ -142,7 +142,9 @@ def measure_curves(
     """Measure curves on joints with unexplained torque, or with a function found in
     parts.
 
-    A curve is added beside all findings, or replaces those that act on its joint alone.
+    Of each joint two curves are tried: one beside all findings, and one instead of the
+    findings that act on this joint alone (a spring and a ripple may be parts of one
+    function of position). The preferred one is returned.
 
     Parameters
     ----------
@@ -151,13 +153,13 @@ def measure_curves(
     left
         Joints (from 0) with unexplained torque.
     fold
-        (M,) folds for the values that are judged on data left out; default: thirds by
-        the phase of the motion.
+        (M,) fold of each row, for values of the curve that are judged on data left out;
+        default: thirds by the phase of the motion.
 
     Returns
     -------
     list of Measured
-        At most one curve a joint.
+        At most one curve for each joint.
     """
     parts = in_parts(search)
     if not left and not parts:
@@ -175,6 +177,7 @@ def measure_curves(
         curve_alone = None
         if of_joint and (beside_all is not None or joint in parts):
             curve_alone = _best_curve(search, others, joint, variables)
+        # Evidence of the findings that a curve alone would replace.
         worth = sum(t.evidence for t in search.score_jointly(of_joint, others))
         chosen = beside_all
         replaced: tuple[ScoredEffect, ...] = ()
@@ -305,7 +308,12 @@ class _Measuring:
                 self.bases.append(basis)
 
     def _new_variables(self, effects: Sequence[Effect]) -> list[tuple[Variable, ...]]:
-        """List variables and pairs of variables over which the joint has no curve yet."""
+        """List the variables, and pairs of them, over which the joint has no measured
+        curve yet.
+
+        ``effects`` are those of the model and the findings; some may be measured
+        curves.
+        """
         joint = self.joint
         taken = {
             tuple(variable.name for variable in effect.variables(joint))
@@ -472,17 +480,12 @@ def _tabulate(
         values=values,
         measured=measured,
     )
-    # Which points of the whole grid the motion has come near, in any fold.
-    is_measured = variables.is_near_motion(f.basis, variables.keep)
     by_fold = []
     for k, coefficients in enumerate(columns.without_fold(fold, P)):
         values_of_fold = grid @ coefficients
         is_known = np.ones(len(points), bool)
-        if law is None:  # a table is unknown where only the left-out fold has been
-            met_by_others = variables.is_near_motion(
-                f.basis, variables.keep & (fold != k)
-            )
-            is_known = met_by_others[is_measured]
+        if law is None:
+            is_known = _is_known_without_fold(variables, f.basis, fold == k)
         varies = np.diff(points[is_known], axis=0).any(axis=0)
         if not varies.all():  # a single value of a variable is no table: no torque
             is_known[:] = True
@@ -505,6 +508,32 @@ def _tabulate(
         replaced=replaced,
         J=f.J,
     )
+
+
+def _is_known_without_fold(
+    variables: Variables, basis: Basis, is_left_out: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which measured points of a grid stay measured without the rows of a fold.
+
+    The others are points that the motion has come near in that fold only.
+
+    Parameters
+    ----------
+    variables
+        Values of the variables on the rows.
+    basis
+        The basis with its grid.
+    is_left_out
+        (M,) flags the rows of the fold.
+
+    Returns
+    -------
+    (P,) bool array
+        For the P points that the motion has come near in any row.
+    """
+    is_measured = variables.is_near_motion(basis, variables.keep)
+    by_others = variables.is_near_motion(basis, variables.keep & ~is_left_out)
+    return by_others[is_measured]
 
 
 def unmeasured(basis: Basis, points: Array) -> Array:

@@ -275,7 +275,10 @@ class _Fit:
         self.against = draw.chart({}, "Error of the joint against a signal")
 
     def zoom(self, event: Any) -> None:
-        """Select the time span that was dragged in the chart."""
+        """Select the time span that was dragged in the chart.
+
+        ``asked_span`` returns False for an event that is about no span.
+        """
         span = charts.asked_span(event.args)
         if not isinstance(span, bool) and span != self.view.span:
             self.view.select(span=span)
@@ -373,7 +376,9 @@ def _figures(model: ModelStep) -> None:
 
 
 def _words(model: ModelStep, j: int, unit: str) -> str:
-    """Say how large the error of joint j (from 0) is and what it depends on."""
+    """Return the sentences on the error of joint j (from 0): its size in N m or N
+    (``unit``), over the noise if that is known, and what it depends on.
+    """
     facts = model.comparison["facts"]
     plain = formatting.plain_unit(unit)
     number = model.joint_number(j)
@@ -413,7 +418,11 @@ def _heat(
 
 
 def _show(view: View, event: Any) -> None:
-    """Select the joint that was clicked, and the signal that shows its cause."""
+    """Select the joint that was clicked, and the signal that shows the clicked cause.
+
+    The event's arguments are the joint and a signal; a cell without a signal of its own
+    leaves the selected signal as it is.
+    """
     joint, signal = event.args
     view.select_joint(joint, signal if signal in charts.SIGNALS else view.signal)
 

@@ -319,7 +319,9 @@ def _split_bar(
 
 
 def _kept_of(run: dict[str, Any]) -> str:
-    """Say what of a run is kept for testing; "" for nothing."""
+    """Return what part of a run is kept for testing: its name, "20 % of" its name, or
+    "" for nothing.
+    """
     if run["use"] == "test":
         return str(run["name"])
     if run["use"] == "split":
@@ -417,7 +419,11 @@ def _findings(session: Session) -> None:
 def _issues_with_runs(
     session: Session,
 ) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
-    """Return each issue of the check once, with the runs that have it."""
+    """Return each issue of the check once, with the runs that have it.
+
+    Issues are the same if kind, sentence and remedy are equal. Example:
+    [({"kind": "torque sign", ...}, [run 1, run 2])].
+    """
     groups: dict[tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]] = {}
     for run in session.runs:
         for issue in run["findings"]:

@@ -703,7 +703,9 @@ class Study:
 
     @cached_property
     def reverse_engineered(self) -> Result:
-        """Base parameters by reverse engineering from the black box (Gaz et al.).
+        """The estimate by reverse engineering (Gaz et al.): torques of the true links
+        at chosen static and moving states determine the base parameters by least
+        squares.
 
         Its details hold the condition number and the relative error.
         """

@@ -115,7 +115,8 @@ class SigmoidFit:
 
 
 def exact_rows(motion: Motion, torque: Array) -> RowsOf:
-    """Return a function that makes a model's rows for known states, without filters."""
+    """Return a function from a model to its rows (torque = columns times parameters) at
+    known states and torques (N, n), without filters."""
     return lambda model: Rows(motion, torque, model.columns(motion))
 
 
@@ -408,7 +409,8 @@ def residual_rms(
     parts: Sequence[RowsOf],
     fit: SigmoidFit,
 ) -> Array:
-    """Return the RMS residual (n,) [N m] of a fit on other rows, all parts together."""
+    """Return the RMS residual (n,) [N m] of a fit on other rows; ``parts`` are
+    functions from a model to its rows, one for each run, which count together."""
     residuals = [_Data(problem, rows_of).residual(fit.x) for rows_of in parts]
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
 
@@ -555,9 +557,8 @@ def _steps(what: str, fit: SigmoidFit) -> str:
 
 
 def _rows_in(data: Data, run: Measurements) -> RowsOf:
-    """Return a function that makes a model's rows of a run behind a data set's
-    filters.
-    """
+    """Return a function from a model to its rows (torque = columns times parameters) of
+    a run behind a data set's filters."""
     return lambda model: FilteredRun(run, data.preprocessing).all_rows(model)
 
 

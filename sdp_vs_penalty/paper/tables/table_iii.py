@@ -184,9 +184,9 @@ def _numbered(
 
 
 def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
-    """Return the base parameters from the black box, by name, with condition number
-    and error.
-    """
+    """Return the column of reverse engineering: the base parameters from the black box
+    (torques of the true links at chosen states) by their names ``base``, with the
+    condition number and the relative error [%]."""
     retrieved = study.reverse_engineered
     values = dict(
         zip(

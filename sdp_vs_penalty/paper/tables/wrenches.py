@@ -203,6 +203,7 @@ def unfeasible_retrievals(
         bounds = (box[:, 0], box[:, 1])
 
     def residual(p: Array) -> Array:
+        """Return the errors (b,) of the base parameters, relative to the largest one."""
         return np.asarray((base @ _links(p).ravel() - pi) / size)
 
     n_yielded = 0
@@ -266,9 +267,11 @@ class WrenchStudy:
 
 
 def wrench_study(study: Study) -> WrenchStudy:
-    """Return the wrenches of a study's estimates, and their certified intervals.
+    """Return the internal wrenches (force and moment at each joint) of the 2R for true,
+    feasible and unfeasible parameters, and certified intervals of all possible ones.
 
-    What takes long is read from the disk if it was computed before.
+    All parameters make the same torques. What takes long is read from the disk if it
+    was computed before.
 
     Parameters
     ----------
@@ -278,7 +281,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     Returns
     -------
     WrenchStudy
-        At as many instants as the budget allows.
+        Wrenches (M, n, 6) [N, N m] at M instants, as many as the budget allows.
     """
     problem = study.problem
     x = study.experiment

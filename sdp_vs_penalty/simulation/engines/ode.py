@@ -127,10 +127,11 @@ class Ode(Engine):
         return None if _library() is None else "0.16 (libode8)"
 
     def load(self) -> None:
-        """Compute mass and inertia of each link, about its centre of mass, as ODE takes
-        them.
+        """Compute each link's mass and inertia as ODE takes them, about its centre of
+        mass, and the vectors by which a joint's wrench gives its motor's torque.
 
-        Raises InputError for a link whose inertia ODE refuses.
+        ``by_wrench`` (n, 3, 2) holds for each joint, in the link's frame, the factors
+        of force and moment. Raises InputError for a link whose inertia ODE refuses.
         """
         ode = _library()
         assert ode is not None
@@ -195,10 +196,13 @@ class Ode(Engine):
             self.ode.dWorldDestroy(self.world)
 
     def begin(self, start: Array, step: float) -> None:
-        """Build bodies, joints and motors at rest at ``start`` (n,) [rad, m].
+        """Build bodies, joints and motors at rest at ``start`` (n,) [rad, m]; later
+        steps last ``step`` [s].
 
-        Later steps last ``step`` [s]. ODE has no loader of URDF, so each link becomes a
-        free body that a hinge or slider constrains.
+        ODE has no loader of URDF, so each link becomes a free body that a hinge or
+        slider ties to its parent. ``motors`` are functions that set a joint's velocity;
+        ``rotations``, ``last_position``, ``forces`` and ``moments`` are views of ODE's
+        memory, which each step changes.
         """
         ode = self.ode
         self.step = step
@@ -261,6 +265,7 @@ class Ode(Engine):
         for motor, speed in zip(self.motors, velocity, strict=True):
             motor(speed)
         self.ode.dWorldStep(self.world, self.step)
+        # Factors (n, 3, 2) of force and moment, turned into world axes.
         by_wrench = before @ self.by_wrench
         torque = (by_wrench[:, :, 0] * self.forces).sum(axis=1)
         torque += (by_wrench[:, :, 1] * self.moments).sum(axis=1)

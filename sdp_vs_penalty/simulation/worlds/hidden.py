@@ -404,6 +404,7 @@ def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
     vs = _unit(world, joint) * log_uniform(rng, 0.04, 0.3)
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         speed = motion.dq[:, joint] / vs
         return sign(world, joint, motion) * np.exp(-(speed**2))
 
@@ -433,6 +434,7 @@ def _presliding(
     d = _unit(world, joint) * log_uniform(rng, low, high)
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         dahl = _behind(motion.t, motion.dq[:, joint], d)
         return dahl - world.dry.jumps * sign(world, joint, motion)
 
@@ -462,6 +464,7 @@ def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
     v0 = _unit(world, joint) * log_uniform(rng, 0.05, 0.3)
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         slow = np.tanh(motion.dq[:, joint] / v0)
         return np.asarray(slow - sign(world, joint, motion))
 
@@ -476,6 +479,7 @@ def _power(world: World, joint: int, rng: Generator) -> Hidden:
     alpha = float(rng.uniform(low, high))
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         speed = motion.dq[:, joint]
         return np.asarray(np.sign(speed) * np.abs(speed) ** alpha)
 
@@ -501,6 +505,7 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
     width = float(np.median(world.dry.width))
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         velocity = motion.dq[:, joint]
         of_neighbour = motion.dq[:, i]
         by_form = {3: velocity + of_neighbour, 4: velocity - of_neighbour}
@@ -529,6 +534,7 @@ def _warming(world: World, joint: int, rng: Generator) -> Hidden:
     form = int(rng.choice([2, 4]))
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         dry_or_viscous = sign(world, joint, motion)
         if form == 4:
             dry_or_viscous = motion.dq[:, joint]
@@ -555,6 +561,7 @@ def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
     viscous = bool(rng.random() < 0.5)
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         # Relative to 20 degrees Celsius; falls to 1/e over ``warm`` degrees.
         thickness = np.exp((20.0 - world.temperature(motion.t)[:, joint]) / warm)
         if viscous:
@@ -574,10 +581,11 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a motor that turns with a combination v = c^T dq of two
     neighbours.
 
-    Differential wrists have such motors (Wang et al. 2019). The friction is dry (law
-    2), with presliding (law 3) or with a Stribeck effect (law 4). Viscous friction is
-    left out: the joints' own viscous friction would absorb all of it but a cross term,
-    which does not determine the ratio.
+    tau = size c g, with g = tanh(v / width) (dry, law 2), Dahl's state z along v
+    (presliding over d, law 3), or tanh(v / width) exp(-(v / vs)^2) (Stribeck, law 4).
+    Law, ratio, d and vs are drawn at random. Differential wrists have such motors (Wang
+    et al. 2019). Viscous friction is left out: the joints' own viscous friction would
+    absorb all of it but a cross term, which does not determine the ratio.
     """
     # First joints of two revolute neighbours; the pair nearest to ``joint`` is taken.
     pairs = [i for i in range(world.arm.n - 1) if world.arm.rotary[i : i + 2].all()]
@@ -595,6 +603,7 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     c[first], c[first + 1] = 1.0, ratio
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
         v = motion.dq @ c
         if law == 3:
             friction = _behind(motion.t, v, d)
@@ -628,6 +637,7 @@ def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
     d = _unit(world, joint) * log_uniform(rng, 0.002, 0.01)
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         load = np.abs(world.rigid(motion)[:, joint])
         return load * _behind(motion.t, motion.dq[:, joint], d)
 
@@ -647,6 +657,7 @@ def _slip(world: World, joint: int, rng: Generator) -> Hidden:
     weight = rng.dirichlet(np.ones(3))
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         torque = np.zeros(len(motion.t))
         stretch = np.zeros(3)  # of each spring, 1 where its slider slips
         for k, step in enumerate(np.diff(motion.q[:, joint]), start=1):
@@ -676,6 +687,7 @@ def _position(world: World, joint: int, rng: Generator) -> Hidden:
         k = 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         wave = np.cos(k * motion.q[:, joint] + phase)
         return np.asarray(wave * sign(world, joint, motion))
 
@@ -744,6 +756,7 @@ def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
         k = 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
 
     def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         angle = k * motion.q[:, joint] + phase
         return np.asarray(np.cos(angle))
 
@@ -755,6 +768,7 @@ def _gain(world: World, joint: int, rng: Generator) -> Hidden:
     the torque."""
 
     def law(world: World, joint: int, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
         return world.torque(motion)[:, joint]
 
     make = plain(law, signed=True)
@@ -770,6 +784,7 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
         tau = world.torque(motion)
         delayed = tau.copy()
         t = motion.t
@@ -794,6 +809,7 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
     the filtered torque minus the torque, and the size is T [s]."""
 
     def change(world: World, motion: TrueMotion, T: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
         # Effects are sized on a coarse grid, where a filter is read from a finer one.
         step = min(float(motion.t[1] - motion.t[0]), 0.25e-3)
         t = np.arange(
@@ -801,6 +817,7 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
             motion.t[-1],
             step,
         )
+        # Filter on the fine grid, then return to the motion's instants.
         tau = world.torque(motion)
         fine = _resample(t, motion.t, tau)
         passed = first_order(
@@ -852,6 +869,7 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
     """
 
     def shift(world: World, motion: TrueMotion, c: float) -> Array:
+        """Return the displacement (N,) [rad, m] of the joint's link at this size."""
         lag = np.zeros(len(motion.t))
         for _ in range(2):
             lag = -c * world.rigid(displaced(motion, joint, lag))[:, joint]
@@ -875,6 +893,7 @@ def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
     """
 
     def shift(world: World, motion: TrueMotion, b: float) -> Array:
+        """Return the displacement (N,) [rad, m] of the joint's link at this size."""
         tau = world.rigid(motion)[:, joint]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
@@ -893,6 +912,7 @@ def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
     angle = float(rng.uniform(0.0, 2.0 * np.pi))
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
         tilted = pin.Model(world.built)
         across = size * np.array([np.cos(angle), np.sin(angle), 0.0])
         tilted.gravity.linear = world.built.gravity.linear + across
@@ -921,6 +941,7 @@ def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
         data = world.built.createData()
         torques_of_rows = []
         for q in motion.q:
@@ -939,6 +960,7 @@ def _payload(world: World, joint: int, rng: Generator) -> Hidden:
     centre = rng.uniform(-0.5, 0.5, 3) * reach
 
     def change(world: World, motion: TrueMotion, mass: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
         loaded = pin.Model(world.built)
         ball = pin.Inertia(
             mass,
@@ -965,6 +987,7 @@ def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
     seed = int(rng.integers(2**32))
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
         slip = 1e-4 * size
         turn = np.rad2deg(2e-4 * size)
         displaced_world = misplaced(
