@@ -140,31 +140,18 @@ def _in_radians(
     are in degrees a second: far larger than the derivative of the converted position.
     """
     is_revolute = _revolute_joints(robot)
-    factor = float(np.radians(1.0))
-    q = run.q * factor
+    radians_per_degree = float(np.radians(1.0))
+    q = run.q * radians_per_degree
     if unwrap:
-        q = _into_range(
-            robot,
-            np.unwrap(
-                run.q,
-                period=360.0,
-                axis=0,
-            )
-            * factor,
-        )
+        unwrapped = np.unwrap(run.q, period=360.0, axis=0)
+        q = _into_range(robot, unwrapped * radians_per_degree)
     q = np.where(is_revolute, q, run.q)
     if run.dq is None:
         return replace(run, q=q)
     logged = np.abs(run.dq).sum(axis=0)
-    derived = np.abs(
-        np.gradient(
-            q,
-            run.t,
-            axis=0,
-        )
-    ).sum(axis=0)
+    derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
     in_degrees = is_revolute & (logged > _IN_DEGREES_A_SECOND * derived)
-    dq = np.where(in_degrees, run.dq * factor, run.dq)
+    dq = np.where(in_degrees, run.dq * radians_per_degree, run.dq)
     return replace(run, q=q, dq=dq)
 
 

@@ -316,8 +316,9 @@ def judge_excitation(
     report: Report,
     settings: Preprocessing,
 ) -> Report:
-    """Report the base parameters that the motion of a run, as repaired, does not
-    determine.
+    """Report the base parameters that the motion of a repaired run does not determine.
+
+    The report stays as it is if the dynamics of the run were not judged.
 
     Parameters
     ----------

@@ -148,7 +148,10 @@ class LoggerJudge:
         return RepairSearch(Likelihood.of_all_runs(logs), logs, facts)
 
     def _repair_one_run(self, net: LogTransform) -> bool:
-        """Find what is different in one run, and repair the run where that is possible.
+        """Find what is different in one run, and repair the run if that is possible.
+
+        Runs are compared as repaired by ``net``, the repair that all share. The
+        difference becomes an issue of that run alone.
 
         Returns
         -------
@@ -193,10 +196,11 @@ class LoggerJudge:
         return any(contradicts) and not all(contradicts)
 
     def _faults_of_one(self, number: int) -> list[tuple[Fault, LogTransform]]:
-        """List faults that one run's log alone may have, each with its repair.
+        """List the faults that a single run's log may have, each with its repair.
 
-        They are all signs and orders of channels, and the faults that a search of this
-        run alone finds; only faults that `check --fix --apply` can repair.
+        They are all wrong signs and orders of channels, and the faults that a search in
+        this run alone finds. Only single faults that `check --fix --apply` can repair
+        are listed.
         """
         log = self.logs[number]
         fit = log.fit(log.as_logged)
@@ -232,10 +236,12 @@ class LoggerJudge:
         return True
 
     def _report(self, search: RepairSearch, net: LogTransform) -> None:
-        """Add the explanations to the reports: faults of all runs, the torques' size,
-        and what is left unexplained.
+        """Add the explanations to the reports of all runs.
 
-        Of torques that are not those of the arm's motors nothing else is reported.
+        They are the faults that all runs share, the size of the torques, and the torque
+        that stays unexplained. If the size shows that the channels hold no motor
+        torque, only that and the unexplained torque are reported. If it shows another
+        unit of all torques, gains and units of single torques are left out.
         """
         stated = search.describe_faults(net)
         facts = [f.kind for report in self.reports for f in report.issues]

@@ -67,6 +67,7 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
     iterator of Issue
         Issues to report; none if nothing is wrong.
     """
+    # Equal rows have equal numbers; a lag is a row's distance from its first equal.
     number = glance.row_numbers
     first_row_of_number = np.unique(number, return_index=True)[1]
     lags = np.arange(len(number)) - first_row_of_number[number]
@@ -171,13 +172,14 @@ def _frozen_packets(glance: RunSummary, is_held: Rows) -> Rows:
 
 
 def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
-    """Yield a warning about rows that repeat the row before (``same``, (N,)) while the
-    arm moves under an even clock.
+    """Yield a warning about rows that repeat the row before, while the arm moves and
+    time steps are even.
 
-    Behind a copy that a lost packet left, the motion skips ahead; behind a row that was
-    written twice it goes on, and the clock was made anew.
+    same (N,) : which rows do. There are two causes. If a packet was lost and the last
+    one written again, the motion skips ahead after the copy. If a row was written twice
+    and the clock made anew, the motion goes on after it.
     """
-    span = 2 * STUCK
+    span = 2 * STUCK  # rows to either side of a copy that are compared
     single = np.flatnonzero(same[span:-span]) + span
     single = single[~same[single - 1] & ~same[single + 1]]
     # A share of 0.2 % may be chance; at four in five the position hardly moves.
@@ -425,13 +427,13 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning where all joints skip ahead within one step of an even clock:
-    rows are missing, and the clock was made anew.
+    """Yield a warning where all joints skip ahead within one time step of a usual
+    length: rows are missing, and the clock was made anew.
 
-    A position that repeats is a packet repeated, and makes up for the skip behind it:
-    each position counts once, from its first stamp to that of the next. Only joints
-    that move well above their own scatter show a skip, and three in four of them have
-    to.
+    A skip of k steps has k times the usual speed, so that k - 1 rows are missing. Rows
+    that repeat a position (a packet sent twice) do not count: steps are those between
+    new positions. Only joints that move well above the scatter of their speed can show
+    a skip; three in four of them have to.
 
     Parameters
     ----------
@@ -467,13 +469,14 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     places = places[steps[places] < 3.0 * np.median(steps)]
     if not len(places):
         return
-    # Steps that each skip is long: a mean over the joints, weighted by their clearness.
+    # Length of each skip in steps: a mean over the joints that move clearly, weighted
+    # by one over their scatter.
     weights = (is_clear / scatter)[places]
     weighted_speed = (speed[places] * weights).sum(axis=1)
     steps_long = weighted_speed / (usual[places] * weights).sum(axis=1)
     lost = np.round(steps_long - 1.0)  # rows, at each place
-    rows = fresh[places + 1] - 1
-    added = np.zeros(len(glance.steps))
+    rows = fresh[places + 1] - 1  # the row before each skip's end
+    added = np.zeros(len(glance.steps))  # [s] after each row
     added[rows] = lost * np.median(steps)
     yield Issue(
         kind="lost rows",

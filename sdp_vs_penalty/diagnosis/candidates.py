@@ -46,9 +46,10 @@ def list_candidates(data: WhiteData) -> Library:
         same joints and number of coefficients that depend on the current model in the
         same way; each of the model's own constants has its own batch.
     """
+    # Candidates with the white columns of each joint, by what a batch has in common.
     groups = dict[Hashable, list[tuple[Candidate, dict[int, Array]]]]()
     for form in (*effect_candidates(data), *own_constant_candidates(data)):
-        white = white_candidate(data, form)
+        white = white_candidate(data, form)  # columns by joint (from 0)
         if white:  # it changes the torque of some joint
             own_key = form.key if form.replaces_own_constant else None
             joints = tuple(sorted(white))
@@ -59,6 +60,8 @@ def list_candidates(data: WhiteData) -> Library:
         forms, columns = zip(*members, strict=True)
         joints = tuple(sorted(columns[0]))
         batches.append(Batch.of(joints, forms, columns))
+    # A law is an effect on a joint with the same discrete constants: its candidates
+    # differ in continuous constants only.
     form_by_law = {f.discrete_choice: f for b in batches for f in b.forms}
     n_laws_by_key = Counter(f.key for f in form_by_law.values())
     return Library(tuple(batches), n_laws_by_key)

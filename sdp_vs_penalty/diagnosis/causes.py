@@ -286,7 +286,7 @@ def _sine_and_cosine(q: Array) -> tuple[Array, Array]:
 
 
 def _stack_columns(parts: Sequence[Array], rows: int) -> Array:
-    """Stack arrays (M,) as the columns of one array (M, k); an empty list gives (M, 0)."""
+    """Stack arrays (M,) as columns of one array (M, k); an empty list gives (M, 0)."""
     return np.column_stack(parts) if parts else np.zeros((rows, 0))
 
 
@@ -426,8 +426,8 @@ class CauseShares:
         Their shares beyond the model are within _SAME_SHARE (2 %) of its share. The one
         that explains most of the whole error comes first.
         """
-        # The likeliest cause explains most beyond the model. Causes in other joints have
-        # lower weights, since they are many.
+        # The likeliest cause explains most beyond the model; causes in other joints
+        # have lower weights, since they are many.
         weights = {name: self._weight(name, self.beyond_model) for name in self.names}
         best = max(self.names, key=weights.__getitem__)
         smallest_share = self.beyond_model[best] - _SAME_SHARE
@@ -458,7 +458,7 @@ class CauseShares:
 
     @property
     def names(self) -> list[str]:
-        """Names of the causes, such as "velocity", in the order of a heat map's rows."""
+        """Names of the causes, such as "velocity", in the order of heat maps' rows."""
         return list(self.of_error)
 
     @staticmethod

@@ -140,7 +140,12 @@ def diagnose_runs(
         Findings and verdict.
     """
     progress("noise, and columns of all candidates")
-    finished_search = search(runs.white_data, runs.candidates, rules, progress)
+    finished_search = search(
+        runs.white_data,
+        runs.candidates,
+        rules,
+        progress,
+    )
     finished_search = refer_columns_to_current_model(finished_search, progress)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
@@ -202,7 +207,7 @@ class DiagnosisRuns:
     frozen: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InputError if a recording has another number of joints than the model."""
+        """Raise InputError if a recording has not as many joints as the model."""
         named = {
             "measurements": self.measurements,
             "test run": self.test,
@@ -253,7 +258,12 @@ class DiagnosisRuns:
         """The searched rows, weighted so that their noise is independent with variance
         1.
         """
-        return whiten_rows(self.rows, self.estimate, self.frozen, self.noise_rows)
+        return whiten_rows(
+            self.rows,
+            self.estimate,
+            self.frozen,
+            self.noise_rows,
+        )
 
     @cached_property
     def candidates(self) -> Library:
@@ -267,7 +277,10 @@ class DiagnosisRuns:
 
     @property
     def noise_rows(self) -> SegmentedRuns | None:
-        """The filtered rows in which the noise is measured; None: in the searched rows."""
+        """The filtered rows in which the noise is measured.
+
+        None if it is measured in the searched rows.
+        """
         if self.noise_from is None:
             return None
         return with_estimate(

@@ -39,7 +39,7 @@ class Explanation:
 
     @property
     def estimate(self) -> Estimate:
-        """The model with re-estimated constants, beside which the findings are judged."""
+        """The model with re-estimated constants, to which the findings are added."""
         return self.search.data.estimate
 
     @property
@@ -51,7 +51,7 @@ class Explanation:
 
     @property
     def terms(self) -> list[ScoredEffect]:
-        """All effects of the explanation: re-estimated constants first, then findings."""
+        """All effects of the explanation: re-estimated constants, then findings."""
         return [*self.constants, *self.search.terms]
 
 

@@ -54,7 +54,7 @@ def refer_columns_to_current_model(
         # New columns of the findings, then of all candidates.
         search = refer_once(search)
         search.library = search.library.with_current_columns(search.data)
-        # In new columns some findings have no evidence any more, and others have.
+        # In new columns findings may lose their evidence, and other effects gain some.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)
@@ -162,8 +162,18 @@ def beside_model(
     in_reference = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
     effects_in_reference = [(t.form.effect, b) for t, b in in_reference]
     rows = with_estimate(data.rows, estimate, effects_in_reference)
-    data = whiten_with_noise(rows, data.noise, estimate, data.frozen)
-    out = Search(data, search.library, search.rules, like=search)
+    data = whiten_with_noise(
+        rows,
+        data.noise,
+        estimate,
+        data.frozen,
+    )
+    out = Search(
+        data,
+        search.library,
+        search.rules,
+        like=search,
+    )
     out.nuisances.frequencies = search.nuisances.frequencies  # hums stay what they are
     out.in_reference = {t.key for t, _ in in_reference}
     out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in search.terms]

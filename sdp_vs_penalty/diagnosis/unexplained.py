@@ -65,13 +65,20 @@ def unexplained_error(search: Search) -> Remainder:
     Returns
     -------
     Remainder
-        Joints, sizes and outliers.
+        Sizes, joints with unexplained torque, and rows with isolated disturbances.
     """
     data = search.data
     fit = search.fit
-    residual = least_squares_refit(data, [t.form.effect for t in search.terms])[1]
+    effects = [t.form.effect for t in search.terms]
+    _, residual = least_squares_refit(data, effects)
+    # (M, n) whitened residual; the fit divides each joint's rows by a level.
     white = (fit.residual * fit.level[:, None]).T
-    return remainder(data, fit, residual, outliers(data, white, residual))
+    return remainder(
+        data,
+        fit,
+        residual,
+        outliers(data, white, residual),
+    )
 
 
 def remainder(

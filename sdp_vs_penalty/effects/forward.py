@@ -107,7 +107,11 @@ class Plant:
         """Sort the model's effects by their role in a simulation, and prepare the
         links' dynamics.
 
-        Simulations with equal link parameters share one set of dynamics.
+        theta is (p,), or (W, p) with one row for each of W simulations; simulations
+        with equal link parameters share one set of dynamics. The plant keeps pairs of
+        an effect and its parameters' places in theta: ``effects`` that make torque on
+        the joints, among them those that depend on accelerations
+        (``_accelerated_effects``), and ``channels`` that only distort what is logged.
         """
         self.model = model
         self.robot = model.robot

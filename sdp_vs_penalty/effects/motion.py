@@ -182,8 +182,8 @@ class Legs:
         Returns
         -------
         Legs
-            Positions of the corners (reversals and both ends), direction of each leg, and for
-            each step its leg and its travel since the leg's beginning.
+            Positions of the corners (reversals and both ends), direction of each leg, and
+            for each step its leg and its travel since the leg's beginning.
         """
         sign = np.sign(np.diff(q))
         moving_steps = np.flatnonzero(sign)

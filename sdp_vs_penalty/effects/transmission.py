@@ -191,9 +191,10 @@ class TransmissionFriction(StatefulEffect):
     ) -> None:
         """Declare the shape constants of the chosen law and joints, and check them.
 
-        Each joint has a ratio, c5 for joint 5, in units of the first joint's position
-        over its own. Only the hysteresis law has a travel d, only Stribeck's a velocity
-        vs.
+        The effect acts along s = c q. Each joint has a ratio, c5 for joint 5, in units
+        of the first joint's position over its own. Only the hysteresis law has a travel
+        d, only Stribeck's a velocity vs. Without ``joints`` the effect acts on the last
+        two.
         """
         # The last two joints, such as a wrist's, are the default.
         last_two = list(range(max(0, robot.n - 2), robot.n))
@@ -211,6 +212,7 @@ class TransmissionFriction(StatefulEffect):
         for j, unit in zip(acting_joints, units, strict=False):
             unit_of_ratio = "-" if unit == units[0] else f"{units[0]}/{unit}"
             ratios[f"c{j + 1}"] = ShapeConstant(1.0, unit_of_ratio, signed=True)
+        # This effect's own constants, before the base class checks the values.
         self.shapes = ratios | constants
         super().__init__(robot, joints, **shape)
         self.joints = tuple(acting_joints)

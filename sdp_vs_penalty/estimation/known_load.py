@@ -272,6 +272,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     ]
     rows = np.vstack(rows_of_joint)
     joint_of_row = np.repeat(np.arange(len(gains)), [len(x) for x in rows_of_joint])
+    # The column of kp_j is minus the error of joint j.
     e = -rows[np.arange(len(rows)), gains[joint_of_row]]
     L = rows[:, other_parameters]
     # First gains: the nominal links' torque over the error, joint by joint.
@@ -294,6 +295,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
         return psi, e - U @ (U.T @ e), slopes - U @ (U.T @ slopes)
 
     def residual_and_jacobian(x: Array) -> tuple[Array, Array]:
+        """Return the residual of e and its Jacobian by x = ln kp - ln start."""
         _, residual, jacobian = fitted(x)
         return residual, jacobian
 
@@ -301,7 +303,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     end = np.full(len(gains), np.log(Servo.range))
     best, _, _ = least_squares(
         residual_and_jacobian,
-        0.0 * end,
+        np.zeros_like(end),
         (-end, end),
         xtol=1e-8,
         ftol=1e-8,
@@ -325,9 +327,10 @@ def _in_units_of_error(
     other_parameters: Array,
     p: int,
 ) -> Array:
-    """Return a joint's rows (r, p) divided by s_j, the noise of its error in these
-    rows.
+    """Return a joint's rows (r, p) divided by s, the noise of its servo's control
+    error.
 
+    s is the root mean square of the error after least squares in the load's columns.
     ``error`` is the index of the error's column, ``other_parameters`` those of all
     columns but the errors. Raises InputError for a joint whose error is zero.
     """

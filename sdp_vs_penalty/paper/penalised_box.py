@@ -477,7 +477,12 @@ class BoxedProblem:
         gap: float,
         most_cells: int,
     ) -> BoxedOptimum:
-        """Split cells, the one with the lowest bound first, until the gap is reached.
+        """Minimise the penalised objective inside the box by branch and bound over the
+        centres of mass.
+
+        A cell is a box of centres of mass. Its relaxation gives a lower bound, and the
+        optimum at fixed centres in it a point. The cell with the lowest bound is split
+        in two, until that bound is close to the best point.
 
         Parameters
         ----------
@@ -502,6 +507,7 @@ class BoxedProblem:
         best: PenalisedOptimum | None = None
         while True:
             lower, _, cell = cells[0]
+            # A point: the optimum at the relaxation's own centres of mass.
             centres = np.clip(
                 self.centres(cell.relaxation.theta),
                 cell.low,
@@ -514,6 +520,7 @@ class BoxedProblem:
             if result.gap <= gap or n_cells + 2 > most_cells:
                 return result
             heapq.heappop(cells)
+            # A half cannot have a lower bound than its cell.
             for low, high in self._halves(cell):
                 half = self._solved_cell(weight, low, high)
                 n_cells += 1

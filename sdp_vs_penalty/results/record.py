@@ -30,7 +30,7 @@ class Shown:
         raise NotImplementedError
 
     def _table(self) -> Table | None:
-        """Return the table that notebooks show below the summary; None: there is none."""
+        """Return the table that notebooks show below the summary, or None."""
         return None
 
     def __repr__(self) -> str:

@@ -219,8 +219,11 @@ class Table:
         return "\n".join([*([self.title] if self.title else []), *lines]) + "\n"
 
     def markdown(self) -> str:
-        """Return the table in Markdown: title as a heading, caption above, notes
-        below.
+        """Return the table in Markdown: title as a heading, caption above, notes as a
+        list below.
+
+        Special characters of title, caption and cells are escaped; notes are Markdown
+        already.
         """
         lines: list[str] = []
         if self.title:

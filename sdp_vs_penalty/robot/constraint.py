@@ -263,11 +263,13 @@ def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
 
 
 def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
-    """Return rows and derivative of :func:`projected_rows` for the second-order cone,
-    (g, d).
+    """Return rows and derivative of :func:`projected_rows` for the second-order cone
+    |u| <= s; ``values`` (g, d) are g points (s, u), ``directions`` (g, d, p) their
+    derivatives by p parameters.
 
-    In the frame (axis, ray, across the ray) the derivative has the eigenvalues 1 or 0
-    along (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, clipped to [0, 1], across.
+    In the frame (axis, ray, across the ray) the derivative of the projection has the
+    eigenvalues 1 or 0 along (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, clipped to [0,
+    1], across. Rows and derivatives are scaled by their square roots.
     """
     width = directions.shape[2]
     # Points (s, u): s (g,), |u| (g,) and the unit vector u / |u| (g, d - 1).

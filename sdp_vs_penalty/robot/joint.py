@@ -388,9 +388,9 @@ class Transmission(JsonRecord):
     torques: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Raise InputError for arrays or words that do not fit n motors, or dependent
-        motors.
-        """
+        """Raise InputError for a matrix that is not (n, n), an offset that is not (n,),
+        sides that are not n words "motor" or "joint", or motors that do not determine
+        the joints."""
         n = len(self.matrix)
         check_finite(f"the matrix of a transmission of {n} motors", self.matrix, (n, n))
         check_finite(f"the offset of a transmission of {n} motors", self.offset, (n,))

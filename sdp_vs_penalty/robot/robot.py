@@ -676,7 +676,8 @@ class Robot(JsonRecordSkippingNone):
     ) -> Array:
         """Return derivatives of the joint torques by the placement of each joint.
 
-        Six virtual joints at rest stand before each joint; Pinocchio derives by their positions.
+        Six virtual joints at rest (three prismatic, three revolute) stand before each
+        joint; Pinocchio's derivatives by their positions are the result.
 
         Parameters
         ----------
@@ -688,7 +689,8 @@ class Robot(JsonRecordSkippingNone):
         Returns
         -------
         (N, n, joints of the tree, 6) array
-            By displacement [m] along, and rotation [rad] about, the axes of each joint's frame.
+            By displacement [m] along, and rotation [rad] about, the axes of each joint's
+            frame.
 
         References
         ----------

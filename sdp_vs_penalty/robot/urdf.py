@@ -360,10 +360,12 @@ def parse_urdf(path: str | Path) -> Any:
 def _read(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> tuple[Any, list[Joint], list[Parts]]:
-    """Return the <robot> element, the moving joints depth first, and their links'
-    elements.
+    """Return the <robot> element, the moving joints depth first, and the elements of
+    each moving joint's link.
 
-    ``held`` are joints that count as fixed, by name, and their positions [rad, m].
+    The latter are lists of (<link> element, pose (4, 4) in the moving link's frame):
+    the moving link and what is fixed to it. ``held`` are joints that count as fixed, by
+    name, and their positions [rad, m].
     """
     root = parse_urdf(path)
     joints: list[Joint] = []
@@ -419,10 +421,11 @@ def _require_unique_names(root: Any) -> None:
 
 
 def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
-    """Return the links by name, the joints that hang on each link, and the name of the
-    base.
+    """Return the links by name, the <joint> elements that hang on each link, and the
+    name of the base.
 
-    Raises InputError unless the links form a tree.
+    Raises InputError unless the links form a tree: one base, and one parent joint for
+    every other link.
     """
     if root.tag != "robot":
         what = f"the outermost element is <{root.tag}>, a URDF's is <robot>"

@@ -547,47 +547,44 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
 
 
 def chain_task(n: int, draw: int = 0) -> Task:
-    """Simulate torques of a random serial arm in 60 random states.
+    """Simulate torques of a random serial arm in 60 random states, and pose its
+    identification.
 
-    Its true links are thin, so that the constraints of consistency bind; friction acts
-    in every joint.
+    Its true links are nearly rods, so that the constraints of consistency bind.
+    Friction acts in every joint. Each joint's torque has white noise with a standard
+    deviation of 1 % of its root mean square.
 
     Parameters
     ----------
     n : int
         Number of links.
     draw : int
-        Which of the arms of this size.
+        Number of the random arm of this size, from 0.
 
     Returns
     -------
     Task
-        Each joint's torque has white noise of 1 % of its root mean square, and is
-        scaled by that.
+        Rows of each joint are divided by the standard deviation of its noise.
     """
     rng = np.random.default_rng(_seed_of_chain(_CHAIN_SEED + 1, n, draw))
     problem = chain_problem(n, draw)
     samples = 60
     model = problem.model()
     q = problem.robot.random_configurations(samples, _CHAIN_SEED)
-    dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))
-    motion = Motion(
-        np.linspace(0.0, 1.0, samples),
-        q,
-        dq,
-        ddq,
-    )
-    theta = np.concatenate(
-        [
-            thin_links(rng, problem).ravel(),
-            rng.uniform(0.1, 0.5, 3 * n),
-        ]
-    )
+    dq = rng.normal(size=(samples, n))
+    ddq = 3.0 * rng.normal(size=(samples, n))
+    t = np.linspace(0.0, 1.0, samples)
+    motion = Motion(t, q, dq, ddq)
+    # Ten parameters of each link, then three of each joint's friction.
+    links = thin_links(rng, problem).ravel()
+    friction = rng.uniform(0.1, 0.5, 3 * n)
+    theta = np.concatenate([links, friction])
     columns = model.columns(motion)
     torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])
+    # Of each joint [regressor, torque], (samples, p + 1).
     stack = [
-        np.column_stack([c.dense_columns(len(theta)), t])
-        for c, t in zip(columns, torque.T, strict=True)
+        np.column_stack([c.dense_columns(len(theta)), torque_of_joint])
+        for c, torque_of_joint in zip(columns, torque.T, strict=True)
     ]
     # In units of the noise, 1 % of the joint's RMS torque (the last column).
     for rows in stack:

@@ -277,7 +277,12 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
         axes[0].set_ylabel("share of problems solved")
         handles, labels = axes[0].get_legend_handles_labels()
         # An empty curve: the sample of a cross in the legend.
-        (cross,) = axes[0].plot([], [], "kx", markersize=6)
+        (cross,) = axes[0].plot(
+            [],
+            [],
+            "kx",
+            markersize=6,
+        )
         figure.legend(
             [*handles, cross],
             [*labels, "silently wrong answer"],
@@ -328,7 +333,13 @@ def _plot_solved_at(panel: Any, runs: pandas.DataFrame, accuracy: float) -> None
         )
         # Crosses lie on the curve, at the times of the wrong answers.
         share_at_cross = y[np.searchsorted(x, wrong, side="right") - 1]
-        panel.plot(wrong, share_at_cross, "x", color=f"C{k}", markersize=6)
+        panel.plot(
+            wrong,
+            share_at_cross,
+            "x",
+            color=f"C{k}",
+            markersize=6,
+        )
     panel.set(
         xscale="log",
         xlim=(1e-3, longest),
@@ -374,13 +385,15 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
     runs : DataFrame
         Rows of runs.csv.
     time_limit : float
-        Of each run [s].
+        Time limit of each run [s].
 
     Returns
     -------
     DataFrame
-        One row for each solver and setting.
+        One row for each solver and setting: runs, success_percent, the number of runs
+        of each class, mean_seconds, medians of the errors, attempts, version.
     """
+    # ``where`` keeps values of the rows that fulfil it, and replaces the others.
     errors = runs[["objective_error", "violation", "own_gap"]].where(
         runs["claimed"] == "optimal"
     )
@@ -388,14 +401,15 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
     runs_with_errors = runs.assign(
         **errors.replace(np.inf, np.nan), mean_seconds=np.log(times + _TIME_SHIFT)
     )
+    # A column for each class with 1 for its runs, whose sum counts them.
+    is_of_class = pandas.get_dummies(runs["class"], dtype=int)
     runs_with_errors = runs_with_errors.join(
-        pandas.get_dummies(runs["class"], dtype=int).reindex(
-            columns=CLASSES, fill_value=0
-        )
+        is_of_class.reindex(columns=CLASSES, fill_value=0)
     )
     runs_with_errors = runs_with_errors.sort_values(
         ["solver", "accuracy"], ascending=[True, False]
     )
+    # Of each column of the result: the column that it is computed from, and how.
     how: dict[str, Any] = {
         "runs": ("problem", "size"),
         "success_percent": ("right", "mean"),

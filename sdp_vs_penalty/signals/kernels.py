@@ -169,15 +169,16 @@ class Kernel(LowPass):
 
         Parameters
         ----------
-        q
-            (N, n) positions [rad or m].
+        q : (N, n) array
+            Positions, sampled every dt [rad or m].
 
         Returns
         -------
-        tuple of Array
-            q, dq, ddq, each (N - 2 half, n).
+        q, dq, ddq : (N - 2 half, n) arrays
+            Low-passed positions and their first and second derivative by time, at the
+            samples with half a kernel on either side.
         """
-        # This keeps the rounding of the transforms relative to the motion.
+        # Relative to the first row, so that rounding errors are relative to the motion.
         centred = q - q[:1]
         low, first, second = convolve(
             centred,

@@ -79,15 +79,18 @@ class ColumnCache:
         Columns are taken from the cache if it has them; new ones are added to it if
         ``keep``.
         """
-        # Columns that turn with the sign of a velocity depend on the width of the turn.
-        width = None
+        # Columns with the sign of a velocity depend on the width [rad/s, m/s] over which
+        # the smoothed sign turns.
+        sign_width = None
         if self.parts and not effect.signless:
             _, motion = self.parts[0]
-            width = motion.sign_width
-        key = type(effect), effect.joints, *effect.shape.items(), width
+            sign_width = motion.sign_width
+        key = type(effect), effect.joints, *effect.shape.items(), sign_width
+        # Columns that depend on a model's torque have a cache of their own.
         cache = self.cache[depends(effect)]
-        known, blocks = cache.get(key, (None, None))
-        if blocks is None or known is None or not known.same_columns(effect):
+        cached_effect, blocks = cache.get(key, (None, None))
+        is_same = cached_effect is not None and cached_effect.same_columns(effect)
+        if blocks is None or not is_same:
             blocks = self._make_columns(effect)
             if keep:
                 cache[key] = effect, blocks
@@ -194,22 +197,22 @@ class SegmentedRuns:
 
     @cached_property
     def q(self) -> Array:
-        """(M, n) filtered positions."""
+        """(M, n) filtered positions [rad or m]."""
         return np.concatenate([s.low_pass @ s.motion.q for s in self.segments])
 
     @cached_property
     def dq(self) -> Array:
-        """(M, n) filtered velocities."""
+        """(M, n) filtered velocities [rad/s or m/s]."""
         return np.concatenate([s.low_pass @ s.motion.dq for s in self.segments])
 
     @cached_property
     def torque(self) -> Array:
-        """(M, n) filtered measured torque."""
+        """(M, n) filtered measured torque [N m or N]."""
         return np.concatenate([s.torque for s in self.segments])
 
     @cached_property
     def residual(self) -> Array:
-        """(M, n) filtered measured less modelled torque."""
+        """(M, n) filtered measured torque less the attached model's torque [N m or N]."""
         return np.concatenate([s.residual for s in self.segments])
 
     @cached_property

@@ -209,9 +209,12 @@ class Following(Record):
 
     @property
     def verdict(self) -> str:
-        """Sentence on how well the simulated motion follows the measured one.
+        """Sentence on how well the simulated motion follows the measured one, of the
+        worst joint.
 
-        It grades nothing: the grade of a model comes from estimation/verdict.py.
+        With drive "pd" it says the torque that the loop adds; otherwise the drift over
+        the horizon beside the guess of constant velocity. It grades nothing: the grade
+        of a model comes from estimation/verdict.py.
         """
         # Numbers with their units, as all texts show them.
         facts = self.facts()

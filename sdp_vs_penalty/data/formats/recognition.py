@@ -409,6 +409,7 @@ def _by_logger(
             joints,
             table,
         )
+        # The file's names by ours: t, q1, q2 ..., tau1 ....
         rename = {"t": clock}
         for group, columns in groups.items():
             for k, key in enumerate(keys, start=1):

@@ -104,8 +104,8 @@ class Basis:
     def evaluate(self, *values: Array) -> Array:
         """Return all K basis functions (N, K) at N points.
 
-        Of two variables they are all products of a spline of the first with one of the
-        second; the second's index runs fastest.
+        Of one variable they are its splines. Of two they are all products of a spline
+        of the first with a spline of the second; the second's index runs fastest.
 
         Parameters
         ----------

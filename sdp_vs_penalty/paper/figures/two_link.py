@@ -298,6 +298,9 @@ def figure_10(study: Study) -> Any:
     """Draw the internal wrenches of the 2R: true, feasible, unfeasible, and all
     possible ones.
 
+    All parameters make the same torques; a band shows the certified interval of all
+    feasible ones.
+
     Parameters
     ----------
     study : Study

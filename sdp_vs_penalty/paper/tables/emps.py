@@ -29,6 +29,10 @@ def emps(study: Study) -> Table:
     """EMPS table: the public nonlinear benchmark, by force along a motion and by
     simulated position.
 
+    Every estimate is a mass and friction constants of one prismatic axis. It is judged
+    by the force error on both public files, and by the position that it gives when the
+    measured force drives it.
+
     Parameters
     ----------
     study : Study
@@ -37,7 +41,7 @@ def emps(study: Study) -> Table:
     Returns
     -------
     Table
-        Rows, notes and headline.
+        Rows of the authors' values and of our methods; notes and headline.
     """
     runs_found = measured_runs(study.problem.name)
     if not runs_found:

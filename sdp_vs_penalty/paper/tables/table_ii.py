@@ -15,8 +15,8 @@ def exciting_trajectory(study: Study) -> Table:
     """Table II: the exciting trajectory, published, as commanded, and better
     conditioned ones.
 
-    Rows: coefficients and condition numbers of the published and of optimised
-    trajectories.
+    A trajectory excites the parameters better the smaller the condition number of its
+    regressor is.
 
     Parameters
     ----------
@@ -26,12 +26,14 @@ def exciting_trajectory(study: Study) -> Table:
     Returns
     -------
     Table
-        Rows, notes and headline.
+        Rows of coefficients (a_k, b_k, q_0 of each joint) and of condition numbers, of the
+        published trajectory and of trajectories optimised by this program.
     """
     published = study.problem.published["table_II"]
     paper = study.experiment.trajectory
     optimum = optimised(study)
     columns = list(published[0])
+    # The coefficients as printed.
     rows: list[Row] = [
         {
             **row,

@@ -53,6 +53,9 @@ _Window = tuple[Regression, Regression]
 def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs.
 
+    Every method is trained on several windows of each length, and judged on other
+    motion.
+
     Parameters
     ----------
     study : Study
@@ -61,7 +64,7 @@ def data_needed(study: Study) -> Table:
     Returns
     -------
     Table
-        Rows, notes and headline.
+        Rows of each data set, length and method; notes and headline.
     """
     # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
     # judge on), and how many of each.

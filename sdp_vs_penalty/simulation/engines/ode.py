@@ -196,10 +196,13 @@ class Ode(Engine):
             self.ode.dWorldDestroy(self.world)
 
     def begin(self, start: Array, step: float) -> None:
-        """Build bodies, joints and motors at rest at ``start`` (n,) [rad, m].
+        """Build bodies, joints and motors at rest at ``start`` (n,) [rad, m]; later
+        steps last ``step`` [s].
 
-        Later steps last ``step`` [s]. ODE has no loader of URDF, so each link becomes a
-        free body that a hinge or slider constrains.
+        ODE has no loader of URDF, so each link becomes a free body that a hinge or
+        slider ties to its parent. ``motors`` are functions that set a joint's velocity;
+        ``rotations``, ``last_position``, ``forces`` and ``moments`` are views of ODE's
+        memory, which each step changes.
         """
         ode = self.ode
         self.step = step
