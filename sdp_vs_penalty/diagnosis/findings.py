@@ -894,7 +894,7 @@ class Diagnosis(Record, JsonRecord):
 
 
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:
-    """Count findings by rating in words, such as "2 confident, 1 near-tie and 1 weak"."""
+    """Count findings by rating in words: "2 confident, 1 near-tie and 1 weak"."""
     ratings = [f.rating for f in findings]
     counts = [
         f"{ratings.count(kind)} {kind}" for kind in get_args(Rating) if kind in ratings

@@ -203,8 +203,11 @@ def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
 
 
 def _bump_law(axis: Axis) -> Law:
-    """Make the law of a bump, a exp(-((x - b) / c)^2), with places b and widths c over
-    the range of the variable to begin with.
+    """Make the law of a bump, a exp(-((x - b) / c)^2), with amplitude a, place b and
+    width c.
+
+    Fits begin with places over the range of the variable, and widths of 3 to 50 % of
+    it.
     """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
