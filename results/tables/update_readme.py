@@ -176,7 +176,7 @@ def headline() -> str:
                 " and time do. *Consistent*: masses and inertias that a body can have,"
                 " triangle inequalities among them. *Penalty*: solved by this program's"
                 " interior-point method; *as published*: Gaz et al. (2019) written anew,"
-                " with their weights and annealing; on this run its links miss our"
+                " with their weights and annealing; on this run the one-step links miss our"
                 " definition. *Two-step* finds base parameters by least squares, then"
                 " links that fit those. Errors are RMS over that of the torque, on the"
                 " measured run of the Panda; its motion repeats after 13.3 s, and no"

@@ -366,13 +366,14 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     theta = task.model.with_known(theta)
     certificate = Certificate(violations(fit.constraints, theta), task.data.loss(theta))
     if fit.multipliers is not None and fit.interior is not None:
-        same = np.array_equal(theta, fit.theta) and fit.bound is not None
-        fit_on_data = fit if same else replace(fit, theta=theta, bound=task.bound)
+        # The bounds of an unchanged fit are computed already (cached properties).
+        is_unchanged = np.array_equal(theta, fit.theta) and fit.bound is not None
+        certified = fit if is_unchanged else replace(fit, theta=theta, bound=task.bound)
         certificate = replace(
             certificate,
-            upper=fit_on_data.upper,
-            lower=fit_on_data.lower,
-            gap=fit_on_data.gap,
+            upper=certified.upper,
+            lower=certified.lower,
+            gap=certified.gap,
         )
     return theta, certificate
 

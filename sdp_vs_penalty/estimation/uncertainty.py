@@ -742,18 +742,20 @@ class _Intervals:
         return np.asarray(np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2))
 
     def of(self, base: BaseParameters) -> tuple[Interval, ...]:
-        """Return one interval for each of ``base``'s linear functions of theta.
+        """Return the 95 % interval of each of ``base``'s linear functions of theta.
 
-        The standard deviation adds three independent errors in squares: noise (with the
-        shift that open shape constants cause), the errors of the gains, and ``extra``.
+        variance = noise^2 + offset^2 + gains^2 + extra^2, all independent: noise by the
+        sandwich covariance; offset, the shift that open shape constants cause; the
+        errors of the torque channels' gains; and ``extra``, a further error of theta.
         """
         rows = base.rows
         lowest, highest = self._ends_of(rows)
         noise = self.known.half_widths(rows) / NORMAL_95
         noise = np.hypot(noise, rows @ self._offset)
-        of_gains = rows @ self.gains @ self.gain_errors
-        other = np.hstack([rows @ self.extra, of_gains])
+        errors_of_gains = rows @ self.gains @ self.gain_errors
+        other = np.hstack([rows @ self.extra, errors_of_gains])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
+        # Largest possible values, to which small ones are compared; fmin ignores NaN.
         sizes = np.fmin(np.abs(rows) @ self.task.bound, self._largest[base.leading])
         values = rows @ self.value
         least_squares = rows @ self.task.ols
@@ -863,14 +865,15 @@ def beside_held(
     # effects to explain, in the rows of each factor.
     torque_by_spread = []
     torque_by_gain = []
-    for f in regression.factors:
-        rows = f.triangle[:, :-1]
-        is_held = f.indices < len(fixed)
+    for factor in regression.factors:
+        rows = factor.triangle[:, :-1]
+        is_held = factor.indices < len(fixed)
         held_rows = rows[:, is_held]
-        held_indices = f.indices[is_held]
+        held_indices = factor.indices[is_held]
         torque_by_spread.append(-held_rows @ held_uncertainty.spread[held_indices])
+        # A gain's error scales the joint's torque, and has changed the fixed model.
         torque = -held_rows @ held_uncertainty.gain_response[held_indices]
-        torque[:, f.joint] += rows @ everything[f.indices]
+        torque[:, factor.joint] += rows @ everything[factor.indices]
         torque_by_gain.append(torque)
     extra = sandwich.response(torque_by_spread)[:k]
     gains = sandwich.response(torque_by_gain)[:k]
