@@ -120,7 +120,14 @@ def add(
     new = estimate_constants(estimate, added, measurements, frozen)
     _refuse_duplicates(estimate, new)
     if frozen:
-        extended = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
+        extended = _add_frozen(
+            estimate,
+            new,
+            filtered,
+            seed,
+            progress,
+            gain_errors,
+        )
     else:
         again = _Again(estimate, filtered, gain_errors, seed, progress)
         to_estimate = [e for e in added if not all_given(e)]
@@ -541,7 +548,14 @@ def _fit_new_effects(
         task = task_beside(estimate, model_of_new, torque_left, seed, progress)
         progress("estimating the new effects")
         theta, certificate = certify(task, estimator.fit(task))
-    return _FitBeside(model, model_of_new, task, estimator, theta, certificate)
+    return _FitBeside(
+        model,
+        model_of_new,
+        task,
+        estimator,
+        theta,
+        certificate,
+    )
 
 
 def _uncertainty_beside(

@@ -458,7 +458,7 @@ class CauseShares:
 
     @property
     def names(self) -> list[str]:
-        """Names of the causes, such as "velocity", in the order of a heat map's rows."""
+        """Names of the causes, such as "velocity", in the order of heat maps' rows."""
         return list(self.of_error)
 
     @staticmethod

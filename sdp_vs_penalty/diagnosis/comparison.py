@@ -465,7 +465,12 @@ def plot_errors(
     width = 0.8 / len(errors)
     for k, (name, rmse) in enumerate(errors.items()):
         offset = (k - 0.5 * (len(errors) - 1)) * width
-        axes.bar(np.arange(1, len(rmse) + 1) + offset, rmse, width, label=name)
+        axes.bar(
+            np.arange(1, len(rmse) + 1) + offset,
+            rmse,
+            width,
+            label=name,
+        )
     if floor is not None:
         axes.step(
             np.arange(1, len(floor) + 1),
@@ -590,7 +595,12 @@ def compare(
     for name, model in models.items():
         if model.robot.n != runs.measurements.n:
             what = f"measurements for {name}"
-            raise other_robot(runs.measurements.n, model.robot.n, what, "model")
+            raise other_robot(
+                runs.measurements.n,
+                model.robot.n,
+                what,
+                "model",
+            )
         check_plausible(model.robot, runs.measurements)
     return compare_filtered(models, runs, noise_from)
 

@@ -149,8 +149,9 @@ def _is_implausible(x: Judged) -> bool:
     """
     rows = x.search.data.rows
     beta = x.size.beta
-    torque = np.mean((spread_columns(rows, x.effect) @ beta) ** 2, axis=1)
-    if np.any(torque > np.mean(rows.torque**2, axis=0)):
+    torque = spread_columns(rows, x.effect) @ beta  # (n joints, M rows)
+    mean_square = np.mean(torque**2, axis=1)
+    if np.any(mean_square > np.mean(rows.torque**2, axis=0)):
         return True
     plausible = x.effect.plausible
     if plausible is None:

@@ -140,7 +140,12 @@ def diagnose_runs(
         Findings and verdict.
     """
     progress("noise, and columns of all candidates")
-    finished_search = search(runs.white_data, runs.candidates, rules, progress)
+    finished_search = search(
+        runs.white_data,
+        runs.candidates,
+        rules,
+        progress,
+    )
     finished_search = refer_columns_to_current_model(finished_search, progress)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
@@ -253,7 +258,12 @@ class DiagnosisRuns:
         """The searched rows, weighted so that their noise is independent with variance
         1.
         """
-        return whiten_rows(self.rows, self.estimate, self.frozen, self.noise_rows)
+        return whiten_rows(
+            self.rows,
+            self.estimate,
+            self.frozen,
+            self.noise_rows,
+        )
 
     @cached_property
     def candidates(self) -> Library:

@@ -197,13 +197,15 @@ def _judge_group(
     terms_beside = search.nuisances.with_law_misfits(others)
     fit = search.score.fit(terms_beside, full)
     judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
-    after = search.score.fit([*terms_beside, *terms], full)
+    fit_with_terms = search.score.fit([*terms_beside, *terms], full)
     # The residual with the terms, in the same weights as that without them.
-    residual_after = after.residual * (after.level / fit.level)[:, None]
+    reweighted = fit_with_terms.level / fit.level
+    residual_after = fit_with_terms.residual * reweighted[:, None]
     squares = float(np.sum(fit.residual**2) - np.sum(residual_after**2))
     deviance_drop = judged[0].drop
     if len(terms) > 1:
-        deviance_drop = float(fit.deviance(fit.rss) - fit.deviance(after.rss))
+        deviance_after = fit.deviance(fit_with_terms.rss)
+        deviance_drop = float(fit.deviance(fit.rss) - deviance_after)
     return _Group(
         terms=terms,
         others=tuple(others),
@@ -239,7 +241,11 @@ def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
 
 
 def _explains_the_same(search: Search, group: _Group, rival: ScoredEffect) -> bool:
-    """Return whether a single finding has nothing to add beside a rival."""
+    """Return whether a rival explains the torque of the group's only finding.
+
+    It does if the finding, added to a fit with the rival in its place, lowers the
+    deviance by less than ``deviance_margin``.
+    """
     (term,) = group.terms
     others = search.nuisances.with_law_misfits(group.others)
     beside_rival = search.score.fit([*others, rival], group.fit)

@@ -181,7 +181,12 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         is_known = white[:, j] != 0.0
         steady = white[:, j] / max(robust_scale(white[is_known, j]), 1.0)
         degrees = float(noise.degrees[j])
-        is_outlier = local_excess(steady, rows.pieces[j], rows.n, degrees)
+        is_outlier = local_excess(
+            steady,
+            rows.pieces[j],
+            rows.n,
+            degrees,
+        )
         suspect = unrepeated[:, j]
         if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
@@ -191,7 +196,12 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             # Alone among the windows of its state of motion, in N m or whitened; or far
             # above all windows while the joint moves fast.
             lone = _lone_rows(data, torque, j, slow)
-            lone |= _lone_rows(data, white[:, j], j, slow)
+            lone |= _lone_rows(
+                data,
+                white[:, j],
+                j,
+                slow,
+            )
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
             is_outlier &= lone
             # Repetitions also differ while a joint is slow, by friction.
@@ -265,11 +275,16 @@ def _stands_out(
         Number of joints that are searched, for the chance of a false alarm.
     """
     degrees = max(float(np.count_nonzero(torque)), 1.0)
-    return local_excess(torque / _rms(torque), pieces, tests, degrees)
+    return local_excess(
+        torque / _rms(torque),
+        pieces,
+        tests,
+        degrees,
+    )
 
 
 def _near_in_time(mask: Mask, rate: float) -> Mask:
-    """Flag the rows (M, n) within SAME_PHASE seconds of a flagged row; ``rate`` in Hz."""
+    """Flag the rows (M, n) within SAME_PHASE seconds of a flagged row; rate in Hz."""
     return np.asarray(_sums_near_in_time(mask.astype(float), rate) > 0.5)
 
 
@@ -346,7 +361,13 @@ def find_hums(data: WhiteData, residual: Array) -> list[Event]:
         for segment in data.rows.segments:
             begin = float(segment.t[0])
             end = float(segment.t[-1])
-            hum = Event(j + 1, begin, end, what="hum", frequency=lines[0])
+            hum = Event(
+                j + 1,
+                begin,
+                end,
+                what="hum",
+                frequency=lines[0],
+            )
             out.append(hum)
     return out
 

@@ -163,8 +163,8 @@ class EvidenceScorer(WhiteFitter):
         n_candidates
             How many candidates there are; a choice among many costs evidence.
         laws
-            By candidate the number of laws that it chooses among, where there is more
-            than one.
+            The number of laws (discrete variants) of a candidate, by its key (effect
+            name, joint). A candidate that is missing here has one law.
         rules
             Which optional rules of the search apply.
         like
@@ -299,7 +299,7 @@ class EvidenceScorer(WhiteFitter):
         T = trial.T
         residual = fit.residual - T @ trial.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(trial.information)))
-        torque = T[:, :, :k] @ trial.beta[:k]
+        torque = T[:, :, :k] @ trial.beta[:k]  # (n, M) of the candidate, weighted
         if form.replaces_own_constant:
             # The rows tell the new value from the present one only by what the fit
             # with the present value leaves of the new column: v is computed from that.
@@ -311,6 +311,7 @@ class EvidenceScorer(WhiteFitter):
             inverse = np.array([[1.0 / energy]])
             torque = T[:, :, 0]
             residual = residual - torque * float(np.sum(torque * residual)) / energy
+        # v: how many rows carry the evidence of one.
         rows_per_joint = float(fit.degrees[list(columns)].mean())
         v = self.rows_worth_one(
             T,
@@ -320,7 +321,8 @@ class EvidenceScorer(WhiteFitter):
         )
         if self.rules.coarsening:
             v += rows_per_joint / COARSENING_ROWS
-        # Three at least: the price per parameter, its logarithm, stays above one.
+        # The price of parameters and of the choice. N / v is three at least, so that
+        # the price of a parameter, log(N / v), stays above one.
         n_independent = max(rows_per_joint * len(columns) / v, 3.0)
         freedom = self.freedom(trial)
         price = self.parameter_price(freedom, n_independent)

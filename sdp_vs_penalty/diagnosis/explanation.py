@@ -51,7 +51,7 @@ class Explanation:
 
     @property
     def terms(self) -> list[ScoredEffect]:
-        """All effects of the explanation: re-estimated constants first, then findings."""
+        """All effects of the explanation: re-estimated constants, then findings."""
         return [*self.constants, *self.search.terms]
 
 

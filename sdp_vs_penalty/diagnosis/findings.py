@@ -661,8 +661,8 @@ class Diagnosis(Record, JsonRecord):
     def noise_known(self) -> bool:
         """Whether the noise was measured separately from the model's error.
 
-        From repetitions it is exact, from a spectrum within a factor of two. False if
-        it was taken from the residual itself.
+        True for noise from repetitions, and from a spectrum, which shows it within a
+        factor of two. False if it was taken from the residual itself.
         """
         return self.noise_source != RESIDUAL
 
@@ -894,7 +894,7 @@ class Diagnosis(Record, JsonRecord):
 
 
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:
-    """Count findings by rating in words, such as "2 confident, 1 near-tie and 1 weak"."""
+    """Count findings by rating in words: "2 confident, 1 near-tie and 1 weak"."""
     ratings = [f.rating for f in findings]
     counts = [
         f"{ratings.count(kind)} {kind}" for kind in get_args(Rating) if kind in ratings

@@ -138,9 +138,9 @@ class HeldOut:
     def _squares(self, chosen: Sequence[int]) -> Iterator[Array]:
         """Yield the sums (n joints,) of squared errors [(N m)^2 or N^2] of each split.
 
-        The model with the chosen effects (their numbers) is fitted to the split's rows
-        to fit to, and judged on the others. Splits with the same effects are fitted
-        together, so that constraints and columns are set up once.
+        The model with the chosen effects (their numbers) is fitted to the split's
+        training rows, and judged on its test rows. Splits with the same effects are
+        fitted together, so that constraints and columns are set up once.
         """
 
         def identities(split: HeldOutSplit) -> list[int]:

@@ -162,8 +162,18 @@ def beside_model(
     in_reference = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
     effects_in_reference = [(t.form.effect, b) for t, b in in_reference]
     rows = with_estimate(data.rows, estimate, effects_in_reference)
-    data = whiten_with_noise(rows, data.noise, estimate, data.frozen)
-    out = Search(data, search.library, search.rules, like=search)
+    data = whiten_with_noise(
+        rows,
+        data.noise,
+        estimate,
+        data.frozen,
+    )
+    out = Search(
+        data,
+        search.library,
+        search.rules,
+        like=search,
+    )
     out.nuisances.frequencies = search.nuisances.frequencies  # hums stay what they are
     out.in_reference = {t.key for t, _ in in_reference}
     out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in search.terms]

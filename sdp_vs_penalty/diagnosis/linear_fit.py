@@ -451,9 +451,9 @@ class WhiteFitter:
         Returns
         -------
         (n, M + rows, p) array
-            The columns, not scaled.
+            The columns, not scaled: the model's first, then those of each term.
         dict of str to list of int
-            The columns of each term, by its text.
+            The numbers of each term's columns, by the term's text.
         (n,) array
             How many prior rows each joint counts: 1 / m of each that m joints share.
         """
@@ -463,7 +463,7 @@ class WhiteFitter:
         n_columns = r + sum(_width(t) for t in terms)
         A = np.zeros((n, M + n_prior_rows.max(initial=0), n_columns))
         A[:, :M, :r] = B
-        next_row = np.full(n, M)
+        next_row = np.full(n, M)  # by joint: the first prior row that is not used yet
         next_column = r
         columns_by_text = dict[str, list[int]]()
         for term in terms:
@@ -475,6 +475,7 @@ class WhiteFitter:
             for j, z in term.columns.items():
                 A[j, :M, first:next_column] = z
                 if isinstance(term, Nuisance):
+                    # One prior row a column: entry 1 / (d sqrt(m)).
                     rows = next_row[j] + np.arange(width)
                     n_joints = len(term.columns)
                     A[j, rows, its_columns] = 1.0 / term.deviations / n_joints**0.5

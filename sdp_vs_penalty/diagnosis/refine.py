@@ -159,8 +159,9 @@ class _Lattice:
         self.name = name
         self.bounds = start.form.bounds(name) or shape.bounds
         self.is_linear = shape.scale == "linear"
+        # Starting values of all constants, each a dict by the constant's name.
         starts = type(effect).starts(effect.robot, joint)
-        grid = sorted({self._scale(start[name]) for start in starts if name in start})
+        grid = sorted({self._scale(s[name]) for s in starts if name in s})
         self.origin = self._scale(effect.shape[name])
         if len(grid) > 1:
             self.spacing = float(np.min(np.diff(grid)))

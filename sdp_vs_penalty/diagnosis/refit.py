@@ -57,7 +57,12 @@ def least_squares_refit(
     smallest_variance = 1.0 if data.noise_is_known else 1e-12
     level = np.ones(n)
     for _ in range(3):
-        step = _weighted_step(triangles, level, prior, -prior @ first)
+        step = _weighted_step(
+            triangles,
+            level,
+            prior,
+            -prior @ first,
+        )
         squares = np.array([_squared_error(x, step) for x in triangles])
         variance = squares / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(variance, smallest_variance))
@@ -104,13 +109,15 @@ def _weighted_step(
     prior: Array,
     prior_target: Array,
 ) -> Array:
-    """Solve the least squares of all joints' rows and the prior for a step of the
-    parameters.
+    """Solve the least squares of all joints' rows and of the prior for a step of the
+    parameters: minimise sum of |A_j step - b_j|^2 / level_j^2 + |prior step -
+    target|^2.
 
     Parameters
     ----------
     triangles
-        Compressed problem of each joint, [A, b] as :func:`_compress_rows` makes it.
+        Compressed problem of each joint j, [A_j, b_j] as :func:`_compress_rows` makes
+        it.
     level
         (n,) RMS residual by which each joint's rows are divided.
     prior, prior_target

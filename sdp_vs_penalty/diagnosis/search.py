@@ -273,7 +273,8 @@ class Search:
     ) -> ScoredEffect:
         """Score a candidate as an addition to a fit, with columns computed before.
 
-        ``columns`` are its white columns, (M, k) by joint, as its batch holds them.
+        ``columns`` are its white columns, (M, k) by joint, as its batch holds them;
+        they are kept for later calls of :meth:`columns`.
         """
         self._columns.setdefault(form.effect.text, columns)
         return self.score.evidence_of(fit, form, columns)

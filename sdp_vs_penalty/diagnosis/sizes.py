@@ -80,7 +80,7 @@ def size_with_interval(
     torque_in_doubt: Array,
     errors_of_constants: Sequence[ConstantErrors],
 ) -> Size:
-    """Compute the covariance of one finding's parameters, beside all other findings.
+    """Compute the covariance of one finding's parameters, with all others in the fit.
 
     covariance = A^-1 S A^-1 (sandwich), with A = T'T + prior for the columns T of the
     finding and of errors of shape constants, less what the fit with all other findings

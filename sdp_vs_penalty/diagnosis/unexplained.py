@@ -73,7 +73,12 @@ def unexplained_error(search: Search) -> Remainder:
     _, residual = least_squares_refit(data, effects)
     # (M, n) whitened residual; the fit divides each joint's rows by a level.
     white = (fit.residual * fit.level[:, None]).T
-    return remainder(data, fit, residual, outliers(data, white, residual))
+    return remainder(
+        data,
+        fit,
+        residual,
+        outliers(data, white, residual),
+    )
 
 
 def remainder(

@@ -78,7 +78,12 @@ class Certificate(Shown, JsonRecord):
         return "Certificate", self.summary()[:4]
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the facts as (label, text), in the order in which they matter."""
+        """Return the certificate's facts as (label, text), the most important first.
+
+        Example: ("worst violation", "0 (every constraint holds)"). The first three are
+        worst violation, loss and optimality gap; figures of the links follow if they
+        are known.
+        """
         out = [
             ("worst violation", self._violations_text()),
             ("loss", f"{self.loss:.6g} (sum of squared weighted torque errors)"),

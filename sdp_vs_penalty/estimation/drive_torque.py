@@ -66,8 +66,9 @@ def with_simulated_motion(
 
 
 def _parts(run: Measurements) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
-    """Yield the stretches of a run between gaps, with a mask (N,) of the samples in
-    each.
+    """Yield the stretches of a run between gaps of its clock.
+
+    Each comes with a mask (N,): which of the run's samples lie in it.
     """
     for part in split_at_gaps(run):
         yield part, (run.t >= part.t[0]) & (run.t <= part.t[-1])

@@ -1,8 +1,8 @@
 """From runs behind their filters to a certified estimate, and ``verify``: what a proof
 proves, and whether it is of this model and these data.
 
-Who determines a parameter (:func:`parameter_sources`): of a linear function a^T theta the data
-alone know the variance a^T H^-1 a, H = R^T R in units of the residual variance
+Who determines a parameter (:func:`parameter_sources`): of a linear function a^T theta
+the data alone know the variance a^T H^-1 a, H = R^T R in units of the residual variance
 (infinite where no torque shows it), the prior alone a^T H_prior^-1 a. H_prior is one
 independent measurement a link: 1/2 P0^-1 (x) P0^-1, the curvature of the entropic pull
 at the nominal robot P0, and of the joints' own parameters one over their scale squared.
@@ -100,6 +100,7 @@ def parameter_sources(
         "undetermined": source by name of each standard parameter that the data do not
         determine; "base_parameters": name, value, nominal value and source of each.
     """
+    # Standard parameters are linear functions of theta, too: first them, then the base.
     rows = np.vstack(
         [
             np.eye(len(theta)),
@@ -159,7 +160,7 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
     """
     variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
     scale = task.bound if task.joint_scale is None else task.joint_scale
-    # Upper triangular, half^T half the prior's information.
+    # Root of the prior's information: upper triangular, half^T half = H_prior.
     half = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
     for indices, p0 in zip(
         task.links,
@@ -182,7 +183,7 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
         lower=False,
     )
     _, s, vt = np.linalg.svd(task.data.R @ inverse_half, full_matrices=True)
-    information = np.zeros(len(half))
+    information = np.zeros(len(half))  # of the data, along each singular direction
     information[: len(s)] = s**2
     weight = (rows @ inverse_half @ vt.T) ** 2
     # Directions that no torque shows have next to no information: 1e-12 of the prior's.
@@ -365,13 +366,14 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     theta = task.model.with_known(theta)
     certificate = Certificate(violations(fit.constraints, theta), task.data.loss(theta))
     if fit.multipliers is not None and fit.interior is not None:
-        same = np.array_equal(theta, fit.theta) and fit.bound is not None
-        fit_on_data = fit if same else replace(fit, theta=theta, bound=task.bound)
+        # The bounds of an unchanged fit are computed already (cached properties).
+        is_unchanged = np.array_equal(theta, fit.theta) and fit.bound is not None
+        certified = fit if is_unchanged else replace(fit, theta=theta, bound=task.bound)
         certificate = replace(
             certificate,
-            upper=fit_on_data.upper,
-            lower=fit_on_data.lower,
-            gap=fit_on_data.gap,
+            upper=certified.upper,
+            lower=certified.lower,
+            gap=certified.gap,
         )
     return theta, certificate
 
@@ -772,11 +774,11 @@ def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:
 
 
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:
-    """Pose the optimisation problem of a model again, from its measurements.
+    """State the optimisation problem of a model again, from its measurements.
 
-    Returns None for a method that poses no SDP, and for a log without torque whose
-    recipe the model does not keep. For such a log the recipe holds the scale that known
-    loads gave, since the runs with loads are not at hand.
+    The result is compared with a proof. It is None for a method that solves no SDP, and
+    for a log without torque whose recipe (how the servos' law and scale were found) the
+    model does not keep.
     """
     estimator = model.estimator
     recipe = model.details.get("recipe")

@@ -235,12 +235,15 @@ def _linearised(
 def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> Array:
     """Fit load and servo gains of a log without torque, up to a common factor.
 
-    The error e_j of joint j's servo is L_j psi / kp_j, with L_j all columns but the
-    error itself. Minimises sum_j |e_j - L_j psi / kp_j|^2 / s_j^2, where s_j is the
-    residual of e_j with coefficients of its own. Solved in ln kp, psi eliminated
-    (variable projection; Golub, Pereyra, SIAM J. Numer. Anal. 1973); it converged from
-    any start in all cases tried. The factor is that with which the links make the
-    torque of the nominal links.
+    A servo's torque is kp_j times the control error e_j of joint j, and balances the
+    load L_j psi (all other columns and parameters). So e_j = L_j psi / kp_j, and
+
+        sum_j |e_j - L_j psi / kp_j|^2 / s_j^2
+
+    is minimised, where s_j is the residual of e_j when each joint is fitted alone. The
+    variables are ln kp; psi is eliminated (variable projection; Golub, Pereyra, SIAM J.
+    Numer. Anal. 1973). It converged from any start in all cases tried. The common
+    factor is chosen so that the links make the torque of the nominal links.
 
     Parameters
     ----------
@@ -261,6 +264,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     InputError
         For a joint that does not move, or whose error is zero.
     """
+    # 1. Rows e and L of all joints, divided by the joints' noise s_j.
     p = regression.p
     gains = np.array(model.error_gains)
     links = model.rigid_indices
@@ -272,9 +276,10 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     ]
     rows = np.vstack(rows_of_joint)
     joint_of_row = np.repeat(np.arange(len(gains)), [len(x) for x in rows_of_joint])
+    # The column of kp_j is minus the error of joint j.
     e = -rows[np.arange(len(rows)), gains[joint_of_row]]
     L = rows[:, other_parameters]
-    # First gains: the nominal links' torque over the error, joint by joint.
+    # 2. First gains: the nominal links' torque over the error, joint by joint.
     link_torques = [
         np.linalg.norm(rows_j[:, links] @ nominal[links]) for rows_j in rows_of_joint
     ]
@@ -294,14 +299,15 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
         return psi, e - U @ (U.T @ e), slopes - U @ (U.T @ slopes)
 
     def residual_and_jacobian(x: Array) -> tuple[Array, Array]:
+        """Return the residual of e and its Jacobian by x = ln kp - ln start."""
         _, residual, jacobian = fitted(x)
         return residual, jacobian
 
-    # x is ln kp over its start: a gain lies within this factor of it.
+    # 3. x = ln(kp / start) by least squares, within a factor Servo.range of the start.
     end = np.full(len(gains), np.log(Servo.range))
     best, _, _ = least_squares(
         residual_and_jacobian,
-        0.0 * end,
+        np.zeros_like(end),
         (-end, end),
         xtol=1e-8,
         ftol=1e-8,
@@ -310,7 +316,8 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     theta = np.empty(p)
     theta[gains] = start * np.exp(best)
     theta[other_parameters] = fitted(best)[0]
-    # The factor: least squares of the nominal links' torque in that of the fitted ones.
+    # 4. The factor: least squares of the nominal links' torque in that of the fitted
+    # ones.
     link_columns = rows[:, links]
     fitted_torque = link_columns @ theta[links]
     nominal_torque = link_columns @ nominal[links]
@@ -325,9 +332,10 @@ def _in_units_of_error(
     other_parameters: Array,
     p: int,
 ) -> Array:
-    """Return a joint's rows (r, p) divided by s_j, the noise of its error in these
-    rows.
+    """Return a joint's rows (r, p) divided by s, the noise of its servo's control
+    error.
 
+    s is the root mean square of the error after least squares in the load's columns.
     ``error`` is the index of the error's column, ``other_parameters`` those of all
     columns but the errors. Raises InputError for a joint whose error is zero.
     """

@@ -438,7 +438,7 @@ class Split:
         """Collect the judged folds in a CrossValidation."""
         effects = tuple(e.text for e in self.model.effects)
         periodic = any(clock.periodic for clock in self.phases.clocks)
-        band = self.runs.settings.torque_cutoff
+        band = self.runs.settings.torque_cutoff  # Hz
         assert band is not None
         return CrossValidation(
             problem=self.problem.name,

@@ -410,8 +410,9 @@ class _ConstantFit:
         )
 
     def keys_of(self, effect: Effect) -> list[Key]:
-        """Return all free constants of an effect if at least one is to be fitted, else
-        none.
+        """Return the keys of an effect's free shape constants: (effect, joint, name).
+
+        The list is empty unless at least one of them is to be fitted (``free_keys``).
         """
         keys = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
         return [] if set(keys).isdisjoint(self.free_keys) else keys
@@ -511,7 +512,12 @@ class _Descent:
         )
 
     def model_at(self, steps: Array) -> Model:
-        """Return the model whose constants have moved by ``steps`` (d,) from the start."""
+        """Return the model with the shape constants moved by ``steps`` (d,) from the
+        start.
+
+        A step is a change of the constant on its scale (of its logarithm, or of its
+        value).
+        """
         effects = list(self.begin)
         for constant, step in zip(self.fit.steps_of, steps.tolist(), strict=True):
             effect = effects[constant.place]

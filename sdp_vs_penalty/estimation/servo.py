@@ -295,7 +295,8 @@ def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
 def _fitted(terms: Array, law: Array) -> Array:
     """Return (7,) c for which terms (r, 7) times c is the residual of the law's fit.
 
-    The fit explains the error (column 0 of the law) by the law's other columns.
+    A law (7, 1 + m) has the control error as column 0. Its fit explains that error by
+    the law's other m columns, by least squares.
     """
     columns = terms @ law[:, 1:]
     error = terms @ law[:, 0]
@@ -311,8 +312,9 @@ def _extra_delay(
     """Return the delay [s], beyond that of the terms, with the smallest residual of a
     law.
 
-    It lies within the reach of Taylor's series, and with ``about``, the terms' delay
-    [s], between 0 and LATEST.
+    ``name`` is the law, ``about`` the delay of the terms [s]. The result lies within
+    the reach of Taylor's series of the command, and the sum of both between 0 and
+    LATEST.
     """
 
     def log_residual(delay: float) -> float:
@@ -334,9 +336,10 @@ def _score(
     name: str,
     delay: float,
 ) -> Array:
-    """Return (folds,) the logarithm of a law's squared held-out error, mean over the
+    """Return (folds,) the logarithm of a law's squared held-out error, mean over
     joints.
 
+    The law is fitted to the training terms of each fold and judged on its test terms.
     ``delay`` [s] counts from the delay of the terms.
     """
     law = _law(name, delay)
@@ -528,17 +531,20 @@ def servo_log(
     progress("choosing the servo law")
     law, delay, errors = find_law(load, runs, names, given_delay)
     progress("balancing the gains")
-    of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
+    effects_of_law = drives or [
+        effect_types()[name](problem.robot) for name in LAWS[law]
+    ]
     moves_delay = given_delay is None and delay > 0.0
     loop = _Loop(
         problem,
         runs,
         weighting,
         load=tuple(load),
-        drives=of_law,
+        drives=effects_of_law,
         open_delay=moves_delay,
     )
-    # The load's shape constants beside given gains: errors stand for a torque then.
+    # Estimate the load's shape constants with the gains fixed: gain times control error
+    # is then the torque.
     model, theta = loop.fitted_at_delay(delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
     shapes = estimate_shapes(
@@ -594,7 +600,10 @@ def _given_delay(drives: Sequence[Effect]) -> float | None:
 
 
 def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:
-    """Return the laws with exactly these drives' effects, or else the last of LAWS."""
+    """Return the names of the laws that consist of exactly these servo effects.
+
+    Without such a law the result is the last of LAWS, the one with most gains.
+    """
     drive_names = {e.name for e in drives}
     same = tuple(name for name, law in LAWS.items() if set(law) == drive_names)
     return same or tuple(LAWS)[-1:]

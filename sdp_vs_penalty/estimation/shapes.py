@@ -592,10 +592,10 @@ class _ShapeProfile:
         end of its range). A bank is an open constant with its columns on a grid of
         values.
         """
-        n_shown = self.shown.shape[1]
+        n_shown = self.shown.shape[1]  # k, directions of the other columns
         bank_of = [-1] * n_shown
         is_new = [False] * n_shown
-        weights = list[Array]()
+        weights = list[Array]()  # of each bank's column: on the bank's grid (K,)
         for j, (bank, estimate) in enumerate(zip(self.banks, estimates, strict=True)):
             weights.append(bank.weights(self.now[j])[0])
             bank_of.append(j)

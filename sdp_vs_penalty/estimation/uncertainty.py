@@ -222,13 +222,14 @@ class Sandwich:
 
     @cached_property
     def factor(self) -> Array:
-        """Factor F (p, r) of the covariance F F' of theta in the visible directions.
+        """Factor F (p, r) of the covariance F F' of theta in the r visible directions.
 
-        Products of block scores are few, so that they are shrunk towards the pooled
-        variance: the more, the more directions there are for each independent window of
-        time.
+        The covariance of the directions comes from products of block scores (one a
+        block of time). They are few, so they are shrunk towards the pooled variance
+        (white noise): the more, the more directions there are for each independent
+        window of time.
         """
-        B, r = self.scores.shape
+        B, r = self.scores.shape  # blocks of time, visible directions
         flat = self.grams.reshape(B, -1)
         # Scores lose what the estimate has taken up; data / (data - lost) restores it.
         lost = float(np.sum((self.kernel @ flat) * flat))
@@ -309,10 +310,10 @@ def stretched(factor: Array, std: Array) -> Array:
         F with rows of length std; rows with unknown std are scaled by the median ratio.
     """
     length = np.linalg.norm(factor, axis=1)
-    known = np.isfinite(std) & (length > 0.0)
-    ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
-    typical = float(np.median(ratio[known])) if known.any() else 1.0
-    return np.asarray(factor * np.where(known, ratio, typical)[:, None])
+    has_ratio = np.isfinite(std) & (length > 0.0)
+    ratio = np.where(has_ratio, std, 1.0) / np.where(has_ratio, length, 1.0)
+    typical = float(np.median(ratio[has_ratio])) if has_ratio.any() else 1.0
+    return np.asarray(factor * np.where(has_ratio, ratio, typical)[:, None])
 
 
 def _kernel(regression: Regression, inflation: float) -> scipy.sparse.csr_array:
@@ -560,11 +561,12 @@ def _sandwich_of(
     n_constants = regression.p - len(task.bound)
     prior_std = np.append(task.model.plausible, np.ones(n_constants))
     sandwich = Sandwich(regression, task.weights, prior_std, white)
-    # First all constants on a grid, then those that the data do not contradict.
+    # First all constants on a grid, then those whose present value lies within its 95 %
+    # interval: their error is left out.
     agrees = np.array([q.effect == ON_A_GRID for q in regression.parameters])
     if agrees.any():
-        half = sandwich.half_widths(np.eye(regression.p)[agrees])
-        agrees[agrees] = np.abs(sandwich.solution[agrees]) <= half
+        half_widths = sandwich.half_widths(np.eye(regression.p)[agrees])
+        agrees[agrees] = np.abs(sandwich.solution[agrees]) <= half_widths
     if agrees.any():
         return Sandwich(
             regression.keeping(~agrees),
@@ -668,11 +670,12 @@ def _allowed(task: Task) -> Array:
     Masses, moments of inertia and friction are not negative.
     """
     low = np.maximum(-task.bound, [q.lower for q in task.model.parameters])
+    # A link's ten parameters: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
     low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
-    for body in task.constraints.convex:
-        if body.family == "pseudo-inertia":
-            diagonal = body.indices[[0, 4, 6, 9]]
-            low[diagonal] = np.maximum(low[diagonal], 0.0)
+    for constraint in task.constraints.convex:
+        if constraint.family == "pseudo-inertia":
+            mass_and_moments = constraint.indices[[0, 4, 6, 9]]
+            low[mass_and_moments] = np.maximum(low[mass_and_moments], 0.0)
     return np.stack([low, task.bound])
 
 
@@ -739,18 +742,20 @@ class _Intervals:
         return np.asarray(np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2))
 
     def of(self, base: BaseParameters) -> tuple[Interval, ...]:
-        """Return one interval for each of ``base``'s linear functions of theta.
+        """Return the 95 % interval of each of ``base``'s linear functions of theta.
 
-        The standard deviation adds three independent errors in squares: noise (with the
-        shift that open shape constants cause), the errors of the gains, and ``extra``.
+        variance = noise^2 + offset^2 + gains^2 + extra^2, all independent: noise by the
+        sandwich covariance; offset, the shift that open shape constants cause; the
+        errors of the torque channels' gains; and ``extra``, a further error of theta.
         """
         rows = base.rows
         lowest, highest = self._ends_of(rows)
         noise = self.known.half_widths(rows) / NORMAL_95
         noise = np.hypot(noise, rows @ self._offset)
-        of_gains = rows @ self.gains @ self.gain_errors
-        other = np.hstack([rows @ self.extra, of_gains])
+        errors_of_gains = rows @ self.gains @ self.gain_errors
+        other = np.hstack([rows @ self.extra, errors_of_gains])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
+        # Largest possible values, to which small ones are compared; fmin ignores NaN.
         sizes = np.fmin(np.abs(rows) @ self.task.bound, self._largest[base.leading])
         values = rows @ self.value
         least_squares = rows @ self.task.ols
@@ -860,14 +865,15 @@ def beside_held(
     # effects to explain, in the rows of each factor.
     torque_by_spread = []
     torque_by_gain = []
-    for f in regression.factors:
-        rows = f.triangle[:, :-1]
-        is_held = f.indices < len(fixed)
+    for factor in regression.factors:
+        rows = factor.triangle[:, :-1]
+        is_held = factor.indices < len(fixed)
         held_rows = rows[:, is_held]
-        held_indices = f.indices[is_held]
+        held_indices = factor.indices[is_held]
         torque_by_spread.append(-held_rows @ held_uncertainty.spread[held_indices])
+        # A gain's error scales the joint's torque, and has changed the fixed model.
         torque = -held_rows @ held_uncertainty.gain_response[held_indices]
-        torque[:, f.joint] += rows @ everything[f.indices]
+        torque[:, factor.joint] += rows @ everything[factor.indices]
         torque_by_gain.append(torque)
     extra = sandwich.response(torque_by_spread)[:k]
     gains = sandwich.response(torque_by_gain)[:k]

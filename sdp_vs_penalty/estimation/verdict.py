@@ -132,17 +132,19 @@ class Verdict(JsonRecord):
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
 
     def with_missing(self, said: str, has_open_finding: bool) -> Verdict:
-        """Return the verdict with a diagnosis's sentence on what is missing.
+        """Return the verdict with a diagnosis's sentence on missing effects.
 
-        ``said`` replaces the sentence that was concluded from the errors alone. With
-        ``has_open_finding`` (an effect that the model lacks) the line is at most
-        "usable".
+        A verdict has lines (fit, prediction, missing effects), each with a grade and a
+        sentence. ``said`` replaces the sentence on missing effects that was concluded
+        from the errors alone. With ``has_open_finding`` (the diagnosis found an effect
+        that the model lacks) that line is at most "usable".
         """
         fit = next((line for line in self.lines if line.about == FIT), None)
         if fit is None:
             return replace(self, lines=_weakest_first(self.lines))
+        # The sentence that judge() wrote without a diagnosis, to be replaced.
         over = self.error_over_noise
-        from_errors = _left(fit, None if over is None else np.array(over))
+        from_errors = _missing_by_errors(fit, None if over is None else np.array(over))
         lines = []
         for line in self.lines:
             if line.about == MISSING:
@@ -248,10 +250,10 @@ def judge(
         beyond,
         relative,
         noise_source,
-        none=np.asarray(r2) < 0.0,
+        is_worse_than_constant=np.asarray(r2) < 0.0,
     )
     missing_line = _missing(
-        missing or _left(fit, over),
+        missing or _missing_by_errors(fit, over),
         is_complete=fit.grade == "good" and not has_open_finding,
         implausible_links=implausible(certificate, masses, nominal),
         has_links=len(masses) > 0,
@@ -372,13 +374,14 @@ def _fit(
     beyond: float,
     relative: float,
     source: str,
-    none: NDArray[np.bool_],
+    is_worse_than_constant: NDArray[np.bool_],
 ) -> Line:
-    """Return the line on the fit.
+    """Return the verdict's line on how well the model fits the torque.
 
-    ``errors`` of the joints, in multiples of the noise where it is known; ``beyond``:
+    ``errors`` of the joints, in multiples of the noise if it is known; ``beyond``:
     relative error beyond the noise [%]; ``relative``: relative error [%]; ``source``:
-    origin of the noise; ``none`` (n,): joints for which a constant torque fits better.
+    origin of the noise; ``is_worse_than_constant`` (n,): joints for which a constant
+    torque fits better (R^2 < 0).
     """
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     over = errors.over_noise
@@ -387,7 +390,8 @@ def _fit(
             f"{relative:.3g} % error; the noise floor is unknown: no motion repeats"
         )
     else:
-        none = none & (over > ABOVE_NOISE)
+        # Within the noise, a bad fit of a joint's torque is no fault.
+        is_worse_than_constant = is_worse_than_constant & (over > ABOVE_NOISE)
         sentence = _worst_in_words(errors, over)
         if source == SPECTRUM:
             sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
@@ -395,10 +399,10 @@ def _fit(
             sentence = f"{beyond:.3g} % error beyond the noise. {sentence}"
         elif np.all(over <= ABOVE_NOISE):
             grade = "good"
-    if none.any():
+    if is_worse_than_constant.any():
         grade = min(grade, "usable", key=GRADES.index)
-        where = formatting.joints((np.flatnonzero(none) + 1).tolist())
-        sentence += f"; {where}: worse than a constant torque"
+        joints = (np.flatnonzero(is_worse_than_constant) + 1).tolist()
+        sentence += f"; {formatting.joints(joints)}: worse than a constant torque"
     return Line(FIT, grade, f"{sentence}.")
 
 
@@ -423,15 +427,17 @@ def _prediction(
     seconds: float | None,
     highest: float | None,
 ) -> Line:
-    """Return the line on the prediction of motion.
+    """Return the verdict's line on the prediction of motion that was not fitted.
 
-    ``beyond``: relative error beyond the noise [%]; ``share``: share of new motion,
-    None where not recorded; ``far``: rows lie outside of a measured curve, or the noise
-    is unknown; ``end``: end of the sentence; ``seconds``: length of the motion;
-    ``highest``: error [%] that the motion does not rule out.
+    ``beyond``: relative error beyond the noise [%]; ``relative``: relative error [%];
+    ``share``: share of new motion, None if the model does not record its own; ``far``:
+    rows lie outside of a measured curve's table, or the noise is unknown; ``end``: end
+    of the sentence; ``seconds``: length of the motion; ``highest``: largest error [%]
+    that motion of this length does not rule out.
     """
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     percent = "" if share is None else formatting.percent(share, 2)
+    # Case 1: hardly any motion is new, so nothing is said of prediction.
     if share is None or share < MOSTLY_NEW:
         known = "the model does not record its own motion"
         if percent:
@@ -442,6 +448,7 @@ def _prediction(
         if grade == "do not use":
             sentence = f"{beyond:.3g} % error even on training data. {sentence}"
         return Line(PREDICTION, grade, sentence + end)
+    # Case 2: new motion. "good" needs a small error and enough motion to know it.
     length = "" if seconds is None else f": {seconds:.3g} s"
     sentence = (
         f"{relative:.3g} % error on motion not used for fitting{length}, {percent} of it"
@@ -458,10 +465,11 @@ def _prediction(
     return Line(PREDICTION, grade, sentence + end)
 
 
-def _left(fit: Line, over: Array | None) -> str:
-    """Return the sentence on missing effects that the errors alone allow.
+def _missing_by_errors(fit: Line, over: Array | None) -> str:
+    """Return the sentence on missing effects that follows from the torque errors alone.
 
-    ``over`` (n,): error over noise of each joint, None if the noise is unknown.
+    ``fit`` is the verdict's line on the fit; ``over`` (n,) the error of each joint over
+    its noise, None if the noise is unknown.
     """
     if fit.grade == "good":
         return "Nothing that these measurements show."

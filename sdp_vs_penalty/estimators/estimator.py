@@ -135,8 +135,11 @@ class Task:
         )
 
     def minimum_thickness(self, radius: float) -> list[Constraint]:
-        """Return constraints Sigma_c >= m r^2 1 on all links, against rods of zero
+        """Return constraints that keep the links from becoming rods or plates of zero
         thickness.
+
+        They are Sigma_c >= m r^2 1, with the second moments Sigma_c (3, 3) about the
+        centre of mass [kg m^2] and the mass m of each link.
 
         Parameters
         ----------

@@ -222,11 +222,15 @@ class LmiSdpTwoStep(Estimator):
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
+        """Solve three SDPs (Sousa and Cortesao): beta', beta* and beta*e; return the
+        last fit.
+
+        beta' is the feasible point nearest to the OLS base parameters; beta* has the
+        smallest torque error under physics alone; beta*e also keeps the problem's
+        bounds. All three stand in the fit's details.
+        """
         # beta' and beta* are subject to physics. Families that only bound the feasible
         # set stay: without them it is open to infinity.
-        """Solve the chain beta', beta*, beta*e and return the last fit, with all in its
-        details.
-        """
         families = (
             "pseudo-inertia",
             "sign",

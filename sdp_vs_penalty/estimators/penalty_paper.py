@@ -485,9 +485,13 @@ class TriangleInequality(Demand):
         links: NDArray[np.intp],
         size: int,
     ) -> None:
-        """Take the indices (n, 10) of the links' parameters among ``size`` parameters."""
-        self.entries = links[:, 4:]
-        self.matrices = self.entries[:, self._matrix]
+        """Store where the inertia of each link stands among ``size`` parameters.
+
+        links : (n, 10) indices of the links' barycentric parameters m, c (3), inertia
+        (6).
+        """
+        self.entries = links[:, 4:]  # (n, 6): Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+        self.matrices = self.entries[:, self._matrix]  # (n, 3, 3)
         self.size = size
 
     def margins(self, p: Array) -> Array:

@@ -96,16 +96,18 @@ class ArmModel:
         self._last = slice(first, first + 10)
 
     def _allocate(self, n_tree: int) -> None:
-        """Allocate all arrays of an update, for n joints and ``n_tree`` joints of the
+        """Allocate the arrays of an update, for n joints and ``n_tree`` joints of the
         tree.
 
-        The table has _ENTRIES values a joint, at velocities that are evenly spaced in
-        arcsinh.
+        Each joint has a table of torque over velocity with _ENTRIES values, at
+        velocities that are evenly spaced in arcsinh: finer near zero, where friction
+        jumps.
         """
         n = self.n
+        # Entries a unit of arcsinh(velocity / _FINEST), from -_FASTEST to _FASTEST.
         self._scale = (_ENTRIES - 1) / (2.0 * np.arcsinh(_FASTEST / _FINEST))
         self._table = np.zeros(n * _ENTRIES)
-        self._first = _ENTRIES * np.arange(n)
+        self._first = _ENTRIES * np.arange(n)  # of each joint's table
         self._index = np.zeros(n, np.intp)
         self._place = np.zeros(n)
         self._low = np.zeros(n)
@@ -141,6 +143,7 @@ class ArmModel:
         None
             ``torque`` (n,), ``friction`` (n,) and ``columns`` (n, 10) hold the result.
         """
+        # Joints that follow others (a mechanism) move linearly with the n joints.
         tree_q = q
         tree_dq = dq
         tree_ddq = ddq
@@ -289,9 +292,12 @@ class ArmModel:
         dq: Array,
         ddq: Array,
     ) -> Array:
-        """Return the torque (N, n) of one effect with parameters theta at states (N,
-        n).
+        """Return the torque (N, n) of one effect at N independent states (N, n).
+
+        theta (k,) are the effect's parameters. An effect that needs more than the
+        states (such as a temperature) may raise an error.
         """
+        # The states are unrelated: their instants [s] have no meaning.
         clock = 1e-3 * np.arange(len(q), dtype=float)
         motion = Motion(
             clock,

@@ -575,7 +575,11 @@ class PayloadEstimator:
 
     @property
     def payload(self) -> Payload | None:
-        """Payload that is carried now; None without one, or right after a change."""
+        """Payload that is carried now, at the time that the filters speak of.
+
+        None without a payload, and until the first certified projection after a change.
+        The standard deviations come from the estimate before the projection.
+        """
         if not (self.is_carrying and self._is_published):
             return None
         self._detector.posterior(self._posterior)

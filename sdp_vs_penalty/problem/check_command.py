@@ -45,15 +45,15 @@ class CheckCommand:
         return cls(problem=name, runs=runs, gravity=gravity)
 
     def applying(self, words: Sequence[str]) -> Self:
-        """Return the command with further explanations to repair, such as
-        ``sign:tau3``.
-        """
+        """Return the command that also applies repairs, by their names such as
+        ``sign:tau3``."""
         return replace(self, apply=tuple(words))
 
     @property
     def options(self) -> list[str]:
-        """Words of the options that the next command needs as well (gravity, held
-        joints).
+        """Command-line words of the options that later commands need as well.
+
+        They are the direction of gravity and the joints that are held fixed.
         """
         words = []
         for name, value in (("--gravity", self.gravity), ("--hold", self.hold)):
@@ -75,7 +75,10 @@ class CheckCommand:
 
     @property
     def words(self) -> list[str]:
-        """Words of the check, without the program's name."""
+        """Command-line words of the check, without the program's name.
+
+        Example: check panda --data run.csv --gravity 0,0,-9.8
+        """
         runs = [str(run) for run in self.runs]
         return [
             "check",
@@ -87,6 +90,9 @@ class CheckCommand:
 
     @property
     def repair_words(self) -> list[str]:
-        """Words of the check that writes a repaired copy."""
+        """Command-line words of the check that also writes a repaired copy of the runs.
+
+        Example: check panda --data run.csv --fix run_fixed.csv --apply sign:tau3
+        """
         apply = ["--apply", *self.apply] if self.apply else []
         return [*self.words, "--fix", str(self.copy), *apply]

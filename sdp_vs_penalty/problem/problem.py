@@ -521,11 +521,12 @@ class Problem(Shown):
         link: int,
         indices: NDArray[np.intp],
     ) -> list[Constraint]:
-        """Return the convex constraints on one link (from 0).
+        """Return the convex constraints on one link (from 0), each linear in its
+        parameters.
 
-        ``indices`` (10,) are those of its parameters in theta. The constraints are:
-        pseudo-inertia, mass, box and cones of the centre of mass, and either upper
-        bounds of the moments or an ellipsoid that holds the mass.
+        ``indices`` (10,) are those of m, m c (3), J (6) in theta. The constraints are:
+        pseudo-inertia positive semidefinite, mass, box and cones of the centre of mass,
+        and either upper bounds of the moments or a ball that holds the mass.
         """
         name = f"link {link + 1}"
         box = self.box[link]

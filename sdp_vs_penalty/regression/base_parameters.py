@@ -90,18 +90,19 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     BaseParameters
         Coefficients (b, p), names, and the leading standard parameters.
     """
-    matrix, places, lead = _rigid_base(problem, model)
+    # Combinations of the links' parameters (``link_indices`` in theta), then the rest.
+    matrix, link_indices, lead = _rigid_base(problem, model)
     p = len(model.parameters)
-    others = np.setdiff1d(np.arange(p), places)
+    others = np.setdiff1d(np.arange(p), link_indices)
     unit = np.eye(p)
     rows = np.vstack(
         [
-            matrix @ unit[places],
+            matrix @ unit[link_indices],
             unit[others],
         ]
     )
     leading = [
-        *(int(places[k]) for k in lead),
+        *(int(link_indices[k]) for k in lead),
         *others.tolist(),
     ]
     names = []  # such as "Izz1 + ..." for a sum, "f_v3" for a single parameter

@@ -118,8 +118,10 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
 def instrumented(
     model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
 ) -> list[tuple[NDArray[np.intp], Array]]:
-    """Return rows [Z, tau^], whose least squares are the instrumental-variable
-    estimate.
+    """Return rows [Z, tau^] whose least squares are the instrumental-variable estimate.
+
+    X are the regressor's columns on the measured motion, Z those on a simulated motion
+    without noise. With the estimate theta^, tau^ = tau - X theta^ + Z theta^.
 
     Parameters
     ----------

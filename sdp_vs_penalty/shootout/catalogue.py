@@ -72,7 +72,13 @@ def unidentifiable(instance: Instance) -> Instance:
         if c.family in dropped_families:
             continue
         if c.family == "mass":  # masses stay positive only
-            c = build.linear("mass", c.name, c.indices, [[1.0]], [0.0])
+            c = build.linear(
+                "mass",
+                c.name,
+                c.indices,
+                [[1.0]],
+                [0.0],
+            )
         convex.append(c)
     wide = instance.having(convex)
     return replace(wide, task=replace(wide.task, bound=1e3 * instance.task.bound))
@@ -328,7 +334,14 @@ def _robots() -> Iterator[Entry]:
                 f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
             )
             name = f"{robot} {source}{seconds} {step} {shape}"
-            build = partial(recorded, robot, source, step, shape, stop)
+            build = partial(
+                recorded,
+                robot,
+                source,
+                step,
+                shape,
+                stop,
+            )
             yield Entry(name, robot, build, description)
 
 
@@ -375,7 +388,12 @@ def _changed() -> Iterator[Entry]:
 
     CHANGES has by name the function that changes an instance, and the change in words.
     """
-    simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
+    simulated = partial(
+        recorded,
+        source="simulated",
+        step="one-step",
+        shape="gyration",
+    )
     bases: dict[str, Callable[[], Instance]] = {
         "two_link": partial(simulated, "two_link"),
         "panda": partial(simulated, "panda", stop=14.0),
@@ -449,11 +467,12 @@ def instance(name: str) -> Instance:
     Parameters
     ----------
     name : str
-        Name of an entry.
+        Name of an instance, such as "chain of 7 links gyration 0".
 
     Returns
     -------
     Instance
+        The problem with its name.
 
     Raises
     ------

@@ -97,9 +97,19 @@ def reference(instance: Instance) -> Reference:
     """
     status, proof = proved(instance)
     if proof is None:
-        return Reference("unknown", lower=0.0, upper=np.inf, scale=1.0)
+        return Reference(
+            "unknown",
+            lower=0.0,
+            upper=np.inf,
+            scale=1.0,
+        )
     if status == "proved infeasible":
-        return Reference("infeasible", lower=0.0, upper=np.inf, scale=1.0)
+        return Reference(
+            "infeasible",
+            lower=0.0,
+            upper=np.inf,
+            scale=1.0,
+        )
     scale = instance.data.loss_scale(np.array(proof["theta"], float))
     return Reference(
         "feasible",
@@ -185,7 +195,13 @@ def judge(
     kind = answer.claims
     remark = ""
     if answer.claims not in ("failed", "inaccurate"):
-        kind, remark = classified(reference, answer.claims, error, violation, accuracy)
+        kind, remark = classified(
+            reference,
+            answer.claims,
+            error,
+            violation,
+            accuracy,
+        )
     return Judgement(kind, error, violation, dual_gap, remark)
 
 

@@ -120,7 +120,13 @@ def write_instance(
     }
     sums = {}
     for name in names:
-        written = export_sdp(sdp, folder / name, interval, status=status, **about)
+        written = export_sdp(
+            sdp,
+            folder / name,
+            interval,
+            status=status,
+            **about,
+        )
         sums[name] = written["sha256"]
     # The quadratic objective becomes a linear one with a second-order cone.
     linear_problem = linear_objective(sdp.conic).problem

@@ -249,7 +249,12 @@ def _prove_interval(task: Assignment, problem_instance: Instance) -> Row:
     remark = ""
     if kind != "ended":
         remark = f"{kind} {outcome}".strip()
-        outcome = Reference("unknown", -np.inf, np.inf, 1.0)
+        outcome = Reference(
+            "unknown",
+            -np.inf,
+            np.inf,
+            1.0,
+        )
     return {
         "hash": problem_instance.hash,
         "reference": asdict(outcome),
@@ -312,7 +317,12 @@ def run_one(
     if kind == "ended":
         verdict = judge(problem_instance, task.reference, answer, accuracy)
     else:
-        answer = Answer(np.empty(0), "", outcome, attempts=0)
+        answer = Answer(
+            np.empty(0),
+            "",
+            outcome,
+            attempts=0,
+        )
         verdict = Judgement(kind, remark=remark)
     row = {
         "settings": contestant.settings(accuracy),
@@ -418,7 +428,12 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
         e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured
     }
     workers = setup.jobs or os.cpu_count() or 1
-    work = partial(spread, perform, scheduler=setup.scheduler, jobs=workers)
+    work = partial(
+        spread,
+        perform,
+        scheduler=setup.scheduler,
+        jobs=workers,
+    )
     with folder_lock(setup.out):
         results = Results(setup.out)
         notes = []
@@ -428,7 +443,13 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
             notes.append(
                 f"{n_dropped} runs of instances that have changed since were dropped"
             )
-        tasks, not_applicable = _pending(setup, entries, competing, references, results)
+        tasks, not_applicable = _pending(
+            setup,
+            entries,
+            competing,
+            references,
+            results,
+        )
         facts = _Facts(
             group_by_problem={e.name: e.group for e in entries},
             version_by_solver={c.name: c.version() for c in competing},

@@ -277,7 +277,12 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
         axes[0].set_ylabel("share of problems solved")
         handles, labels = axes[0].get_legend_handles_labels()
         # An empty curve: the sample of a cross in the legend.
-        (cross,) = axes[0].plot([], [], "kx", markersize=6)
+        (cross,) = axes[0].plot(
+            [],
+            [],
+            "kx",
+            markersize=6,
+        )
         figure.legend(
             [*handles, cross],
             [*labels, "silently wrong answer"],
@@ -328,7 +333,13 @@ def _plot_solved_at(panel: Any, runs: pandas.DataFrame, accuracy: float) -> None
         )
         # Crosses lie on the curve, at the times of the wrong answers.
         share_at_cross = y[np.searchsorted(x, wrong, side="right") - 1]
-        panel.plot(wrong, share_at_cross, "x", color=f"C{k}", markersize=6)
+        panel.plot(
+            wrong,
+            share_at_cross,
+            "x",
+            color=f"C{k}",
+            markersize=6,
+        )
     panel.set(
         xscale="log",
         xlim=(1e-3, longest),

@@ -185,6 +185,7 @@ def sdpa_text(problem: ConicProblem) -> str:
     str
         Content of a .dat-s file.
     """
+    # A diagonal block (nonnegative rows) has a negative size in this format.
     sizes = [-c.size if c.kind == "nonnegative" else c.size for c in problem.cones]
     lines = [
         '"physically consistent identification of robot dynamics, by sdp-vs-penalty"',
@@ -198,6 +199,7 @@ def sdpa_text(problem: ConicProblem) -> str:
         [scipy.sparse.csc_matrix(problem.b[:, None]), problem.A], "csc"
     ).tocoo()
     values = -stacked.data * factor[stacked.row]
+    # A line: number of the matrix F_k, block, row, column (from 1), value.
     for row, k, value in zip(stacked.row, stacked.col, values, strict=True):
         if value != 0.0:
             lines.append(f"{k} {block[row] + 1} {i[row] + 1} {j[row] + 1} {value:.17g}")

@@ -282,12 +282,14 @@ def _polished(
 
 
 def _inverse(group: ConeGroup, t: Array) -> Array:
-    """Return (g, 10, 4, 4) matrices E that turn slopes of a link into a multiplier.
+    """Return (g, 10, 4, 4) matrices E_k that turn a slope of a link into a multiplier.
 
-    A slope e (10,) of link g's parameters becomes E = sum_k e_k E_k with <T F_i T, E> =
-    e_i. Only the last constraint on each link gets one (its minimum thickness, which is
-    active); others are zero. ``t`` (g, 4, 4) scales the entries.
+    A constraint on a link is F_0 + sum_i theta_i F_i >= 0 (4x4), scaled as T F T by
+    ``t`` (g, 4, 4). A slope e (10,) of the link's parameters is removed by the
+    multiplier E = sum_k e_k E_k, since <T F_i T, E> = e_i. Only the last constraint on
+    each link gets one (its minimum thickness, which is active); the others are zero.
     """
+    # Pseudo-inverse of the ten flat matrices T F_i T (10, 16) of each constraint.
     flat = (group.coefficients * t[:, None]).reshape(
         -1,
         10,
@@ -299,6 +301,7 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
         4,
         4,
     )
+    # A link is known by the index of its first parameter; later constraints overwrite.
     last_of_link = {int(first): k for k, first in enumerate(group.indices[:, 0])}
     others = np.setdiff1d(np.arange(len(out)), list(last_of_link.values()))
     out[others] = 0.0

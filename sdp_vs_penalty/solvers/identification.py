@@ -306,11 +306,12 @@ def largest_margin(
         reference,
         slack=True,
     )
-    top = -np.eye(p + 1)[p:]
+    # Variables (x, t): the row 1 - t >= 0, and the objective -t to minimise.
+    minus_t = -np.eye(p + 1)[p:]
     conic = conic_problem(
-        [*groups, plain_rows("nonnegative", top, np.ones(1))],
+        [*groups, plain_rows("nonnegative", minus_t, np.ones(1))],
         None,
-        top[0],
+        minus_t[0],
     )
     return SdpProblem(
         conic,

@@ -142,12 +142,14 @@ def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
     """
     P = scipy.sparse.csc_matrix(problem.P)
     diagonal = P.diagonal()
+    # A diagonal P: G holds the roots of its nonzero entries, one a row.
     if P.nnz == np.count_nonzero(diagonal):
         nonzero = np.flatnonzero(diagonal)
-        ones = np.arange(len(nonzero))
+        row_numbers = np.arange(len(nonzero))
         shape = (len(nonzero), P.shape[0])
-        entries = (np.sqrt(diagonal[nonzero]), (ones, nonzero))
+        entries = (np.sqrt(diagonal[nonzero]), (row_numbers, nonzero))
         return scipy.sparse.csr_matrix(entries, shape)
+    # Any other P = V diag(values) V^T: G = diag(sqrt(values)) V^T.
     dense = P.toarray()
     values, vectors = np.linalg.eigh(dense + np.triu(dense, 1).T)
     significant = values > 1e-15 * values[-1]

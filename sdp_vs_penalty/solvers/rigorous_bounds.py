@@ -121,13 +121,14 @@ def factor(matrices: Array) -> Array:
     Parameters
     ----------
     matrices : (g, d, d)
-        Symmetric matrices; indefinite ones are projected with their diagonals scaled to
-        one, so that the result does not depend on units.
+        Symmetric matrices. If one is not positive definite, all are projected onto the
+        psd cone, with diagonals scaled to one so that the result does not depend on
+        units.
 
     Returns
     -------
     (g, d, d)
-        V.
+        V; zero for zero matrices.
     """
     out = np.zeros_like(matrices)
     used = matrices.any(axis=(1, 2))
@@ -149,12 +150,15 @@ def _against(
     sizes: Array,
     p: int,
 ) -> tuple[Extended, Extended]:
-    """Return slope (2, p) and constant (2,) of sum <S_i, F_i(theta)> over all
-    constraints.
+    """Return sum <S_i, F_i(theta)> over all constraints, as slope (2, p) and constant
+    (2,).
 
-    The first entry is the sum, the second that of absolute values, for bounds of the
-    rounding. ``dual`` and ``sizes`` (e,) are the multipliers and their absolute sums.
+    F_i is affine in theta (p,), so the sum is slope theta + constant. Entry 0 of both
+    is the value, entry 1 the sum of absolute values, which bounds the rounding.
+    ``dual`` and ``sizes`` (e,) are the entries of the multipliers S_i and their
+    absolute sums.
     """
+    # The entries' F = constant + sparse matrix (row, column, value) theta.
     slope = np.zeros((2, p), Long)
     terms = entries.value * dual[entries.row]
     np.add.at(slope[0], entries.column, terms)

@@ -196,8 +196,9 @@ def _parts(
         if (constraint.family, *constraint.indices.tolist()) not in kept_by_log_det
     }
     parts = []
-    start = 0
+    start = 0  # first entry of the group among all groups' entries
     for number, group in enumerate(groups):
+        # The links of the prior come after the constraints' groups.
         is_of_links = number >= len(constraints.groups)
         # ``turn`` sorts the parts: 0 rows, 1 links of the prior, 2 other blocks.
         if is_of_links:
@@ -207,6 +208,8 @@ def _parts(
             is_needed = [constraints.convex[k] in needed for k in group.places]
             members = np.flatnonzero(is_needed)
             turn = 0 if group.cone == "nonnegative" else 2
+        # Map from a cone's entries to its slacks (a 4x4 block, flat), and the ones that
+        # pad the diagonal of a smaller matrix.
         image, ones = _image(group.cone, group.constant.shape[1])
         begins = start + image.shape[1] * members  # first entry of each cone
         parts.append(

@@ -122,7 +122,12 @@ def _n_rows(cone: Cone) -> int:
 
 
 def _membership(cone: Cone, slack: Any) -> Any:
-    """Return the CVXPY constraint that ``slack`` (rows,) lies in the cone."""
+    """Return the CVXPY constraint that ``slack`` (rows,) lies in the cone.
+
+    Rows of a psd cone are all entries of a matrix, column by column; those of a
+    second-order cone its bound first; those of an exponential cone (x, y, z) with
+    y exp(x / y) <= z.
+    """
     import cvxpy as cp
 
     if cone.kind == "psd":
@@ -131,6 +136,7 @@ def _membership(cone: Cone, slack: Any) -> Any:
             (cone.size, cone.size),
             order="F",
         )
+        # CVXPY's ">> 0": positive semidefinite.
         return 0.5 * (matrix + matrix.T) >> 0
     if cone.kind == "soc":
         return cp.SOC(slack[0], slack[1:])

@@ -203,8 +203,11 @@ def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
 
 
 def _bump_law(axis: Axis) -> Law:
-    """Make the law of a bump, a exp(-((x - b) / c)^2), with places b and widths c over
-    the range of the variable to begin with.
+    """Make the law of a bump, a exp(-((x - b) / c)^2), with amplitude a, place b and
+    width c.
+
+    Fits begin with places over the range of the variable, and widths of 3 to 50 % of
+    it.
     """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
@@ -294,7 +297,7 @@ def _wave_of_second(axis: Axis, factor: str) -> Law:
 def _wave_of_both(first: Axis, second: Axis) -> Law:
     """Make the law a sin(b x + c y + phase) of two variables.
 
-    The starts have b > 0 only, since the sign of the phase is free.
+    Fits begin with b > 0 only: (-b, -c) with another phase is the same wave.
     """
     fastest_second = _fastest(second)
     of_first = np.linspace(0.0, _fastest(first), _SCAN_STEPS // 4)[1:]

@@ -188,7 +188,14 @@ def measure_curves(
             replaced = tuple(of_joint)
         if chosen is not None:
             _, spline, law = chosen
-            curve = _tabulate(search, spline, law, variables, fold, replaced)
+            curve = _tabulate(
+                search,
+                spline,
+                law,
+                variables,
+                fold,
+                replaced,
+            )
             out.append(curve)
     return out
 
@@ -341,7 +348,13 @@ class _Measuring:
             Whether the scorer accounts for correlated rows.
         """
         white = self.data.white(raw, self.joint)
-        return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
+        return CurveColumns.of(
+            self.score,
+            self.fit,
+            white,
+            self.joint,
+            robust,
+        )
 
     def _fit_spline(
         self,
@@ -362,7 +375,12 @@ class _Measuring:
         """
         torque_columns = self.gain * raw
         columns = self._columns(torque_columns, robust)
-        return fit_spline(basis, torque_columns, columns, looked=len(self.bases))
+        return fit_spline(
+            basis,
+            torque_columns,
+            columns,
+            looked=len(self.bases),
+        )
 
     def best_spline(self) -> SplineFit | None:
         """Return the spline curve with the highest evidence; None if none has enough.
