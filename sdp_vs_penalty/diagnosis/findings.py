@@ -661,8 +661,8 @@ class Diagnosis(Record, JsonRecord):
     def noise_known(self) -> bool:
         """Whether the noise was measured separately from the model's error.
 
-        From repetitions it is exact, from a spectrum within a factor of two. False if
-        it was taken from the residual itself.
+        True for noise from repetitions, and from a spectrum, which shows it within a
+        factor of two. False if it was taken from the residual itself.
         """
         return self.noise_source != RESIDUAL
 

@@ -278,19 +278,21 @@ class Units:
         return self.torque
 
     def constraint(self, c: Constraint, parameters: Array) -> Constraint:
-        """Return a constraint in these units.
+        """Return a constraint F(theta) = constant + coefficients theta in a cone in
+        these units.
 
         Parameters
         ----------
         c : Constraint
             In SI units.
         parameters : (p,) array
-            Result of :meth:`parameters`.
+            Factor of each parameter, the result of :meth:`parameters`.
 
         Returns
         -------
         Constraint
-            It has the same feasible set.
+            It has the same feasible set: values and parameters are scaled by positive
+            factors.
         """
         scale: Array | float = self.rows(c.family)
         if c.cone == "psd":

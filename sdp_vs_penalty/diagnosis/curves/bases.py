@@ -663,6 +663,10 @@ def fit_spline(
     """Fit a spline curve with the weight of the roughness penalty that has most
     evidence.
 
+    For the weight w: c = (D + prior + w roughness)^-1 s, the squared error drops by 2
+    c's - c'D c, and the effective number of coefficients is tr (D + prior + w
+    roughness)^-1 D.
+
     Parameters
     ----------
     basis
@@ -670,7 +674,8 @@ def fit_spline(
     raw
         (M, k) their filtered columns, not whitened.
     columns
-        The whitened columns with their products D = z'z and s = z'r beside a fit.
+        The whitened columns z with their products beside a fit: D (k, k) with each
+        other, s (k,) with the residual.
     looked
         Number of bases among which the curve is chosen.
 
@@ -684,8 +689,8 @@ def fit_spline(
     prior = columns.raw / max(columns.count, 1.0) + ridge  # worth one row
     splines = tuple((axis.count, axis.is_sign) for axis in basis.axes)
     roughness = _roughness(splines) * energy
-    # In the basis V of these eigenvectors D + prior is the identity and the roughness is
-    # diagonal: the solution for any weight is a division.
+    # In the basis V of these eigenvectors D + prior is the identity and the roughness
+    # is diagonal: the solution for any weight is a division.
     values, V = scipy.linalg.eigh(
         roughness,
         columns.D + prior,

@@ -297,7 +297,7 @@ def _wave_of_second(axis: Axis, factor: str) -> Law:
 def _wave_of_both(first: Axis, second: Axis) -> Law:
     """Make the law a sin(b x + c y + phase) of two variables.
 
-    The starts have b > 0 only, since the sign of the phase is free.
+    Fits begin with b > 0 only: (-b, -c) with another phase is the same wave.
     """
     fastest_second = _fastest(second)
     of_first = np.linspace(0.0, _fastest(first), _SCAN_STEPS // 4)[1:]
