@@ -1,7 +1,7 @@
 """What explains the torques of all runs together.
 
-Order, signs, units, clock and mounting belong to the logger: one search over the rows
-of all runs finds them, and each has to hold in every run. What belongs to one run (its
+Order, signs, units, clock and mounting belong to the logger: one search over the rows of
+all runs finds them, and each has to hold in every run. What belongs to one run (its
 load, a zero, or a fault of its log alone) is claimed with that run named.
 """
 

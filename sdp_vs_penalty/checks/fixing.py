@@ -1,8 +1,8 @@
 """What `check --fix` writes: facts, and explanations that the user names.
 
-A repair cannot harm: rows are dropped up to a tenth only, and before anything is
-written both logs are identified on one split. What does not lower the error on motion
-left out is not written.
+A repair cannot harm: rows are dropped up to a tenth only, and before anything is written
+both logs are identified on one split. What does not lower the error on motion left out
+is not written.
 """
 
 from collections.abc import Sequence

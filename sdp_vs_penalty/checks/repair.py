@@ -5,9 +5,8 @@ A hypothesis changes entries of this record; a composition of hypotheses is agai
 record. So no joint can have two zeros, two gains or two signs, and what is reported is
 what is done to the raw log:
 
-    q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw -
-    t_0), or reversed tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j
-    d(tau_j)/dt - events_j
+    q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw - t_0), or reversed
+    tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
 
 where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
 |tau_raw| / bend_j.

@@ -106,9 +106,11 @@ class PoseOptions:
     def following(
         cls, recipe: Mapping[str, Any], robot: Robot, **others: Any
     ) -> PoseOptions:
-        """Return the options of a :meth:`recipe`; ``others`` are further fields.
+        """Return the options that a recipe states, the inverse of :meth:`recipe`.
 
-        Raises InputError for a damaged recipe.
+        A recipe is the JSON in a model's details that says how a log was prepared:
+        effects, known parameters and instruments. ``others`` are further fields of the
+        options. Raises InputError for a damaged recipe.
         """
         try:
             settings = recipe["effects"]

@@ -438,7 +438,8 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
         return {}
     gyration = inertia.gyration(links)
     bodies = problem.link_bodies
-    follows = consistent(links)
+    # Consistent links make M(q) positive definite at every pose: no need to sample.
+    is_consistent = consistent(links)
     pairs = zip(
         links[:, 0].tolist(),
         bodies,
@@ -447,9 +448,9 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
     densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
     return {
         "positive_mass_matrices": (
-            1.0 if follows else positive_mass_matrices(problem.robot, links)
+            1.0 if is_consistent else positive_mass_matrices(problem.robot, links)
         ),
-        "at_every_pose": follows,
+        "at_every_pose": is_consistent,
         "smallest_thickness": float(inertia.thickness(links).min()),
         "largest_gyration": float(gyration.max()),
         "body_share": float(np.max(gyration / [body.reach for body in bodies])),

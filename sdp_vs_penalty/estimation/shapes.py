@@ -777,8 +777,9 @@ class _LocalColumns:
     def used_for(self, bank: int | None) -> NDArray[np.bool_]:
         """Return (k + d - 1,) which columns take part in the fit with one new constant.
 
-        The bank's new columns replace its old one; all other banks keep the model's
-        value. With None all banks keep it.
+        A bank is a shape constant with its columns, at the model's value and at the new
+        one. The new columns of ``bank`` replace its old one; all other banks keep the
+        model's value. With None all banks keep it.
         """
         no_bank = -2  # -1 marks columns that belong to no bank
         is_of_bank = np.equal(self.bank_of, no_bank if bank is None else bank)

@@ -629,6 +629,7 @@ def of_regression(
     n = own_regression.joints
     value = task.ols if theta is None else np.asarray(theta, float)
     known = known or _sandwich_of(task, wide or own_regression, white)
+    # Without errors of the gains, and of another kind: factors of width zero.
     if gain_errors is None:
         gain_errors = np.zeros((n, 0))
     if gains is None:

@@ -845,10 +845,11 @@ class BarycentricBox:
 
     @staticmethod
     def _joint_range(task: Task) -> Array:
-        """Return (p,) the largest size of parameters of joints (those of links are
-        overwritten).
+        """Return (p,) the largest size of each parameter of a joint, such as friction.
 
-        It is max(JOINT_PARAMETER_RANGE, |tau| / |Y_k|), at most the implied bound.
+        It is max(JOINT_PARAMETER_RANGE, |tau| / |Y_k|), at most the implied bound. |tau| /
+        |Y_k| is the value with which parameter k alone makes all the measured torque. The
+        entries of links have no meaning; the caller overwrites them.
         """
         norms = task.data.column_norms
         torque = np.where(

@@ -131,10 +131,10 @@ class Posterior:
         self._factor = np.zeros((SIZE, SIZE), order="F")
         # Every 11th entry of a (10, 10) matrix in one row is on its diagonal.
         self._diagonal = self._factor.T.reshape(-1)[:: SIZE + 1]
-        self._log = np.zeros(SIZE)
+        self._work_vector = np.zeros(SIZE)
         self.linear = np.zeros(SIZE)
         self.mean = np.zeros(SIZE)
-        self._part = np.zeros((SIZE, SIZE), order="F")
+        self._work_matrix = np.zeros((SIZE, SIZE), order="F")
 
     def clear(self) -> None:
         """Reset to the prior: precision = prior information, linear term = 0."""
@@ -156,18 +156,19 @@ class Posterior:
         None
             ``precision`` and ``linear`` are updated.
         """
+        # Lambda += weight Y^T Y, b += weight Y^T e, by work space without allocation.
         np.multiply(
             matrix[:SIZE, :SIZE],
             weight,
-            out=self._part,
+            out=self._work_matrix,
         )
-        self.precision += self._part
+        self.precision += self._work_matrix
         np.multiply(
             matrix[:SIZE, SIZE],
             weight,
-            out=self._log,
+            out=self._work_vector,
         )
-        self.linear += self._log
+        self.linear += self._work_vector
 
     def solve(self) -> float:
         """Compute ``mean`` (10,) = Lambda^-1 b; return ln of the evidence of a payload.
@@ -192,8 +193,8 @@ class Posterior:
             lower=1,
             overwrite_b=1,
         )
-        np.log(self._diagonal, out=self._log)
-        half_log_det = float(self._log.sum())
+        np.log(self._diagonal, out=self._work_vector)
+        half_log_det = float(self._work_vector.sum())
         fit = 0.5 * float(np.dot(self.linear, self.mean))
         return fit - half_log_det + 0.5 * self._prior.log_det
 

@@ -126,7 +126,8 @@ class ConeProjection:
     def _raise_last(self) -> None:
         """Move the last solution off the cone's boundary, as a warm start.
 
-        Afterwards the complementarity <X, Z> is about _WARM_GAP.
+        A multiple of the identity is added to X (4x4) and to its multiplier Z (4x4), so
+        that each adds half of _WARM_GAP to the complementarity <X, Z>.
         """
         X = _matrix(self._x)
         lift = 0.5 * _WARM_GAP / max(float(np.trace(self._Z)), 1e-12)

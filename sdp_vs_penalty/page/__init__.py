@@ -1,7 +1,6 @@
 """The workbench: a local page in a browser.
 
-    browser  <->  server.py (one process)  <->  worker.py (a process a job at a time,
-    killed to cancel)
+    browser  <->  server.py (one process)  <->  worker.py (a process a job at a time, killed to cancel)
 
 A :class:`~sdp_vs_penalty.page.session.Session` is what one tab has chosen, read and
 identified; its runs and models are files in a private folder.

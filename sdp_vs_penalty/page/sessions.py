@@ -39,8 +39,8 @@ def shown_name(name_given: str) -> str:
     This is the last component of the browser's name, without unprintable characters and
     at most 80 characters long.
 
-    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\temp\\run.csv"),
-    shown_name("..") ('run 1.csv', 'run.csv', 'file')
+    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\temp\\run.csv"), shown_name("..")
+    ('run 1.csv', 'run.csv', 'file')
     """
     # A Windows path takes /, \ and drives for separators, whatever the system.
     last = PureWindowsPath(name_given.replace("\0", "")).name
@@ -167,8 +167,7 @@ class Sessions:
         return self._all.get(token)
 
     def unwatched(self, token: str | None) -> Session | None:
-        """Return the session with this token if no tab shows it at the moment, else
-        None.
+        """Return the session with this token if no tab shows it at the moment, else None.
 
         A person who comes back to the address finds this session again.
         """

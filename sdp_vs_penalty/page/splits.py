@@ -1,5 +1,4 @@
-"""One run alone: motion to identify from, motion to judge on, and what other splits
-show."""
+"""One run alone: motion to identify from, motion to judge on, and what other splits show."""
 
 from __future__ import annotations
 

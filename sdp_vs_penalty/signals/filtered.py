@@ -170,7 +170,13 @@ def low_passed(
         return dict(blocks)
     ends = np.cumsum([len(x) for x in columns])
     filtered = low_pass @ np.vstack(columns).T
-    parts = iter(np.split(filtered, ends[:-1], axis=1))
+    parts = iter(
+        np.split(
+            filtered,
+            ends[:-1],
+            axis=1,
+        )
+    )
     return {
         k: [replace(b, columns=next(parts)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()

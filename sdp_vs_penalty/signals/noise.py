@@ -137,9 +137,10 @@ class Noise:
 def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> Noise:
     """Measure the noise of each joint's torque from the best source that the runs have.
 
-    1. Repeated motion: differences of the residual between repetitions. 2. The torque's
-    spectrum above the band of the motion; no more than the model's residual. 3. The
-    model's residual itself.
+    1. Repeated motion: differences of the residual between repetitions.
+    2. The torque's spectrum above the band of the motion, but no more than the model's
+       residual.
+    3. The model's residual itself.
 
     Without repetition the noise is taken to be white: a colour estimated from the
     residual would be that of the model's error, and would hide missing effects.
@@ -475,7 +476,11 @@ def _without_events(
     """
     good = np.ones(len(x), bool)
     for _ in range(3):
-        drift_sizes = np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        drift_sizes = np.linalg.lstsq(
+            drift[good],
+            x[good],
+            rcond=1e-10,
+        )[0]
         without_drift = x - drift @ drift_sizes
         ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
         # Whitened differences of variance about 1, with 0 where there is no past.

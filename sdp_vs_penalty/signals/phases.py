@@ -84,7 +84,12 @@ def tracks_of(measurements: Measurements) -> list[Track]:
         span = float(run.t[-1] - run.t[0])
         rate = min(sample_rate(run), _LARGEST_TRACK_RATE_HZ, SAMPLES / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
-        tracks.append((t, interpolated(t, run.t, run.q)))
+        q = interpolated(
+            t,
+            run.t,
+            run.q,
+        )
+        tracks.append((t, q))
     return tracks
 
 

@@ -3,19 +3,16 @@
 Three steps, each zero-phase and each with a finite impulse response, so that a run can
 be worked through in pieces with exactly the result of the whole:
 
-1. Jittered time stamps are resampled linearly to the median rate. Runs are split at
-gaps. 2. The position is convolved with a low-pass kernel and its exact first and second
-derivative:
-   q, dq, ddq at one cut-off (``state_cutoff``). Measured velocities are not used:
-   drives filter them, with a lag that would have to be known.
-3. The model's columns are computed from these states, and columns AND torque pass the
-same second
-   low-pass (``torque_cutoff``), which therefore leaves the linear relation between them
-   intact; rows are decimated to four times its cut-off. Columns are computed at 30
-   times that cut-off (effects with memory: at the full rate), where the low-pass is the
-   same to 1e-4 of the sharpest of them, Coulomb friction's. Smooth ones (the links')
-   are no sharper than products of the states, and are computed at a rate at which these
-   do not fold back: the same to 1e-5 of the largest one.
+1. Jittered time stamps are resampled linearly to the median rate. Runs are split at gaps.
+2. The position is convolved with a low-pass kernel and its exact first and second derivative:
+   q, dq, ddq at one cut-off (``state_cutoff``). Measured velocities are not used: drives filter
+   them, with a lag that would have to be known.
+3. The model's columns are computed from these states, and columns AND torque pass the same second
+   low-pass (``torque_cutoff``), which therefore leaves the linear relation between them intact; rows
+   are decimated to four times its cut-off. Columns are computed at 30 times that cut-off (effects
+   with memory: at the full rate), where the low-pass is the same to 1e-4 of the sharpest of them,
+   Coulomb friction's. Smooth ones (the links') are no sharper than products of the states, and are
+   computed at a rate at which these do not fold back: the same to 1e-5 of the largest one.
 
 The kernel (kernels.py) reaches 2 / cut-off to either side. Rows within the half lengths
 of both kernels of the ends of a run would need samples from outside it, and are

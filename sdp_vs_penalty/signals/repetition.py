@@ -105,7 +105,13 @@ def _first_period(track: Track) -> float | None:
     last = int((t[-1] - t[0] - _SHORTEST) / step)
     lags = np.arange(first, last)  # in steps
     # Each valley is a pair of the mean square difference and the lag [s].
-    for _, lag in _valleys(track, track, scale, step, lags):
+    for _, lag in _valleys(
+        track,
+        track,
+        scale,
+        step,
+        lags,
+    ):
         if _is_repeated(track, track, scale, lag):
             return lag
     return None
@@ -146,11 +152,23 @@ def repeat_lag(
         return None
     lags = np.arange(-back, forward + 1)
     # Pairs of mean square difference and lag: the smallest difference is the best.
-    best = min(_valleys(a, b, scale, step, lags), default=None)
+    valleys = _valleys(
+        a,
+        b,
+        scale,
+        step,
+        lags,
+    )
+    best = min(valleys, default=None)
     if best is None:
         return None
     lag = best[1]
-    if not _is_repeated(a, b, scale, lag):
+    if not _is_repeated(
+        a,
+        b,
+        scale,
+        lag,
+    ):
         return None
     return lag + float(t_b[0] - t_a[0])
 

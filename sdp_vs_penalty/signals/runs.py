@@ -121,7 +121,12 @@ class Movement:
             (M,) flags.
         """
         sample = np.searchsorted(self.t, t)
-        return self.moves[np.clip(sample, 0, len(self.t) - 1)]
+        inside = np.clip(
+            sample,
+            0,
+            len(self.t) - 1,
+        )
+        return self.moves[inside]
 
 
 def _ways(run: Measurements) -> Iterator[Array]:
@@ -237,7 +242,12 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     for start in range(0, len(at), PART):
         instants = at[start : start + PART]
         # Pass only the samples around: interpolation copies its arguments.
-        begin = int(np.searchsorted(t, instants[0], "right")) - 1
+        behind = np.searchsorted(
+            t,
+            instants[0],
+            "right",
+        )
+        begin = int(behind) - 1
         end = int(np.searchsorted(t, instants[-1])) + 1
         samples = slice(max(begin, 0), end)
         for row, channel in zip(out, values[samples].T, strict=True):

@@ -3,14 +3,11 @@ models are judged.
 
 Three grids, all uniform:
 
-- the log's: positions become q, dq, ddq there, and the torque is low-passed there; -
-the column grid (30 times the low-pass's cut-off): columns of effects are computed
-there, fast
+- the log's: positions become q, dq, ddq there, and the torque is low-passed there;
+- the column grid (30 times the low-pass's cut-off): columns of effects are computed there, fast
   enough for a friction that turns round within milliseconds;
-- the rows: twice the cut-off, one row an independent sample. Columns and torque pass
-the same kernel,
-  so that a linear relation between them survives, the folding of what lies above the
-  row rate included.
+- the rows: twice the cut-off, one row an independent sample. Columns and torque pass the same kernel,
+  so that a linear relation between them survives, the folding of what lies above the row rate included.
 
 Rows are dropped where the robot stands.
 """
@@ -541,7 +538,12 @@ def window_subsample(
         edges = np.linspace(0.0, span, n_slots + 1)
         slots += [(run, a, b) for a, b in pairwise(edges.tolist())]
     count = max(1, int(len(slots) * allowed / sum(spans)))
-    places = np.linspace(0, len(slots) - 1, count).round().astype(int)
+    evenly = np.linspace(
+        0,
+        len(slots) - 1,
+        count,
+    )
+    places = evenly.round().astype(int)
     windows = []
     for place in np.unique(places):
         run, start, stop = slots[place]

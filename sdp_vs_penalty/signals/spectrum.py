@@ -100,8 +100,19 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     """
     length = min(part.count, c.SAMPLES)
     n_pieces = -(-part.count // length)  # rounded up
-    starts = np.linspace(0, part.count - length, n_pieces).astype(int)
-    pieces = [part.resampled(values, start, start + length) for start in starts]
+    starts = np.linspace(
+        0,
+        part.count - length,
+        n_pieces,
+    ).astype(int)
+    pieces = [
+        part.resampled(
+            values,
+            start,
+            start + length,
+        )
+        for start in starts
+    ]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
     return np.asarray(np.mean(spectra, axis=0)), frequency
@@ -135,7 +146,12 @@ def periodograms(
     """
     window = np.hanning(length)[:, None]
     # Orthonormal polynomials, (length, degree + 1).
-    powers = np.vander(np.linspace(-1.0, 1.0, length), degree + 1)
+    places = np.linspace(
+        -1.0,
+        1.0,
+        length,
+    )
+    powers = np.vander(places, degree + 1)
     polynomials = np.linalg.qr(powers)[0]
     starts = range(0, len(x) - length + 1, length // 2)
     pieces = np.stack([x[k : k + length] for k in starts])
@@ -342,7 +358,12 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
 
     A periodogram of noise is exponential: its quantile is -log(1 - share) of its mean.
     """
-    return np.asarray(np.quantile(powers, share, axis=0) / -np.log1p(-share))
+    quantile = np.quantile(
+        powers,
+        share,
+        axis=0,
+    )
+    return np.asarray(quantile / -np.log1p(-share))
 
 
 def _autoregression(

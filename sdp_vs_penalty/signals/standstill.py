@@ -188,7 +188,11 @@ def resolution(q: Array) -> Array:
     """
     # Fourth differences remove the motion. White noise has 70 times its variance in
     # them (1 + 16 + 36 + 16 + 1), and a median absolute value of 0.6745 sigma.
-    fourth_differences = np.diff(q, 4, axis=0)
+    fourth_differences = np.diff(
+        q,
+        4,
+        axis=0,
+    )
     median = np.median(np.abs(fourth_differences), axis=0)
     return np.asarray(_ALIKE * median / (0.6745 * np.sqrt(70.0)))
 
