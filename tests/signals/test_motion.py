@@ -75,12 +75,12 @@ def test_the_record_is_bounded(monkeypatch):
         "valid",
     )
     wild.q[:, 0] = smooth / smooth.std()
-    monkeypatch.setattr(motion, "_MOST", 14_000)
+    monkeypatch.setattr(motion, "_LARGEST_RECORD", 14_000)
     record = record_motion(FilteredRuns.of(wild, SETTINGS))
     assert sum(line.size for line in record.lines) <= 14_000
     assert record.distance > motion.DISTANCE
     assert record.new_share(FilteredRuns.of(wild, SETTINGS)) == 0.0
-    monkeypatch.setattr(motion, "_MOST", 100)
+    monkeypatch.setattr(motion, "_LARGEST_RECORD", 100)
     assert record_motion(FilteredRuns.of(wild, SETTINGS)) is None
 
 
