@@ -350,7 +350,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             SCARA[1:3],
         )
     )
-    for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv")):
+    for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv", "new.csv")):
         write_run(out / name, problem, seed=seed)
     return out
 
@@ -379,6 +379,7 @@ def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, caps
     runs = hidden_runs(two_link, [("joint_spring", [1])], "strong", 24, 3).runs
     for run, name in zip(runs, ("run1.csv", "run2.csv", "test.csv"), strict=True):
         save(run, tmp_path / name)
+    shutil.copy(tmp_path / "test.csv", tmp_path / "new.csv")
     (tmp_path / "example.py").write_text(code.replace("my_arm.urdf", "two_link"))
     monkeypatch.chdir(tmp_path)
     runpy.run_path("example.py")
