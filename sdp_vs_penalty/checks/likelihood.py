@@ -556,27 +556,30 @@ class Likelihood:
         return [fit_by_place[place] for place in range(len(repairs))]
 
     def _fit_torques(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm under each of K repairs that change the torques (n, M) alone.
+        """Fit one arm under each of K repairs that change the torques alone.
 
-        The columns of the links, with each joint's own columns projected out, are
-        common to all K fits.
+        n joints, M rows, s parameters that joints share (those of the links). Each
+        joint's own parameters (friction, offset) are eliminated: their columns are
+        projected out of the shared columns A_j (M, s) and of the torque tau_j (M,).
+        A repair of torques leaves A as it is, so its Gram matrices serve all K fits.
         """
-        rows = self.rows(repairs[0])
-        channels = np.stack([self.channels(repair) for repair in repairs], axis=2)
-        projected_torque = rows.project_out_own(channels)  # (n, M, K)
-        on_torque = np.swapaxes(channels, 1, 2) @ rows.projected  # (n, K, s)
+        rows = self.rows(repairs[0])  # any of the repairs: the motion is the same
+        torques = np.stack([self.channels(repair) for repair in repairs], axis=2)
+        projected_torques = rows.project_out_own(torques)  # (n, M, K)
+        # A_j^T tau_j of each joint j and repair k: (n, K, M) @ (n, M, s) = (n, K, s).
+        cross_products = torques.swapaxes(1, 2) @ rows.projected
         equations = NormalEquations(
-            gram=rows.gram,
-            cross=on_torque.swapaxes(0, 1),
-            energy=np.sum(np.square(projected_torque), axis=1).T,
-            total=positive(np.sum(np.square(channels), axis=1).T),
+            gram=rows.gram,  # (n, s, s): A_j^T A_j
+            cross=cross_products.swapaxes(0, 1),  # (K, n, s)
+            energy=np.sum(np.square(projected_torques), axis=1).T,  # (K, n)
+            total=positive(np.sum(np.square(torques), axis=1).T),  # (K, n)
         )
         thetas, energies_left = equations.fitted(self.moving)  # (K, s), (K, n)
         return [
             ArmFit(
                 moving=self.moving,
                 rows=rows,
-                channels=channels[:, :, k],
+                channels=torques[:, :, k],
                 theta=thetas[k],
                 energy_left=energies_left[k],
                 energy=equations.total[k],

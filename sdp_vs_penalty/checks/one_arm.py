@@ -276,9 +276,11 @@ class RunComparison:
 
     @property
     def largest_excess_ratio(self) -> float:
-        """Largest factor by which one arm for all explains a joint worse in some run
-        than the joint is explained in its best run; of root mean square residuals
-        relative to torque.
+        """Largest excess, over runs r and joints j, of the error of the common model.
+
+        e[r, j] is the RMS residual over the RMS torque of joint j in run r, with one
+        arm fitted to all runs. The excess is e[r, j] / min over runs of e[:, j].
+        ``log_excess`` holds the logarithms of squares, hence the factor 1/2.
         """
         return float(np.exp(0.5 * self.log_excess.max()))
 

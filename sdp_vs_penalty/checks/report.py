@@ -100,21 +100,22 @@ class Report(Record):
 
     @property
     def verdict(self) -> str:
-        """How many problems there are, and how well the arm's dynamics explain the
-        torque."""
+        """One sentence: the number of problems, and the share of the torque that the
+        arm's dynamics leave unexplained.
+
+        Without such a share (``unexplained`` is None) it says why there is none.
+        """
         problems = formatting.count(len(self.errors_and_warnings), "problem")
-        if self.unexplained is None:
-            why = "nothing to identify from"
-            if not self.repaired_all.torque_logged:
-                why = "no torque was logged"
-            elif not self.meaningless:
-                why = "its torques were not judged"
-            return f"{self.run}: {problems}; {why}"
-        share = self.facts()["unexplained_percent"].text
-        return (
-            f"{self.run}: {problems}; the arm's dynamics leave {share} of the torque"
-            " unexplained"
-        )
+        if self.unexplained is not None:
+            share = self.facts()["unexplained_percent"].text
+            torque = f"the arm's dynamics leave {share} of the torque unexplained"
+        elif not self.repaired_all.torque_logged:
+            torque = "no torque was logged"
+        elif self.meaningless:  # errors of facts: no row can be believed
+            torque = "nothing to identify from"
+        else:  # the caller asked for facts alone
+            torque = "its torques were not judged"
+        return f"{self.run}: {problems}; {torque}"
 
     def _summary(self) -> Summary:
         """The verdict, and severity and sentence of each issue, for printing."""

@@ -379,28 +379,29 @@ def simulate(job: JobRequest) -> Answer:
 
 
 def mend(job: JobRequest) -> Answer:
-    """Repair one run as `check --fix` does.
+    """Repair one run of the page as `check --fix` does, and store the repaired copy.
 
-    Returns {"run": the record of the repaired copy, "changes": a line for each change}.
+    ``job["file"]`` names the run's file in the session's folder; ``job["runs"]`` holds
+    the page's record of each run, {"file", "name" shown to the user, "use" ("train" or
+    "test"), ...}. Returns {"run": record of the copy, "changes": [a line a change]}.
     """
     problem = job.problem
-    run_given = next(run for run in job["runs"] if run["file"] == job["file"])
-    part = replace(
-        load_measurements(job.folder / run_given["file"]), names=(run_given["name"],)
-    )
-    job.progress(f"repairing {run_given['name']}")
-    reports = check(problem, part, thorough=False)
-    repaired = fix_runs(problem, [part], reports)
-    name = f"{Path(run_given['name']).stem}_fixed.csv"
-    run_made = keep(
+    record = next(run for run in job["runs"] if run["file"] == job["file"])
+    run = load_measurements(job.folder / record["file"])
+    run = replace(run, names=(record["name"],))
+    job.progress(f"repairing {record['name']}")
+    # The quick search: what it finds is what the page has shown and offered to repair.
+    reports = check(problem, run, thorough=False)
+    repaired = fix_runs(problem, [run], reports)
+    record_of_copy = keep(
         job,
         problem,
         repaired.runs[0],
-        name,
-        use=run_given["use"],
+        f"{Path(record['name']).stem}_fixed.csv",
+        use=record["use"],
     )
-    changes = reports[0].changes(run_given["name"], repaired.issues[0])
-    return {"run": run_made, "changes": changes.splitlines()}
+    changes = reports[0].changes(record["name"], repaired.issues[0])
+    return {"run": record_of_copy, "changes": changes.splitlines()}
 
 
 def keep(

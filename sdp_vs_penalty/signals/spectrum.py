@@ -174,10 +174,11 @@ def unbent_cutoff(
 
     The error has two parts, both within the band of the torque: motion that the filter
     takes away, and noise of the positions that it lets through. Cut-offs are tried in
-    steps of half an octave from ``cutoff`` up. The lowest stays if it takes away no
-    more of the acceleration than equal motions differ by (ALIKE), or if higher ones are
-    too noisy on some joint. Robots that stick at reversals move more sharply than
-    commanded, and need more.
+    steps of half an octave from ``cutoff`` up. The lowest stays if it takes away less
+    than ALIKE, 1 %, of the acceleration: repetitions of one motion differ by as much.
+    A higher one whose noise on some joint is more than NOISY times the acceleration is
+    not taken. Robots that stick at reversals move more sharply than commanded, and
+    need a higher cut-off.
 
     Parameters
     ----------
@@ -198,18 +199,17 @@ def unbent_cutoff(
     n_octaves = np.log2(max(highest / cutoff, 1.0))
     steps = np.arange(1 + int(2.0 * n_octaves))
     candidates = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
-    errors = [_errors(run, candidates, band) for run in runs]
-    bent, noise = np.concatenate(errors, axis=1)
-    if not len(bent) or bent[:, 0].mean() < ALIKE**2:
+    # Mean squares over that of the acceleration; (joints of all runs, candidates).
+    errors_by_run = [_errors(run, candidates, band) for run in runs]
+    motion_lost, noise_passed = np.concatenate(errors_by_run, axis=1)
+    has_no_rows = not len(motion_lost)
+    if has_no_rows or motion_lost[:, 0].mean() < ALIKE**2:
         return cutoff
-    is_noisy = noise.max(axis=0) > c.NOISY**2
-    error = (bent + noise).mean(axis=0)
-    error = np.where(
-        is_noisy & (candidates > cutoff),
-        np.inf,
-        error,
-    )
-    return float(candidates[np.argmin(error)])
+    mean_error = (motion_lost + noise_passed).mean(axis=0)
+    is_too_noisy = noise_passed.max(axis=0) > c.NOISY**2
+    # The lowest cut-off is always allowed.
+    mean_error = np.where(is_too_noisy & (candidates > cutoff), np.inf, mean_error)
+    return float(candidates[np.argmin(mean_error)])
 
 
 def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:

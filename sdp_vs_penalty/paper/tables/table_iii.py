@@ -259,39 +259,35 @@ def _published(
 def _estimates(
     study: Study,
     data: Data,
-    base: tuple[str, ...],
+    base_names: tuple[str, ...],
 ) -> dict[str, dict[str, float]]:
-    """Return the columns of every method for one data set, by the column's name.
+    """Return the columns of the table for one data set: name of column -> row -> value.
 
-    Least squares are followed by their standard deviations in per cent.
+    Rows are the base parameters (``base_names``), the parameters of the effects, and
+    the relative torque error. Least squares (``ols``) have a row more, the condition
+    number of the regressor, and a column more: their standard deviations in per cent
+    of the estimates.
     """
     task = study.task(data)
-    rigid = data.model.rigid_indices
-    keys = [*base, *_effect_parameter_names(data)]
-    out = {}
+    rigid = data.model.rigid_indices  # places of the links' parameters in theta
+    row_names = [*base_names, *_effect_parameter_names(data)]
+    columns = {}
     for name, method in study.methods.items():
         theta = study.theta(method, data)
-        # Base parameters of the links, then the parameters of effects.
-        values = dict(
-            zip(
-                keys,
-                [*(study.base @ theta[rigid]), *np.delete(theta, rigid)],
-                strict=True,
-            )
-        )
-        values[_ERROR] = torque_errors(data.regression, theta)[1]
-        out[f"{name}_{data.label}"] = values
+        base_parameters = study.base @ theta[rigid]  # (b, 10 n) @ (10 n,)
+        effect_parameters = np.delete(theta, rigid)
+        cells = [*base_parameters, *effect_parameters]
+        values = dict(zip(row_names, cells, strict=True))
+        _, relative_error = torque_errors(data.regression, theta)
+        values[_ERROR] = relative_error
+        columns[f"{name}_{data.label}"] = values
         if name == "ols":
-            values[_CONDITION] = condition_number(
-                replace(task, data=data.regression.least_squares())
-            )
+            # As the paper's, the condition number is that of rows without weights.
+            unweighted = replace(task, data=data.regression.least_squares())
+            values[_CONDITION] = condition_number(unweighted)
             pi, std = standard_deviations(task, data.regression.oversampling)
-            percent = dict(
-                zip(
-                    keys,
-                    100.0 * std / np.abs(pi),
-                    strict=True,
-                )
+            percent = 100.0 * std / np.abs(pi)
+            columns[f"sigma_pct_ols_{data.label}"] = dict(
+                zip(row_names, percent, strict=True)
             )
-            out[f"sigma_pct_ols_{data.label}"] = percent
-    return out
+    return columns
