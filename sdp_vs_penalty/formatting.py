@@ -226,9 +226,9 @@ def times_noise(
     Examples
     --------
     >>> times_noise(15.61, 0.0652, "N m")
-    '15.6 times its noise (0.0652 N m)'
+    '0.0652 N m, 15.6 times its noise'
     """
-    return f"{number(ratio)} times its noise ({number(error)} {unit})"
+    return f"{number(error)} {unit}, {number(ratio)} times its noise"
 
 
 def milli(

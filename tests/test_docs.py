@@ -279,7 +279,7 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     text = " ".join(shown.out.split())
     assert f"Missing: {effect_name(HIDDEN)} on joint 7" in text
     fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
-    assert int(fall.rpartition(", ")[2]) <= -60
+    assert int(fall.rpartition("(")[2]) <= -60
     check_printed("demo.md", shown.out)
     html = (tmp_path / "demo" / "report.html").read_text()
     assert '<p class="verdict good">' in html

@@ -366,7 +366,7 @@ class Finding(Rated):
         if diagnosis.held_out_over_noise is not None:
             floor = float(diagnosis.noise_floor[j])
             times = [formatting.number(x / floor) for x in errors]
-            amount = f"{' to '.join(times)} times the noise ({amount})"
+            amount = f"{amount}, {' to '.join(times)} times the noise"
         if is_lower:
             return (
                 f"Adding it cuts joint {j + 1}'s error on data left out from {amount}."
@@ -734,11 +734,11 @@ class Diagnosis(Record, JsonRecord):
         if above_noise:
             return (
                 "No effect of the library explains the torque beyond the noise on"
-                f" {formatting.joints(above_noise)}: joint {worst} errs {error}."
+                f" {formatting.joints(above_noise)}: joint {worst} errs by {error}."
             )
         return (
-            "Nothing is missing that these measurements could show: no joint errs more"
-            f" than {error.removesuffix(')')} on joint {worst})."
+            "Nothing is missing that these measurements could show: no joint errs by"
+            f" more than {error} (joint {worst})."
         )
 
     @property

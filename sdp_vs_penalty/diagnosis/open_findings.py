@@ -58,5 +58,5 @@ def still_missing(diagnosis: Diagnosis, estimate: Estimate) -> str:
         return "All effects that `diagnose` found are in the model."
     open_findings = [finding for finding in missing if finding.rating != "weak"]
     if open_findings:
-        return f"Found and not added: {named_on_joints(open_findings)}."
+        return f"The model lacks {named_on_joints(open_findings)}, found and not added."
     return f"Weak and not added: {named_on_joints(missing)}."

@@ -413,9 +413,8 @@ def _worst_in_words(errors: JointErrors, over: Array) -> str:
     """
     worst = int(np.argmax(over)) + 1
     if over[worst - 1] <= ABOVE_NOISE:
-        words = errors.words(worst).removesuffix(")")
-        return f"No joint errs more than {words} on joint {worst})"
-    return f"Joint {worst} errs {errors.words(worst)}"
+        return f"No joint errs by more than {errors.words(worst)} (joint {worst})"
+    return f"Joint {worst} errs by {errors.words(worst)}"
 
 
 def _prediction(
@@ -607,8 +606,8 @@ def _change_in_words(
     if noise is None:
         return f"{amount} ({percent})" if percent else amount
     times = [formatting.number(x / noise) for x in (before, after)]
-    more = f"{amount}, {percent}" if percent else amount
-    return f"{times[0]} -> {times[1]} times the noise ({more})"
+    amount += f", {times[0]} -> {times[1]} times the noise"
+    return f"{amount} ({percent})" if percent else amount
 
 
 def over_noise(rmse: Array, floor: Array | None) -> Array | None:

@@ -764,9 +764,10 @@ def cause_figure(
         )
 
     if len(x):
-        has_after = after is not None
-        colour = BEFORE if has_after else AFTER
-        cloud(before.residual[:, j], names[0], colour)
+        if after is None:
+            cloud(before.residual[:, j], "mean of measured - modelled", AFTER)
+        else:
+            cloud(before.residual[:, j], names[0], BEFORE)
         if after is not None and len(after.t) == len(before.t):
             cloud(after.residual[:, j], names[1], AFTER)
             added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign

@@ -224,7 +224,8 @@ def _caption_of_bars(
     caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
     if is_known:
         caption = (
-            f"{what} of each joint over its noise (grey) and in N m or N, logarithmic"
+            f"{what} of each joint in multiples of its noise (grey), on a logarithmic"
+            " scale; below each multiple in N m or N"
         )
     if has_change:
         caption += "; before (orange), after (blue)"

@@ -362,7 +362,7 @@ def error_in_words(compared: Comparison, joint: int) -> str:
     error = f"{facts['joint_error'].of_joint(joint)} {unit}"
     if compared.error_over_noise is None:
         return error
-    return f"{facts['error_over_noise'].of_joint(joint)} times its noise ({error})"
+    return f"{error}, {facts['error_over_noise'].of_joint(joint)} times its noise"
 
 
 def describe_worst(compared: Comparison, cause: str) -> str:
@@ -375,9 +375,9 @@ def describe_worst(compared: Comparison, cause: str) -> str:
     if compared.error_over_noise is None:
         size = f"Joint {joint} errs by {error}, the most of all"
     elif compared.is_within_noise:
-        return f"No joint errs more than {error.removesuffix(')')} on joint {joint})."
+        return f"No joint errs by more than {error} (joint {joint})."
     else:
-        size = f"Joint {joint} errs {error}"
+        size = f"Joint {joint} errs by {error}"
     when = _WHEN.get(cause)
     return f"{size}, {when}." if when else f"{size}."
 
@@ -408,8 +408,7 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
         return ""
     joint = before.worst_joint
     error = error_in_words(after, joint)
-    by = "by " if after.error_over_noise is None else ""
-    change = f"With {effects_in_words(new)}, joint {joint} errs {by}{error}."
+    change = f"With {effects_in_words(new)}, joint {joint} errs by {error}."
     return f"{change} {describe_worse(before, after)}".rstrip()
 
 
@@ -433,12 +432,16 @@ def describe_worse(before: Comparison, after: Comparison) -> str:
 
 def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
     """Return a sentence for each finding, unless weak, on what the effect is on a
-    real arm.
+    real arm, with the rating of the finding ("confident", "near-tie").
     """
     if diagnosis is None:
         return []
-    said = [f.on_the_arm for f in diagnosis.effects if f.rating != "weak"]
-    return [formatting.sentence(text.removeprefix(ON_THE_ARM)) for text in said]
+    lines = []
+    for finding in diagnosis.effects:
+        if finding.rating != "weak":
+            text = formatting.sentence(finding.on_the_arm.removeprefix(ON_THE_ARM))
+            lines.append(f"{text} ({formatting.sentence(finding.rating)}.)")
+    return lines
 
 
 def shown_cause(diagnosis: Diagnosis | None, failures: Failures, joint: int) -> str:

@@ -196,7 +196,7 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     )
     X = np.vstack([c.dense_columns(len(small.theta)) / noise for c, noise in columns])
     A, B = (
-        hypotheses._white(e, motion).reshape(len(X), -1) * s
+        hypotheses._columns_over_noise(e, motion).reshape(len(X), -1) * s
         for e, s in zip(hypotheses.effects, hypotheses.scale, strict=True)
     )
 

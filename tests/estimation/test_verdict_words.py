@@ -14,11 +14,12 @@ FLOOR = np.array([0.1, 0.1, 0.1])
 def test_a_change_is_said_in_multiples_and_in_newton_metres():
     after = BEFORE * [1.0, 0.1, 1.0]
     sentence = changes(BEFORE, after, FLOOR, UNITS)
-    assert sentence == "joint 2: 20 -> 2 times the noise (2 -> 0.2 N m, -90 %)."
+    assert sentence == "joint 2: 2 -> 0.2 N m, 20 -> 2 times the noise (-90 %)."
 
 
 def test_a_slides_error_is_in_newtons():
-    assert "4 -> 1 N, -75 %" in changes(BEFORE, BEFORE * [1, 1, 0.25], FLOOR, UNITS)
+    sentence = changes(BEFORE, BEFORE * [1, 1, 0.25], FLOOR, UNITS)
+    assert "4 -> 1 N, 40 -> 10 times the noise (-75 %)" in sentence
 
 
 def test_without_a_noise_floor_the_error_stands_alone():
@@ -29,8 +30,8 @@ def test_without_a_noise_floor_the_error_stands_alone():
 def test_a_brief_change_names_the_largest_fall_and_what_got_worse():
     after = BEFORE * [0.5, 0.1, 2.0]
     sentence = changes(BEFORE, after, FLOOR, UNITS, is_brief=True)
-    assert sentence.startswith("joint 2: 20 -> 2 times the noise")
-    assert "1 more joint errs less; joint 3 worse: 40 -> 80" in sentence
+    assert sentence.startswith("joint 2: 2 -> 0.2 N m, 20 -> 2 times the noise")
+    assert "1 more joint errs less; joint 3 worse: 4 -> 8" in sentence
 
 
 def verdict(grade: str) -> Verdict:
