@@ -179,7 +179,7 @@ def headline() -> str:
                 " with their weights and annealing; on this run the one-step links miss our"
                 " definition. *Two-step* finds base parameters by least squares, then"
                 " links that fit those. Errors are RMS over that of the torque, on the"
-                " measured run of the Panda; its motion repeats after 13.3 s, and no"
+                " measured run of the Panda. Its motion repeats after 13.3 s, and no"
                 " stretch that was left out repeats one that was fitted. Times are of the"
                 " fit alone."
             ),
