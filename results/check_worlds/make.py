@@ -1,7 +1,6 @@
 """Make this folder again: python results/check_worlds/make.py
 
-Worlds that are in the table are not judged again. The committed table holds the first
-worlds of the challenge in the order in which they are drawn: the run was stopped."""
+Worlds that are in the table are not judged again, so a run that was stopped goes on."""
 
 from pathlib import Path
 

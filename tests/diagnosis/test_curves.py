@@ -239,7 +239,7 @@ def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differ
         fold,
     )
     motion = rows.segments[0].motion
-    assert curve.fitted.basis.of[1] == f"sign(dq{JOINT + 1})"
+    assert curve.fitted.basis.variable_names[1] == f"sign(dq{JOINT + 1})"
     assert not any(
         b.columns.any() for table in curve.by_fold for b in table.blocks(motion)
     )
