@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.diagnosis.events import outliers
-from sdp_vs_penalty.signals import REPETITION, SPECTRUM
+from sdp_vs_penalty.signals import REPETITION, SPECTRUM, Repeat
 from sdp_vs_penalty.signals.coloured_noise import Pieces
-from sdp_vs_penalty.signals.repetition import Repeat
 
 M = 1200
 HALF = M // 2

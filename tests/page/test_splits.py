@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis import Finding
 from sdp_vs_penalty.page import splits
 
 FOUND = Finding(

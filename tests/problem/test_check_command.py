@@ -3,8 +3,8 @@
 import pytest
 
 from sdp_vs_penalty import Problem
+from sdp_vs_penalty.checks import Issue
 from sdp_vs_penalty.checks.gate import explanations_in_a_line
-from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.problem.check_command import CheckCommand
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.render.arms import binary_stl, simplified
-from sdp_vs_penalty.robot.geometry import link_surfaces
+from sdp_vs_penalty.robot import link_surfaces
 
 #: A tetrahedron as a text STL.
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.signals.phases import MotionClock, rotated_windows
+from sdp_vs_penalty.signals import MotionClock, rotated_windows
 
 PAUSE = 0.5
 SHORTEST = 1.0
