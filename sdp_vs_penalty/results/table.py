@@ -192,8 +192,8 @@ class Table:
             used += needed
         if not groups:
             return [self]
-        first_block, *more = [self._with_columns(columns) for columns in groups]
-        return [first_block, *(replace(block, title="") for block in more)]
+        blocks = [self._with_columns(columns) for columns in groups]
+        return [blocks[0], *(replace(block, title="") for block in blocks[1:])]
 
     def _with_columns(self, columns: Sequence[int]) -> Table:
         """Return the table with some of its columns (from 0), in this order."""

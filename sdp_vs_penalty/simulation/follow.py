@@ -469,9 +469,8 @@ def follow(
     progress("simulating windows")
     errors_of_rides = [_windows(ride, horizon, windows) for ride in rides]
     # Each kind of error (W, n) over the windows of all runs.
-    one, far, naive_one, naive_far = (
-        np.concatenate(errors) for errors in zip(*errors_of_rides, strict=True)
-    )
+    errors_by_kind = list(map(np.concatenate, zip(*errors_of_rides, strict=True)))
+    one, far, naive_one, naive_far = errors_by_kind
     drawn = _drawn(estimate, seed, draws)
     free = []
     for ride in rides:

@@ -289,9 +289,9 @@ def unseen(study: Study) -> Table:
             errors[method, added] = row_of_all_folds["relative_error_percent"]
     # The default method's errors in the order of ADDED_EFFECTS: no added effect,
     # pre-sliding hysteresis, and a gain on joint 6 as well.
-    usual, with_hysteresis, with_both = (
-        errors[DEFAULT_METHOD, added] for added in ADDED_EFFECTS
-    )
+    usual = errors[DEFAULT_METHOD, ADDED_EFFECTS[0]]
+    with_hysteresis = errors[DEFAULT_METHOD, ADDED_EFFECTS[1]]
+    with_both = errors[DEFAULT_METHOD, ADDED_EFFECTS[2]]
     return Table(
         f"Errors on unseen motion of {study.problem.title}",
         rows,
