@@ -231,6 +231,41 @@ def times_noise(
     return f"{number(error)} {unit}, {number(ratio)} times its noise"
 
 
+def errors_with_noise(
+    errors: Sequence[float],
+    noise: float | None,
+    unit: str,
+    between: str,
+) -> str:
+    """Write one joint's errors, and the same in multiples of its noise.
+
+    Parameters
+    ----------
+    errors : sequence of float
+        Errors in the order of the models [unit].
+    noise : float or None
+        The joint's noise floor [unit]; None where it is not known.
+    unit : str
+        "N m" or "N".
+    between : str
+        What stands between two errors.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> errors_with_noise([0.0654, 0.00418], 0.00419, "N m", " to ")
+    '0.0654 to 0.00418 N m, 15.6 to 0.998 times the noise'
+    """
+    amount = f"{between.join(map(number, errors))} {unit}"
+    if noise is None:
+        return amount
+    ratios = between.join(number(error / noise) for error in errors)
+    return f"{amount}, {ratios} times the noise"
+
+
 def milli(
     value: float,
     unit: str,

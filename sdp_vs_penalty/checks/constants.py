@@ -58,10 +58,8 @@ WIDEST = 0.35
 MAX_FAULTS = 6
 
 # -- what arms and loggers differ by themselves, and from where on a model of a log means nothing ----
-#: Zeros and bases are calibrated to so much [rad]; beyond the second, as many times what is usual of
-#: anything else, it is no calibration, and makes a model wrong, not only worse.
+#: Zeros and bases are calibrated to so much [rad].
 CALIBRATED = float(np.radians(1.5))
-GROSS = float(np.radians(10.0))
 #: Drives, the rate of clocks and the size of gravity are known to so much (natural
 #: logarithm).
 CALIBRATED_GAIN = 0.06

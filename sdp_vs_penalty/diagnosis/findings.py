@@ -361,12 +361,13 @@ class Finding(Rated):
         after = float(self.held_out_rmse_after[j])
         is_lower = after < before
         errors = [before, after] if is_lower else [before]
-        unit = diagnosis.torque_unit(j + 1)
-        amount = f"{' to '.join(map(formatting.number, errors))} {unit}"
-        if diagnosis.held_out_over_noise is not None:
-            floor = float(diagnosis.noise_floor[j])
-            times = [formatting.number(x / floor) for x in errors]
-            amount = f"{amount}, {' to '.join(times)} times the noise"
+        is_noise_known = diagnosis.held_out_over_noise is not None
+        amount = formatting.errors_with_noise(
+            errors,
+            float(diagnosis.noise_floor[j]) if is_noise_known else None,
+            diagnosis.torque_unit(j + 1),
+            between=" to ",
+        )
         if is_lower:
             return (
                 f"Adding it cuts joint {j + 1}'s error on data left out from {amount}."

@@ -599,15 +599,12 @@ def _change_in_words(
     noise: float | None,
     unit: str,
 ) -> str:
-    """Describe the change of one error [unit]: in multiples of its noise where that is
-    known, in its unit, and in per cent (``share`` is the relative change)."""
-    amount = f"{formatting.number(before)} -> {formatting.number(after)} {unit}"
-    percent = f"{100.0 * share:+.0f} %" if np.isfinite(share) else ""
-    if noise is None:
-        return f"{amount} ({percent})" if percent else amount
-    times = [formatting.number(x / noise) for x in (before, after)]
-    amount += f", {times[0]} -> {times[1]} times the noise"
-    return f"{amount} ({percent})" if percent else amount
+    """Describe the change of one error [unit]: in its unit, in multiples of its noise
+    where that is known, and in per cent (``share`` is the relative change)."""
+    amount = formatting.errors_with_noise([before, after], noise, unit, " -> ")
+    if not np.isfinite(share):
+        return amount
+    return f"{amount} ({100.0 * share:+.0f} %)"
 
 
 def over_noise(rmse: Array, floor: Array | None) -> Array | None:

@@ -728,7 +728,6 @@ def fit(job: JobRequest) -> Answer:
     options = job["options"]
     bounded = with_bounds(job.problem, options.get("bounds"))
     problem = with_filters(bounded, options.get("filters"))
-    remarks: list[str] = []
     estimate, _ = identify_and_judge(
         problem,
         job.windowed(job.runs.train),
@@ -742,7 +741,7 @@ def fit(job: JobRequest) -> Answer:
         workers=Workers(int(job.number("jobs", 1)), progress=job.progress),
         noise_from=job.training_recordings,
         check=not job["anyway"],
-        warn=remarks.append,
+        warn=no_progress,  # unheard: the page shows each run's issues beside the run
     )
     return summary(job, estimate)
 

@@ -354,15 +354,16 @@ def cause_of(failures: Failures, joint: int) -> str:
 
 
 def error_in_words(compared: Comparison, joint: int) -> str:
-    """Write the error of a joint (from 1), in multiples of its noise if known, and
-    in N m or N.
+    """Write the error of a joint (from 1) in N m or N, and in multiples of its noise
+    if that is known.
     """
-    facts = compared.facts()
     unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
-    error = f"{facts['joint_error'].of_joint(joint)} {unit}"
+    error = float(compared.joint_error[joint - 1])
     if compared.error_over_noise is None:
-        return error
-    return f"{error}, {facts['error_over_noise'].of_joint(joint)} times its noise"
+        return f"{formatting.number(error)} {unit}"
+    return formatting.times_noise(
+        float(compared.error_over_noise[joint - 1]), error, unit
+    )
 
 
 def describe_worst(compared: Comparison, cause: str) -> str:

@@ -11,7 +11,8 @@ and a claim of success; or infeasibility, rightly claimed.
 
 import importlib.util
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -158,29 +159,48 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     plt = _pyplot()
     if plt is None:
         return False
-    accuracies_shown = accuracies(runs)
+    shown = accuracies(runs)
     count = runs.groupby("solver")["problem"].nunique()
     count = count[~count.index.str.endswith(" certified")]
     solvers = sorted(count.index[count >= 0.8 * count.max()])
-    # A fixed salt of element names and no date: the same runs give the same file.
-    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
-        figure, (axes,) = plt.subplots(
-            1,
-            len(accuracies_shown),
-            figsize=(3.2 * len(accuracies_shown) + 1.6, 3.4),
-            sharey=True,
-            squeeze=False,
-            layout="constrained",
-        )
-        for panel, accuracy in zip(axes, accuracies_shown, strict=True):
+    with _panels(plt, path, len(shown), legend_width=1.6, height=3.4) as panels:
+        figure, axes = panels
+        for panel, accuracy in zip(axes, shown, strict=True):
             _plot_profiles_at(panel, runs, accuracy, solvers)
         axes[0].set_ylabel("share of problems got right")
         labels = axes[0].get_legend_handles_labels()
         figure.legend(*labels, loc="outside right upper", frameon=False)
+    return True
+
+
+@contextmanager
+def _panels(
+    plt: Any,
+    path: Path,
+    count: int,
+    *,
+    legend_width: float,
+    height: float,
+) -> Iterator[tuple[Any, Any]]:
+    """Give a figure with ``count`` panels side by side, and write it as SVG at the end.
+
+    Yields the figure and its axes (count,). ``legend_width`` and ``height`` are in
+    inches. The same drawing gives the same bytes: names of elements have a fixed salt,
+    and the file has no date.
+    """
+    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
+        figure, (axes,) = plt.subplots(
+            1,
+            count,
+            figsize=(3.2 * count + legend_width, height),
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
+        )
+        yield figure, axes
         with writing(path) as file:
             figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)
-    return True
 
 
 def _plot_profiles_at(
@@ -261,18 +281,10 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
     plt = _pyplot()
     if plt is None:
         return False
-    asked = accuracies(runs)
-    # A fixed salt of element names and no date: the same runs give the same file.
-    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
-        figure, (axes,) = plt.subplots(
-            1,
-            len(asked),
-            figsize=(3.2 * len(asked) + 1.9, 3.6),
-            sharey=True,
-            squeeze=False,
-            layout="constrained",
-        )
-        for panel, accuracy in zip(axes, asked, strict=True):
+    shown = accuracies(runs)
+    with _panels(plt, path, len(shown), legend_width=1.9, height=3.6) as panels:
+        figure, axes = panels
+        for panel, accuracy in zip(axes, shown, strict=True):
             _plot_solved_at(panel, runs, accuracy)
         axes[0].set_ylabel("share of problems solved")
         handles, labels = axes[0].get_legend_handles_labels()
@@ -289,9 +301,6 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
             loc="outside right upper",
             frameon=False,
         )
-        with writing(path) as file:
-            figure.savefig(file, format="svg", metadata={"Date": None})
-        plt.close(figure)
     return True
 
 
