@@ -28,6 +28,7 @@ from sdp_vs_penalty.estimation.verdict import (
     over_noise,
 )
 from sdp_vs_penalty.formatting import finite
+from sdp_vs_penalty.regression.evidence import jackknifed
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array
@@ -403,8 +404,8 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
     jackknife.
 
     The relative error is e = 100 sqrt(sum errors / sum torques). It is computed K
-    times, each time without one of K stretches of time; its variance is (K - 1) / K
-    times the sum of squared deviations of these values from their mean.
+    times, each time without one of K stretches of time; the scatter of these values
+    gives its standard deviation.
 
     Parameters
     ----------
@@ -430,8 +431,8 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
     if not np.all(torques_left > 0.0):
         return float("inf")
     without = 100.0 * np.sqrt(errors_left / torques_left)
-    variance = (n - 1) / n * np.sum((without - without.mean()) ** 2)
-    return float(relative_error + NORMAL_95 * np.sqrt(variance))
+    _, deviation = jackknifed(without)
+    return float(relative_error + NORMAL_95 * deviation)
 
 
 def new_motion(new_share: float | None) -> str:
