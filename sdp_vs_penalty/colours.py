@@ -22,7 +22,7 @@ BEFORE = "#888888"
 #: A model alone, or the last one, after something was added.
 AFTER = "#0072B2"
 #: What was added.
-ADDED = "#009E73"
+ADDED = "#D55E00"
 #: Axes, their words, and what is only background.
 NEUTRAL = "#888888"
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.colours import ADDED, AFTER, BEFORE, PALETTE
+from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Finding
@@ -341,7 +341,7 @@ def residual_chart(
     direction = np.sign(last["dq"][cut, joint])
     # The joint reverses between a row and the next one.
     turns = np.flatnonzero(direction[1:] != direction[:-1])[:POINTS]
-    rings = {"size": 8, "symbol": "circle-open", "color": ADDED}
+    rings = {"size": 8, "symbol": "circle-open", "color": PALETTE[2]}
     plot.add(
         "scatter",
         x=x[turns],
