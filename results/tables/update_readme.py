@@ -13,6 +13,8 @@ import csv
 from pathlib import Path
 from statistics import median
 
+from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
+
 ROOT = Path(__file__).parents[2]
 TABLES = ROOT / "results" / "tables"
 BEGIN = "<!-- results: begin -->\n"
@@ -260,6 +262,7 @@ def draw_data(path: Path) -> None:
             marker="o",
             ms=4,
             lw=1.4,
+            color=PALETTE[k],
             label=method,
         )
         axes.vlines(
@@ -306,8 +309,8 @@ def draw_joint(
     import matplotlib.pyplot as plt
 
     looks = {
-        "": ("#999999", "usual effects"),
-        "+ presliding_hysteresis": ("#0072b2", "with hysteresis"),
+        "": (BEFORE, "usual effects"),
+        "+ presliding_hysteresis": (AFTER, "with hysteresis"),
     }
     figure, axes = plt.subplots(figsize=(7.0, 3.0), layout="constrained")
     for k, (added, (color, label)) in enumerate(looks.items()):

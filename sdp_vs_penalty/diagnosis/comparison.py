@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.colours import AFTER, model_colour
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
@@ -283,7 +284,7 @@ class Comparison(Record):
             )
         x, label = values_and_labels[against]
         axes = formatting.axes(axes)
-        axes.plot(x, signals.residual[:, j], lw=0.8)
+        axes.plot(x, signals.residual[:, j], color=AFTER, lw=0.8)
         title = f"{self.name}: RMSE {self.rmse[j]:.3g}"
         axes.set(xlabel=label, ylabel="measured - modelled [N m or N]", title=title)
         return axes
@@ -470,6 +471,7 @@ def plot_errors(
             np.arange(1, len(rmse) + 1) + offset,
             rmse,
             width,
+            color=model_colour(k, len(errors)),
             label=name,
         )
     if floor is not None:
