@@ -22,6 +22,7 @@ ORDER = (
     "version",
     "errors",
     "formatting",
+    "colours",
     "files",
     "memory",
     "parallel",

@@ -19,6 +19,7 @@ import numpy as np
 from PIL import Image
 
 from sdp_vs_penalty import compare, load_estimate
+from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.render.words import error_in_words
@@ -33,11 +34,11 @@ SHOWN = (3.0, 11.0)
 RATE = 10
 PASS = 40
 SHRINKS = 12
-#: Colours: a model before and after an effect is added, what is measured, the arm.
-BEFORE = "#9a9a9a"
-AFTER = "#0072b2"
-TROUBLE = "#d55e00"
+#: Colours of the joint that lacks something, and of the arm.
+TROUBLE = PALETTE[1]
 ARM = "#404040"
+#: From the joint in trouble to its name [m].
+LABEL = (-0.1, 0.0, 0.08)
 #: Size [inch] and resolution [pixels an inch], and colours of the palette.
 SIZE = (9.0, 3.6)
 RESOLUTION = 140
@@ -203,6 +204,12 @@ def draw_arm(
         color=TROUBLE,
         s=110,
         depthshade=False,
+    )
+    axes.text(
+        *(points[place] + LABEL),
+        f"joint {place}",
+        color=TROUBLE,
+        fontsize=10,
     )
     axes.set(
         xlim=(-0.8, 0.8),

@@ -9,7 +9,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 __all__ = ["diagnose", "export", "identify", "identify_and_judge", "identify_black_box"]
 __getattr__ = lazy_exports(
     __name__,
-    diagnosis="diagnose diagnose_and_add",
+    diagnosis="diagnose add_certain_findings",
     exporting="export judge_as_exported",
     identification="identify identify_and_judge identify_black_box",
 )

@@ -97,68 +97,7 @@ def diagnose(
     >>> [finding.effect for finding in found.effects][:1]
     ['joint_spring']
     """
-    diagnosis, _ = diagnose_and_add(
-        estimate,
-        measurements,
-        test,
-        frozen=frozen,
-        seed=seed,
-        progress=progress,
-        noise_from=noise_from,
-        gain_uncertainty=gain_uncertainty,
-        check=check,
-        warn=warn or functools.partial(warnings.warn, stacklevel=3),
-        without_check=without_check,
-        check_command=check_command,
-        judged_recordings=judged_recordings,
-    )
-    return diagnosis
-
-
-def diagnose_and_add(
-    estimate: Estimate | str | Path,
-    measurements: Source,
-    test: Source = None,
-    *,
-    frozen: bool = False,
-    seed: int = 0,
-    progress: Progress = no_progress,
-    noise_from: Source = None,
-    gain_uncertainty: float | None = None,
-    check: bool = True,
-    warn: Callable[[str], Any] | None = None,
-    without_check: str = WITHOUT_CHECK,
-    check_command: CheckCommand | None = None,
-    judged_recordings: Source = None,
-) -> tuple[Diagnosis, Estimate | None]:
-    """Diagnose a model, and add all confident findings to it.
-
-    Sizes and intervals of these findings are those of the new model, so that `add`
-    prints the same ones.
-
-    Parameters
-    ----------
-    estimate, measurements, test, ...
-        As in :func:`diagnose`.
-
-    Returns
-    -------
-    Diagnosis
-        What the model misses.
-    Estimate or None
-        The model with all confident findings added; None if there are none.
-    """
     model = as_estimate(estimate, "diagnose(estimate=...)")
-
-    def read(source: Source, argument: str) -> Measurements | None:
-        if source is None:
-            return None
-        return as_measurements(
-            source,
-            names=model.robot.joint_names,
-            what=f"diagnose({argument}=...)",
-        )
-
     recording = as_measurements(
         measurements,
         names=model.robot.joint_names,
@@ -167,30 +106,101 @@ def diagnose_and_add(
     model.require_joints(recording, "measurements")
     if check and not consented(model, recording):
         progress("checking the measurements")
-        if warn is None:
-            warn = functools.partial(warnings.warn, stacklevel=3)
         raise_on_errors(
             model.problem,
             recording,
             "diagnose",
             without_check,
-            warn=warn,
+            warn=warn or functools.partial(warnings.warn, stacklevel=3),
             command=check_command,
         )
         give_back_memory(recording.samples)
+    test_run = _read_runs(model, test, "test")
+    judged = _read_runs(model, judged_recordings, "judged_recordings")
     diagnosis = find_missing_effects(
         model,
         recording,
-        read(test, "test"),
+        test_run,
         frozen=frozen,
         seed=seed,
         progress=progress,
-        noise_from=read(noise_from, "noise_from"),
+        noise_from=_read_runs(model, noise_from, "noise_from"),
         gain_uncertainty=gain_uncertainty,
-        judged_recordings=read(judged_recordings, "judged_recordings"),
+        judged_recordings=judged,
     )
-    give_back_memory(recording.samples)
-    if not recording.torque_logged:
+    diagnosis, _ = add_certain_findings(
+        diagnosis,
+        model,
+        recording,
+        test_run,
+        judged,
+        frozen=frozen,
+        seed=seed,
+        progress=progress,
+        gain_uncertainty=gain_uncertainty,
+    )
+    return diagnosis
+
+
+def _read_runs(model: Estimate, source: Source, argument: str) -> Measurements | None:
+    """Read recordings of the model's robot; None stays None.
+
+    ``argument`` is the name of the argument of `diagnose`, for error messages.
+    """
+    if source is None:
+        return None
+    return as_measurements(
+        source,
+        names=model.robot.joint_names,
+        what=f"diagnose({argument}=...)",
+    )
+
+
+def add_certain_findings(
+    diagnosis: Diagnosis,
+    model: Estimate,
+    measurements: Measurements,
+    test: Measurements | None = None,
+    judged_recordings: Measurements | None = None,
+    *,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Progress = no_progress,
+    gain_uncertainty: float | None = None,
+) -> tuple[Diagnosis, Estimate | None]:
+    """Add the certain findings of a diagnosis to its model, and report that model's
+    numbers.
+
+    Sizes and intervals of these findings become those of the new model, and the errors
+    on the test run those of `compare`, so that `add` and `compare` print the same ones.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis of ``model``.
+    model
+        The model without the findings.
+    measurements
+        The recordings that were searched.
+    test
+        The recording for errors on data left out, if there is one.
+    judged_recordings
+        Recordings of which the test run is a window; they have the noise floor that is
+        reported.
+    frozen, seed, progress, gain_uncertainty
+        As in :func:`diagnose`.
+
+    Returns
+    -------
+    Diagnosis
+        With sizes, intervals and errors of the new model. If the findings cannot be
+        added, a remark says why.
+    Estimate or None
+        The model with all certain findings; None if there are none, if they cannot be
+        added, or if no torque was logged.
+    """
+    give_back_memory(measurements.samples)
+    if not measurements.torque_logged:
         return diagnosis, None
     better = None
     if diagnosis.sure:
@@ -199,7 +209,7 @@ def diagnose_and_add(
             better = add(
                 model,
                 diagnosis.selected(confident=True),
-                recording,
+                measurements,
                 frozen=frozen,
                 seed=seed,
                 progress=progress,

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.regression.evidence import deviance, independent_rows
 from sdp_vs_penalty.regression.normal_equations import FLOOR, solve
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array
 
 #: A column of which less than this share of its square is outside the basis is spanned
 #: by it: rounding errors are no column [-].
@@ -108,6 +109,22 @@ class ArmFit:
         repair, up to a constant.
         """
         return float(np.log(self.unexplained_shares)[self.moving].sum())
+
+    def log_likelihood(self, samples: float) -> float:
+        """Return the log-likelihood of the repair, up to a constant, if the residual
+        has so many independent samples.
+
+        Parameters
+        ----------
+        samples : float
+            Number of independent samples of each joint.
+
+        Returns
+        -------
+        float
+            Natural logarithm.
+        """
+        return -0.5 * float(deviance(self.unexplained_shares[self.moving], samples))
 
     @property
     def is_poorly_explained(self) -> NDArray[np.bool_]:
@@ -215,23 +232,9 @@ class ArmFit:
 
     @cached_property
     def independent_rows(self) -> float:
-        """Number of independent samples in M correlated rows of the residual.
-
-        It is M / (1 + 2 sum_k rho_k), rho_k the autocorrelation of the residual at lag
-        k, summed up to the first lag at which it is not positive (Geyer 1992); the
-        median over the moving joints.
-        """
-        left = self.residual[self.moving]
-        n_rows = self.channels.shape[1]
-        centred = left - left.mean(axis=1, keepdims=True)
-        # Autocorrelation by FFT; zeros behind the rows keep it from wrapping round.
-        power = np.abs(np.fft.rfft(centred, 2 * n_rows)) ** 2
-        rho = np.fft.irfft(power)[:, :n_rows]
-        rho = rho / nonzero_or_one(rho[:, :1])
-        is_before_first_zero = np.cumprod(rho > 0.0, axis=1)
-        # Lag 0, of correlation 1, is in the sum once too often.
-        rows_per_sample = 2.0 * np.sum(rho * is_before_first_zero, axis=1) - 1.0
-        return n_rows / max(float(np.median(rows_per_sample)), 1.0)
+        """Number of independent samples in M correlated rows of the moving joints'
+        residuals."""
+        return independent_rows(self.residual[self.moving])
 
     @cached_property
     def weights(self) -> Array:

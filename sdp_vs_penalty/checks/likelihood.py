@@ -35,15 +35,17 @@ from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.evidence import (
+    jackknifed,
+    standard_errors_above_zero,
+)
 from sdp_vs_penalty.regression.normal_equations import (
     FLOOR,
     RIDGE,
     Normal,
     NormalEquations,
-    jackknifed,
     positive,
     solve,
-    standard_errors_above_zero,
 )
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 

@@ -20,13 +20,12 @@ from sdp_vs_penalty.checks.faults.fault import Fault
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
-from sdp_vs_penalty.regression.normal_equations import (
-    Normal,
-    NormalEquations,
+from sdp_vs_penalty.regression.evidence import (
     jackknifed,
-    solve,
+    log_odds,
     standard_errors_above_zero,
 )
+from sdp_vs_penalty.regression.normal_equations import Normal, NormalEquations, solve
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Sizes of a number that loggers differ by anyway (a gain less one [-], an angle
@@ -249,9 +248,13 @@ class RunComparison:
         bool
             Whether both conditions hold.
         """
-        log_likelihood = 0.5 * self.samples_per_run * self.log_energy_ratios.sum()
+        odds = log_odds(
+            self.energy_left_by_one_arm[self.moving],
+            self.energy_left_by_own_arms[self.moving],
+            self.samples_per_run,
+        )
         is_large = self.error_ratio >= max(least_ratio, c.TIMES_BETTER)
-        return bool(log_likelihood >= _ODDS_OF_A_DIFFERENCE) and is_large
+        return odds >= _ODDS_OF_A_DIFFERENCE and is_large
 
     @cached_property
     def log_excess(self) -> Array:

@@ -23,7 +23,10 @@ from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.torque_size import far_from_nominal
-from sdp_vs_penalty.regression.normal_equations import standard_errors_above_zero
+from sdp_vs_penalty.regression.evidence import (
+    log_odds,
+    standard_errors_above_zero,
+)
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Faults that a motion shows whose directions are half as many as its joints.
@@ -137,7 +140,7 @@ class RepairSearch:
             e.log_odds_against + _ODDS_AGAINST_UNEVEN * e.has_uneven_size
             for e in self.list_faults(repair)
         )
-        return -0.5 * self.independent_samples * score.log_unexplained - cost
+        return score.log_likelihood(self.independent_samples) - cost
 
     def _posterior(self, repair: LogTransform) -> float:
         """Compute the log-posterior (natural logarithm) of a repair.
@@ -383,13 +386,10 @@ class RepairSearch:
         taken_by_physics -= self.posterior(now)
         smallest_gain = c.LOG_ODDS_AGAINST_FAULT - taken_by_physics
         before = self.likelihood(fit_now, now)
+        likelihood_now = fit_now.log_likelihood(self.independent_samples)
         gains = {}
         for repair, fit in zip(repairs, fits, strict=True):
-            fall = (
-                0.5
-                * self.independent_samples
-                * (fit_now.log_unexplained - fit.log_unexplained)
-            )
+            fall = fit.log_likelihood(self.independent_samples) - likelihood_now
             further_gain_of_best_size = max(fall, 0.0)
             if fall < -c.HOPELESS_LOSS:
                 self.hopeless_repairs.add(repair.without_laws)
@@ -513,10 +513,12 @@ class RepairSearch:
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
             is_harmless = not self._speaks_against(before, after).any()
-        is_likely = (
-            0.5 * self.independent_samples * np.log(ratio).sum()
-            > c.LOG_ODDS_AGAINST_FAULT
+        odds = log_odds(
+            before.mean(axis=0),
+            after.mean(axis=0),
+            self.independent_samples,
         )
+        is_likely = odds > c.LOG_ODDS_AGAINST_FAULT
         is_large = ratio.max() > self._least_ratio(repair, now)
         is_everywhere = self._shows_where_it_acts(np.log(ratio), repair, now)
         return bool(is_likely and is_large and is_harmless and is_everywhere)
@@ -691,10 +693,11 @@ class RepairSearch:
         far = max(number.search_radius, margin)
         repairs = [number.repair_with(number.value + x) for x in (0.0, -far, far)]
         at_value, below, above = self.log.fit_all(repairs)
-        nearest = min(below.log_unexplained, above.log_unexplained)
-        rise = nearest - at_value.log_unexplained
+        samples = self.independent_samples
+        nearest = max(below.log_likelihood(samples), above.log_likelihood(samples))
         # Twice the log-likelihood ratio is the square of a standard normal variable.
-        return self.independent_samples * rise >= (0.5 * c.REQUIRED_SIGMAS) ** 2
+        rise = 2.0 * (at_value.log_likelihood(samples) - nearest)
+        return rise >= (0.5 * c.REQUIRED_SIGMAS) ** 2
 
     def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
         """Linearise the fit about a fault's size, to find the best size and its

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.colours import AFTER, model_colour
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
@@ -28,6 +29,7 @@ from sdp_vs_penalty.estimation.verdict import (
     over_noise,
 )
 from sdp_vs_penalty.formatting import finite
+from sdp_vs_penalty.regression.evidence import jackknifed
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array
@@ -282,7 +284,7 @@ class Comparison(Record):
             )
         x, label = values_and_labels[against]
         axes = formatting.axes(axes)
-        axes.plot(x, signals.residual[:, j], lw=0.8)
+        axes.plot(x, signals.residual[:, j], color=AFTER, lw=0.8)
         title = f"{self.name}: RMSE {self.rmse[j]:.3g}"
         axes.set(xlabel=label, ylabel="measured - modelled [N m or N]", title=title)
         return axes
@@ -403,8 +405,8 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
     jackknife.
 
     The relative error is e = 100 sqrt(sum errors / sum torques). It is computed K
-    times, each time without one of K stretches of time; its variance is (K - 1) / K
-    times the sum of squared deviations of these values from their mean.
+    times, each time without one of K stretches of time; the scatter of these values
+    gives its standard deviation.
 
     Parameters
     ----------
@@ -430,8 +432,8 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
     if not np.all(torques_left > 0.0):
         return float("inf")
     without = 100.0 * np.sqrt(errors_left / torques_left)
-    variance = (n - 1) / n * np.sum((without - without.mean()) ** 2)
-    return float(relative_error + NORMAL_95 * np.sqrt(variance))
+    _, deviation = jackknifed(without)
+    return float(relative_error + NORMAL_95 * deviation)
 
 
 def new_motion(new_share: float | None) -> str:
@@ -469,6 +471,7 @@ def plot_errors(
             np.arange(1, len(rmse) + 1) + offset,
             rmse,
             width,
+            color=model_colour(k, len(errors)),
             label=name,
         )
     if floor is not None:

@@ -49,7 +49,8 @@ from sdp_vs_penalty.diagnosis.linear_fit import (
     with_ridge,
 )
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
-from sdp_vs_penalty.diagnosis.white_rows import WhiteData, cluster_sums
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData
+from sdp_vs_penalty.regression.evidence import rows_worth_one
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -426,10 +427,8 @@ class EvidenceScorer(WhiteFitter):
         """Return v, the number of correlated rows that carry the evidence of one
         independent row.
 
-        v = tr(A^-1 S) / freedom, at least 1. S = sum of u u' over clusters of rows,
-        with u = T'r summed within the cluster (the middle of the sandwich covariance).
         Rows are clustered in two ways, by time and by phase of the motion; the larger v
-        counts.
+        counts (:func:`~sdp_vs_penalty.regression.evidence.rows_worth_one`).
 
         Parameters
         ----------
@@ -444,10 +443,7 @@ class EvidenceScorer(WhiteFitter):
         """
         n_rows_of_log = len(self.data.clusters[0])  # rows of priors follow behind
         scores = np.sum(T * residual[:, :, None], axis=0)[:n_rows_of_log]  # (rows, K)
-        sums = cluster_sums(self.data.clusters, scores)
-        # tr(A^-1 sum u u') = sum of u' A^-1 u over the clusters' sums u.
-        traces = [float(np.sum((u @ inverse) * u)) for u in sums]
-        return max(1.0, *(trace / freedom for trace in traces))
+        return rows_worth_one(self.data.clusters, scores, inverse, freedom)
 
     def partial_out(
         self,

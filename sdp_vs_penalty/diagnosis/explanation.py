@@ -235,8 +235,9 @@ class Ladder:
         """Return for each constant and each finding whether it does harm beside the
         certain ones.
 
-        Harm is a higher sum of the joints' log errors, or an error of one joint above
-        1.05 times that without any effect.
+        Harm is a higher sum of the joints' log errors, or an error of one joint on one
+        part of the data left out (a recording of the test run, or a fold) that rises by
+        more than 5 %: beside the other effects, or with all of them.
 
         Parameters
         ----------

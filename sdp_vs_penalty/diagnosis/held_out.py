@@ -43,7 +43,7 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 @dataclass(frozen=True)
 class HeldOutSplit:
-    """Rows to fit to (train) and rows to judge on (test), as compressed regressions.
+    """Rows to fit to (train), and rows to judge on: one regression a recording (tests).
 
     Their columns are those of the model, then those of ``effects``; the target is the
     torque. If the model is held fixed (``frozen``), the columns are those of the
@@ -52,7 +52,7 @@ class HeldOutSplit:
 
     effects: tuple[Effect, ...]
     train: Regression
-    test: Regression
+    tests: tuple[Regression, ...]
     frozen: bool
 
     def columns_of(self, estimate: Estimate, chosen: Sequence[int]) -> Columns:
@@ -103,7 +103,8 @@ class HeldOut:
     on; source : "test" (a test run) or "folds" (by the phase of the motion);
     make_second : computes such errors for folds of the training motion, the second
     opinion before an effect is removed; None if there is none. The other fields hold
-    errors (n,) computed before, by the chosen effects' numbers.
+    what was computed before, by the chosen effects' numbers: sums of squared errors (K,
+    n), and errors (n,).
     """
 
     estimate: Estimate
@@ -111,7 +112,7 @@ class HeldOut:
     splits: Sequence[HeldOutSplit]
     source: str
     make_second: Callable[[], HeldOut] | None = None
-    _errors: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    _known_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
     _least_squares_errors: dict[tuple[int, ...], Array] = field(default_factory=dict)
 
     @cached_property
@@ -128,17 +129,39 @@ class HeldOut:
         The model with the chosen effects (their numbers) is fitted by the model's
         method, under its constraints. Each choice is computed once.
         """
+        squares = self._squares(chosen).sum(axis=0)
+        n_rows = self._n_rows.sum(axis=0)
+        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
+
+    def errors_by_part(self, chosen: Sequence[int]) -> Array:
+        """Return the RMS errors (K, n) [N m or N] of each part of the data left out.
+
+        A part is a recording of the test run or, without one, a fold. ``chosen`` are
+        the numbers of the effects.
+        """
+        squares = self._squares(chosen)
+        return np.asarray(np.sqrt(squares / np.maximum(self._n_rows, 1)))
+
+    @cached_property
+    def _n_rows(self) -> NDArray[np.int64]:
+        """(K, n) number of rows of each part of the data left out, joint by joint."""
+        return np.array([t.joint_rows() for s in self.splits for t in s.tests])
+
+    def _squares(self, chosen: Sequence[int]) -> Array:
+        """Return the sums (K, n) of squared errors [(N m)^2 or N^2] of each part of the
+        data left out.
+
+        Each choice of effects (their numbers) is computed once.
+        """
         key = tuple(sorted(chosen))
-        if key not in self._errors:
-            squares = sum(self._squares(key))
-            rows = sum(s.test.joint_rows() for s in self.splits)
-            self._errors[key] = np.sqrt(squares / np.maximum(rows, 1))
-        return self._errors[key]
+        if key not in self._known_squares:
+            self._known_squares[key] = np.array(list(self._fitted_squares(key)))
+        return self._known_squares[key]
 
-    def _squares(self, chosen: Sequence[int]) -> Iterator[Array]:
-        """Yield the sums (n joints,) of squared errors [(N m)^2 or N^2] of each split.
+    def _fitted_squares(self, chosen: Sequence[int]) -> Iterator[Array]:
+        """Yield the sums (n,) of squared errors of each part of the data left out.
 
-        The model with the chosen effects (their numbers) is fitted to the split's
+        The model with the chosen effects (their numbers) is fitted to a split's
         training rows, and judged on its test rows. Splits with the same effects are
         fitted together, so that constraints and columns are set up once.
         """
@@ -159,7 +182,8 @@ class HeldOut:
                 self.frozen,
             )
             for split, theta in zip(same_effects, fits, strict=True):
-                yield split.test.keeping(columns.kept).joint_losses(theta)
+                for test in split.tests:
+                    yield test.keeping(columns.kept).joint_losses(theta)
 
     def least_squares_errors(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (n,) [N m or N] on data left out, by least squares.
@@ -175,10 +199,10 @@ class HeldOut:
             for split in self.splits:
                 columns = split.columns_of(self.estimate, chosen)
                 train = split.train.keeping(columns.kept)
-                test = split.test.keeping(columns.kept)
                 theta = least_squares_parameters(self.estimate, columns, train)
-                squares += test.joint_losses(theta)
-                rows += test.joint_rows()
+                for test in split.tests:
+                    squares += test.keeping(columns.kept).joint_losses(theta)
+                    rows += test.joint_rows()
             self._least_squares_errors[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._least_squares_errors[key]
 
@@ -213,7 +237,7 @@ class HeldOut:
         while accepted:
             now = self.errors(accepted)
             harms = {
-                k: harm(self.errors([i for i in accepted if i != k]), now)
+                k: harm(self.errors(_without(accepted, k)), now)
                 for k in accepted
                 if k not in confirmed
             }
@@ -234,17 +258,19 @@ class HeldOut:
         """
         if self.second is None:
             return False
-        without = [i for i in accepted if i != k]
+        without = _without(accepted, k)
         before = self.second.least_squares_errors(without)
         return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
 
     def drop_harmful_to_a_joint(self, accepted: Sequence[int]) -> list[int]:
-        """Drop effects while a joint's error on data left out is too large.
+        """Drop effects that raise the error of one joint on one part of the data left
+        out by more than 5 % (MAX_JOINT_HARM).
 
-        Too large is above 1.05 times (MAX_JOINT_HARM) the error without any effect. For
-        the joint that exceeds this limit most, the effect whose removal lowers its
-        error most is dropped. The drops end if no removal lowers the joint's error, or
-        if that effect lowers it on the second data, folds of the training motion.
+        A part is a recording of the test run or, without one, a fold. First an effect
+        is judged beside all others: the one that raises an error by most is dropped.
+        Then all of them are judged together, against the errors without any effect: for
+        the error that has risen by most, the effect whose removal lowers it most is
+        dropped, until no removal lowers it.
 
         Parameters
         ----------
@@ -257,43 +283,47 @@ class HeldOut:
             Numbers of the effects that stay.
         """
         accepted = list(accepted)
-        limit = (1.0 + MAX_JOINT_HARM) * self.errors(())
         while accepted:
-            now = self.errors(accepted)
-            worse = np.flatnonzero(now > limit)
-            if not worse.size:
+            rises = {k: self._largest_rise(accepted, k) for k in accepted}
+            worst = max(rises, key=rises.__getitem__)
+            if rises[worst] <= 1.0 + MAX_JOINT_HARM:
                 break
-            joint = int(worse[np.argmax(now[worse] / limit[worse])])
-            # By effect: this joint's error without it.
+            accepted.remove(worst)
+        while accepted:
+            rise = error_ratios(self.errors_by_part(()), self.errors_by_part(accepted))
+            if np.all(rise <= 1.0 + MAX_JOINT_HARM):
+                break
+            part_and_joint = np.unravel_index(np.argmax(rise), rise.shape)
+            # By effect: the error of this part and joint without it.
             error_without = {
-                k: self.errors([i for i in accepted if i != k])[joint] for k in accepted
+                k: self.errors_by_part(_without(accepted, k))[part_and_joint]
+                for k in accepted
             }
             cause = min(error_without, key=error_without.__getitem__)
-            if error_without[cause] >= now[joint]:
-                break
-            if self._lowers_elsewhere(joint, cause, accepted):
+            if error_without[cause] >= self.errors_by_part(accepted)[part_and_joint]:
                 break
             accepted.remove(cause)
         return accepted
 
-    def _lowers_elsewhere(
-        self,
-        joint: int,
-        k: int,
-        accepted: Sequence[int],
-    ) -> bool:
-        """Return whether effect k lowers a joint's error on the second data by 1 %.
+    def _largest_rise(self, accepted: Sequence[int], k: int) -> float:
+        """Return by which factor effect k raises an error at most, beside the others.
 
-        These are folds of the training motion. ``accepted`` are the numbers of all
-        effects of the fit, k among them; ``joint`` counts from 0. False if there are no
-        second data.
+        The errors are those of each joint on each part of the data left out.
+        ``accepted`` are the numbers of all effects of the fit, k among them.
         """
-        if self.second is None:
-            return False
-        without = [i for i in accepted if i != k]
-        before = self.second.least_squares_errors(without)[joint]
-        after = self.second.least_squares_errors(accepted)[joint]
-        return bool(after <= (1.0 - MINOR) * before)
+        without = self.errors_by_part(_without(accepted, k))
+        return float(np.max(error_ratios(without, self.errors_by_part(accepted))))
+
+
+def _without(accepted: Sequence[int], k: int) -> list[int]:
+    """Return the numbers of the effects without effect k."""
+    return [number for number in accepted if number != k]
+
+
+def error_ratios(before: Array, after: Array) -> Array:
+    """Return after / before of errors; 1 where both are zero."""
+    tiny = 1e-300  # no division by 0
+    return np.maximum(after, tiny) / np.maximum(before, tiny)
 
 
 def lowers(before: Array, after: Array) -> bool:
@@ -309,8 +339,7 @@ def harm(before: Array, after: Array) -> float:
 
     Positive: errors rise; 0.01 is about one joint's error rising by 1 %.
     """
-    ratio = np.maximum(after, 1e-300) / np.maximum(before, 1e-300)  # no division by 0
-    return float(np.sum(np.log(ratio)))
+    return float(np.sum(np.log(error_ratios(before, after))))
 
 
 class _Table:
@@ -452,7 +481,10 @@ class HeldOutData:
         split = HeldOutSplit(
             effects=tuple(effects),
             train=table.compressed(effects, rows.keep),
-            test=test.compressed(effects, test.rows.keep),
+            tests=tuple(
+                test.compressed(effects, rows_of_run)
+                for rows_of_run in rows_by_run(test.rows)
+            ),
             frozen=self.frozen,
         )
         return HeldOut(
@@ -494,7 +526,7 @@ class HeldOutData:
             split = HeldOutSplit(
                 effects=effects_of_fold,
                 train=table.compressed(effects_of_fold, train_rows),
-                test=table.compressed(effects_of_fold, test_rows),
+                tests=(table.compressed(effects_of_fold, test_rows),),
                 frozen=self.frozen,
             )
             splits.append(split)
@@ -516,6 +548,13 @@ class HeldOutData:
         counts = self.test.keep.any(axis=1)  # rows that count for some joint
         share_of_row = np.concatenate(outside_by_segment)[counts]
         return float(np.mean(share_of_row > 0.5))
+
+
+def rows_by_run(rows: SegmentedRuns) -> list[NDArray[np.bool_]]:
+    """Return for each recording the flags (M, n): which of its rows count for which
+    joint.
+    """
+    return [rows.keep & (rows.run == number)[:, None] for number in np.unique(rows.run)]
 
 
 def with_replaced_joints(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, Nuisance
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
+from sdp_vs_penalty.regression.evidence import deviance
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Share of a column below which what others leave of it is rounding.
@@ -233,9 +234,7 @@ class WhiteFit:
         It is the sum over the n joints of N log V + rss / V, with N degrees of freedom
         and the variance V = max(rss / N, floor).
         """
-        variance = np.maximum(rss / self.degrees, self.floor)
-        by_joint = self.degrees * np.log(variance) + rss / variance
-        return np.asarray(np.sum(by_joint, axis=-1))
+        return deviance(rss, self.degrees, self.floor)
 
     def scaled(self, columns: dict[int, Array]) -> dict[int, Array]:
         """Divide white columns, (M, k) by joint, by the level of their joint.

@@ -20,11 +20,11 @@ from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import (
     ConstantErrors,
     WhiteData,
-    cluster_sums,
     model_columns,
 )
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.regression.evidence import cluster_sums
 from sdp_vs_penalty.robot.arrays import Array
 
 

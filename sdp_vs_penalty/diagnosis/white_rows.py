@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -225,27 +225,6 @@ class WhiteData:
             b.joint: self.white(columns_of_joints[b.joint], b.joint)
             for b in self.rows.blocks(effect)
         }
-
-
-def cluster_sums(
-    clusters: Sequence[NDArray[np.intp]], scores: Array
-) -> Iterator[Array]:
-    """Yield the sums of scores over clusters of rows, for each way to cluster them.
-
-    Parameters
-    ----------
-    clusters
-        For each way the label (M,) of each row's cluster, from 0.
-    scores
-        (M, k) numbers to be summed.
-
-    Yields
-    ------
-    (number of clusters, k) array
-        The sums.
-    """
-    for labels in clusters:
-        yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)
 
 
 def whiten_rows(

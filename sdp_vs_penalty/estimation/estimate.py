@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.colours import AFTER, NEUTRAL
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
@@ -526,10 +527,11 @@ class Estimate(Record):
                 parameters["value"],
                 yerr=NORMAL_95 * parameters["std"].astype(float).fillna(0.0),
                 capsize=2,
+                color=AFTER,
             )
             for bar, source in zip(bars, parameters["source"], strict=True):
                 if source != "data":  # the prior's or a bound's: not measured
-                    bar.set(hatch="//", alpha=0.5)
+                    bar.set(hatch="//", facecolor=NEUTRAL, alpha=0.5)
             panel.set(title=effect, ylabel=f"[{parameters['unit'].iloc[0]}]")
             panel.tick_params(axis="x", labelrotation=90)
         return panels

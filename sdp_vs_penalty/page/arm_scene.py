@@ -12,9 +12,9 @@ import numpy as np
 import scipy
 from nicegui import ui
 
+from sdp_vs_penalty.colours import AFTER, MEASURED
 from sdp_vs_penalty.page.controls import button, chart, note, tag
 from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.render.charts import COLOURS, MEASURED
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The direction from which an arm is looked at, and the height of the view [deg].
@@ -40,7 +40,7 @@ class _Look:
 
 #: The measured arm, which stands beside a simulated one, in the colours of their
 #: curves.
-_LOOKS = (_Look("measured", MEASURED, 0.45), _Look("link", COLOURS[0], 0.75))
+_LOOKS = (_Look("measured", MEASURED, 0.45), _Look("link", AFTER, 0.75))
 
 
 def chart_and_arm(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Finding
@@ -14,7 +15,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.render import charts as plots
-from sdp_vs_penalty.render.charts import COLOURS, POINTS, Curves, Figure
+from sdp_vs_penalty.render.charts import POINTS, Curves, Figure
 from sdp_vs_penalty.render.pieces import shades
 from sdp_vs_penalty.render.words import cause_of
 
@@ -92,7 +93,7 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     t = read["t"] - read["t"][0]
     for row, name in enumerate(shown):
         for j in range(len(units)):
-            colour = COLOURS[j % len(COLOURS)]
+            colour = PALETTE[j % len(PALETTE)]
             named = {"name": f"joint {j + 1}", "legendgroup": f"{j}"}
             look: dict[str, Any] = {
                 "line": {"color": colour, "width": 1.2},
@@ -335,12 +336,12 @@ def residual_chart(
         )
 
     if len(errors) > 1:  # in the colours of the torque's figure
-        dots(errors[0], "error of the first model", plots.BEFORE)
-    dots(errors[-1], "error", plots.AFTER)
+        dots(errors[0], "error of the first model", BEFORE)
+    dots(errors[-1], "error", AFTER)
     direction = np.sign(last["dq"][cut, joint])
     # The joint reverses between a row and the next one.
     turns = np.flatnonzero(direction[1:] != direction[:-1])[:POINTS]
-    rings = {"size": 8, "symbol": "circle-open", "color": COLOURS[2]}
+    rings = {"size": 8, "symbol": "circle-open", "color": PALETTE[2]}
     plot.add(
         "scatter",
         x=x[turns],

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.api.diagnosis import diagnose_and_add
+from sdp_vs_penalty.api.diagnosis import add_certain_findings
 from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.checks import Report, check
@@ -30,6 +30,7 @@ from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
+from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
@@ -789,13 +790,21 @@ def find(job: JobRequest) -> Answer:
     """
     runs = job.runs
     model = job.model
-    result, better = diagnose_and_add(
+    # The stage Check has judged these runs.
+    result = find_missing_effects(
         model,
         runs.train,
         runs.test,
         noise_from=runs.all_runs,
         judged_recordings=runs.judged_recordings,
-        check=False,  # the stage Check has judged these runs
+        **job.common_options,
+    )
+    result, better = add_certain_findings(
+        result,
+        model,
+        runs.train,
+        runs.test,
+        runs.judged_recordings,
         **job.common_options,
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))

@@ -146,7 +146,9 @@ class Arm {
       const other = mesh.quaternion.clone().set(...b.slice(3));
       mesh.quaternion.set(...a.slice(3)).slerp(other, share);
     }
+    const ink = getComputedStyle(this.frame).color; // what is measured, light or dark
     for (const object of objects?.values() ?? []) {
+      if (object.mesh?.name?.startsWith("measured-")) object.mesh.material.color.setStyle(ink);
       const link = /^link-(\d+)$/.exec(object.mesh?.name ?? "");
       if (!link) continue;
       const error = errors[k][Math.min(+link[1], errors[k].length - 1)];

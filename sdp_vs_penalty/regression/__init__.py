@@ -7,4 +7,8 @@ __getattr__ = lazy_exports(
     black_box="BlackBox compress_black_box load_answers",
     regression="compress Factor LeastSquares Regression triangular",
     base_parameters="base_rows",
+    evidence=(
+        "deviance independent_rows jackknifed log_odds rows_worth_one "
+        "standard_errors_above_zero"
+    ),
 )

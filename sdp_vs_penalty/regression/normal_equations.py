@@ -210,47 +210,6 @@ def solve(gram: Array, right: Array) -> Array:
     return np.asarray(scale * solution)
 
 
-def jackknifed(estimates: Array) -> tuple[Array, Array]:
-    """Return means and jackknife standard deviations of leave-one-part-out estimates.
-
-    Parameters
-    ----------
-    estimates : (parts, ...) array
-        Estimates without one part each.
-
-    Returns
-    -------
-    array
-        Means.
-    array
-        Standard deviations, sqrt((parts - 1) var).
-    """
-    n_parts = len(estimates)
-    # Numbers that the rows do not determine may be as large as floats can be.
-    with np.errstate(over="ignore", invalid="ignore"):
-        spread = np.sqrt((n_parts - 1) * np.var(estimates, axis=0))
-        return np.mean(estimates, axis=0), spread
-
-
-def standard_errors_above_zero(values: Array) -> float:
-    """Return the mean of values over its standard error.
-
-    Parameters
-    ----------
-    values : (parts,) or (logs, parts) array
-        Values of the parts of a log, or of several logs, whose means may differ: the
-        scatter is taken about each log's mean.
-
-    Returns
-    -------
-    float
-        Number of standard errors by which the mean lies above zero; negative below.
-    """
-    variance = np.mean(np.var(values, axis=-1))
-    error = float(np.sqrt(variance / values.size))
-    return float(np.mean(values)) / max(error, 1e-300)
-
-
 def positive(energy: Array) -> Array:
     """Raise energies (squared torques) that are zero to a tiny positive number.
 

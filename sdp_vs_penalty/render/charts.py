@@ -11,6 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty.colours import (
+    ADDED,
+    AFTER,
+    BEFORE,
+    MEASURED,
+    NEUTRAL,
+    model_colour,
+)
 from sdp_vs_penalty.diagnosis.causes import (
     ACCELERATION,
     BY_DIRECTION,
@@ -31,15 +39,6 @@ from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on
-#: white and black.
-MEASURED = "#888888"
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
-
-#: One colour a meaning: a model alone or after something was added, the model before,
-#: and what was added.
-AFTER, BEFORE, ADDED = COLOURS[:3]
 
 #: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
 POINTS = 800
@@ -311,27 +310,6 @@ def shifts(times: Sequence[Array]) -> list[float]:
     return [sum(lengths[:k]) - float(t[0]) for k, t in enumerate(times)]
 
 
-def model_colour(k: int, n_models: int) -> str:
-    """Return the colour of a model: the last is drawn as "after", the first as
-    "before".
-
-    Parameters
-    ----------
-    k : int
-        Index of the model, from 0.
-    n_models : int
-        Number of models in the figure.
-
-    Returns
-    -------
-    str
-        A CSS colour.
-    """
-    if k == n_models - 1:
-        return AFTER
-    return BEFORE if k == 0 else COLOURS[1 + k % (len(COLOURS) - 1)]
-
-
 def torque_figure(
     runs: Sequence[Curves],
     joint: int,
@@ -414,7 +392,7 @@ def band_figure(
     Figure
         One panel.
     """
-    line = {"color": COLOURS[0]}
+    line = {"color": AFTER}
     return (
         Figure()
         .add_band(x, low, high)
@@ -489,7 +467,7 @@ def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
             x=x,
             yaxis="y2",
             name="rows",
-            marker={"color": MEASURED},
+            marker={"color": NEUTRAL},
             opacity=0.3,
             nbinsx=60,
         )
@@ -527,7 +505,7 @@ def _curve_over_two(
         text=texts,
     )
     if rows:
-        dots = {"size": 2, "color": MEASURED}
+        dots = {"size": 2, "color": NEUTRAL}
         plot.add(
             "scatter",
             x=rows[0],
@@ -706,7 +684,7 @@ def cause_figure(
 ) -> Figure:
     """A joint's error against its cause, before and after effects were added.
 
-    The rows are dots, their mean is a line: orange before, blue after. A dashed line is
+    The rows are dots, their mean is a line: grey before, blue after. A dashed line is
     what the added effects model.
 
     Parameters
@@ -876,7 +854,7 @@ def styled(plot: Any, height: int) -> Any:
         margin={"l": 55, "r": 15, "t": 30, "b": 45},
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
-        font={"family": "system-ui, sans-serif", "color": MEASURED, "size": 12},
+        font={"family": "system-ui, sans-serif", "color": NEUTRAL, "size": 12},
         legend={
             "itemsizing": "constant",
             "orientation": "h",

@@ -117,7 +117,7 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
-    """Draw one bar for each joint: its error over its noise, before (orange), after (blue),
+    """Draw one bar for each joint: its error over its noise, before (grey), after (blue),
     and both in N m or N.
 
     Parameters
@@ -224,11 +224,11 @@ def _caption_of_bars(
     caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
     if is_known:
         caption = (
-            f"{what} of each joint in multiples of its noise (grey), on a logarithmic"
+            f"{what} of each joint in multiples of its noise (shaded), on a logarithmic"
             " scale; below each multiple in N m or N"
         )
     if has_change:
-        caption += "; before (orange), after (blue)"
+        caption += "; before (grey), after (blue)"
     return caption
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import formatting
+from sdp_vs_penalty import colours, formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
@@ -579,8 +579,8 @@ def _picture(
             mode="lines+markers",
             showlegend=False,
             hoverinfo="skip",
-            line={"color": charts.MEASURED, "width": 6},
-            marker={"size": 3, "color": charts.MEASURED},
+            line={"color": colours.NEUTRAL, "width": 6},
+            marker={"size": 3, "color": colours.NEUTRAL},
         )
         shape = link_ellipsoid(links[link_of[i]]) if i in link_of else None
         if shape is None:
@@ -594,7 +594,7 @@ def _picture(
             z=z,
             name=f"link {link_of[i] + 1}",
             alphahull=0,
-            color=charts.COLOURS[i % len(charts.COLOURS)],
+            color=colours.PALETTE[i % len(colours.PALETTE)],
             opacity=0.5,
             showlegend=True,
         )

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pandas
 
+from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.files import write_text, writing
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.problem.load import load_problem, problem_names
@@ -203,6 +204,10 @@ def _panels(
         plt.close(figure)
 
 
+#: Of the solvers that share a colour, the first, the second and the third.
+_LINES = ("-", "--", ":")
+
+
 def _plot_profiles_at(
     panel: Any, runs: pandas.DataFrame, accuracy: float, solvers: Sequence[str]
 ) -> None:
@@ -218,8 +223,8 @@ def _plot_profiles_at(
             where="post",
             label=solver,
             linewidth=2.2 if solver == "lmi-sdp" else 1.2,
-            color=f"C{k % 10}",  # matplotlib has ten colours
-            linestyle="-" if k < 10 else "--",
+            color=PALETTE[k % len(PALETTE)],
+            linestyle=_LINES[k // len(PALETTE) % len(_LINES)],
         )
     panel.set(
         xscale="log",
@@ -337,7 +342,8 @@ def _plot_solved_at(panel: Any, runs: pandas.DataFrame, accuracy: float) -> None
             y,
             where="post",
             label=label,
-            color=f"C{k}",
+            color=PALETTE[k % len(PALETTE)],
+            linestyle=_LINES[k // len(PALETTE) % len(_LINES)],
             linewidth=2.2 if solver == "lmi-sdp" else 1.2,
         )
         # Crosses lie on the curve, at the times of the wrong answers.
@@ -346,7 +352,7 @@ def _plot_solved_at(panel: Any, runs: pandas.DataFrame, accuracy: float) -> None
             wrong,
             share_at_cross,
             "x",
-            color=f"C{k}",
+            color=PALETTE[k % len(PALETTE)],
             markersize=6,
         )
     panel.set(

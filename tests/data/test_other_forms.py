@@ -14,7 +14,7 @@ import pytest
 from recorded import refusal
 from scipy.io import savemat
 
-from sdp_vs_penalty.data import read_run
+from sdp_vs_penalty.data import Measurements, read_run, settle, unit_of_clock
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
 
 JOINTS = ("base_yaw", "elbow", "wrist")
@@ -494,6 +494,40 @@ def test_libfranka_s_clock_is_judged_by_its_steps(step, tmp_path):
         0.001,
         atol=1e-9,
     )
+
+
+@pytest.mark.parametrize(("step", "unit"), [(0.001, "s"), (1.0, "ms")])
+def test_stamps_that_repeat_do_not_count_for_the_unit_of_a_clock(step, unit):
+    rows = np.arange(120.0)
+    assert unit_of_clock(step * np.maximum(rows - 80.0, 0.0))[0] == unit
+
+
+@pytest.mark.parametrize("step", [0.001, 1.0])
+def test_libfranka_s_json_has_the_clock_of_its_steps(step, tmp_path):
+    path = tmp_path / "run.jsonl"
+    rows = [
+        {"q": q.tolist(), "dq": dq.tolist(), "tau_J": tau.tolist(), "time": step * k}
+        for k, (q, dq, tau) in enumerate(zip(Q, DQ, TAU, strict=True))
+    ]
+    path.write_text("\n".join(map(json.dumps, rows)))
+    np.testing.assert_allclose(np.diff(silently(path).t), 0.001, atol=1e-9)
+
+
+def test_velocities_tell_the_unit_of_a_slow_clock():
+    unit, _ = unit_of_clock(0.2 * np.arange(100), rate=5.0)
+    assert unit == "s"
+
+
+def test_a_clock_that_stands_still_counts_milliseconds():
+    assert unit_of_clock(np.zeros(50))[0] == "ms"
+
+
+def test_degrees_that_show_late_are_degrees_in_every_row():
+    q = np.linspace(0.0, 90.0, 200)[:, None]
+    run = Measurements(np.arange(200.0), q, q)
+    settled, units = settle(run, {"q": "angle"}, {}, None)
+    assert units["q"][0] == "deg"
+    np.testing.assert_allclose(settled.q, np.radians(q))
 
 
 def test_a_joint_that_is_named_without_torque_is_missing(tmp_path):

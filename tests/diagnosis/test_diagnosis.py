@@ -18,6 +18,7 @@ from sdp_vs_penalty import (
     diagnose,
     identify,
     load_problem,
+    simulate,
 )
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import Measurements, concatenate, save
@@ -489,3 +490,17 @@ def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):
     )
     with pytest.raises(InputError, match="qmot1"):
         compare(bigger, one_side)
+
+
+def test_a_finding_that_one_recording_of_the_test_run_lacks_is_not_confident(two_link):
+    """The spring is on in the first recording of the test run, and off in the second.
+    The error of both together falls with it."""
+    sprung = simulate(two_link, hide="joint_spring:1", seed=1)
+    slack = simulate(two_link, seed=1)
+    model = identify(two_link, list(sprung.train), check=False)
+    found = diagnose(
+        model, list(sprung.train), [sprung.test, slack.test], check=False
+    ).effects
+    assert [f.effect for f in found] == ["joint_spring"]
+    assert found[0].held_out_rmse_after[0] < found[0].held_out_rmse_before[0]
+    assert not found[0].torque_is_certain

@@ -23,7 +23,6 @@ from sdp_vs_penalty.regression import (
     load_answers,
 )
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.normal_equations import standard_errors_above_zero
 from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 from sdp_vs_penalty.simulation import experiment
 
@@ -327,11 +326,3 @@ def test_as_many_rows_as_parameters_leave_nothing():
     assert made.residual_norm == 0.0
     assert made.loss(np.array([1.0, 1.0])) == pytest.approx(0.0, abs=1e-24)
     assert made.tau_squared == pytest.approx(10.0)
-
-
-def test_the_scatter_of_a_mean_is_that_of_the_parts_about_the_mean_of_their_log():
-    """Two logs that differ are no noise: only the parts of one log scatter."""
-    parts = np.random.default_rng(0).normal(size=(2, 8))
-    apart = parts + np.array([[0.0], [10.0]])
-    error = np.sqrt(np.var(parts, axis=1).mean() / parts.size)
-    assert standard_errors_above_zero(apart) == pytest.approx(apart.mean() / error)

@@ -181,7 +181,6 @@ def _likeliest_patterns(
     posteriors = []
     for pattern, fit_of_pattern in zip(patterns, screen.fit_all(patterns), strict=True):
         physics = screen.physics(fit_of_pattern, pattern, samples_now)
-        log_likelihood = -0.5 * samples_now * fit_of_pattern.log_unexplained
-        posteriors.append(log_likelihood + physics)
+        posteriors.append(fit_of_pattern.log_likelihood(samples_now) + physics)
     order = np.argsort(posteriors)[::-1]
     return [patterns[k] for k in order[: c.MAX_FAULTS].tolist()]

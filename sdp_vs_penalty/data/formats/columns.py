@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.formats.inferred_units import settle
 from sdp_vs_penalty.data.formats.recognition import (
     AmbiguousColumnsError,
     CellTable,
@@ -52,6 +53,10 @@ _WHOLE = ("temp", "current", "voltage")
 _ROWS_SHOWN = 5
 #: No robot measures a larger number, and its square would overflow.
 _LARGEST_SQUARABLE = 1e100
+
+
+#: From so many rows of a long file its rate follows.
+_ROWS_FOR_RATE = 100_000
 
 
 @dataclass(frozen=True)
@@ -308,6 +313,31 @@ class Header:
             The run in SI units.
         """
         run = replace(gathered(pieces), joint_names=self.joints)
+        if self.recognition is not None and self.recognition.inferred:
+            run, recognition = self._with_units_of_all_rows(run, self.recognition)
+            return replace(self, recognition=recognition)._finished(run)
+        return self._finished(run)
+
+    def _with_units_of_all_rows(
+        self,
+        run: Measurements,
+        recognition: Recognition,
+    ) -> tuple[Measurements, Recognition]:
+        """Decide by all rows the units that the first cells suggested; return the run
+        and the recognition with these units."""
+        inferred = {**recognition.inferred}
+        if self.rate is not None:
+            inferred.pop("t", None)
+        rate = None
+        if run.dq is not None and len(run.t) > 1:
+            first = slice(_ROWS_FOR_RATE)
+            rate = rate_from_velocities(run.q[first], run.dq[first])
+        run, units = settle(run, inferred, recognition.scale, rate)
+        return run, recognition.with_units(units)
+
+    def _finished(self, run: Measurements) -> Measurements:
+        """Put episodes one after the other, undo jumps of degrees by a turn, and remark
+        on recognised columns."""
         if self.episode is not None and len(run.t) > 1:
             run = self._episodes_in_a_row(run)
         degrees = self._groups_in_degrees()

@@ -12,13 +12,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.formats.inferred_units import (
+    ANGLE,
+    CLOCK,
+    unit_of_angles,
+    unit_of_clock,
+)
 from sdp_vs_penalty.data.formats.renaming import (
     group_of,
     parts_of,
@@ -41,8 +47,6 @@ if TYPE_CHECKING:
 Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
 #: Columns of names, of a log that says in each row which joint is which.
 _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
-#: Angles beyond two turns are degrees [rad].
-_TWO_TURNS = 4.0 * np.pi
 #: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
 _EARLIEST_STAMP = 1e9
 _LATEST_STAMP = 5e9
@@ -50,8 +54,6 @@ _LATEST_STAMP = 5e9
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\W\d][^\[\]()]{0,11})[\])]\s*$")
 #: Words of torques that are currents.
 _CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
-#: Steps of a clock that are longer count milliseconds [s].
-_SLOWEST_STEP = 0.1
 
 
 class AmbiguousColumnsError(InputError):
@@ -113,6 +115,7 @@ class Recognition:
     scale : factors to SI by our names, where they are not 1
     logger : the program that writes such files, in words
     units : sentences on the units that are not SI, with the reasons
+    inferred : ANGLE or CLOCK by channel group, of units that the first cells suggest
     joints : names of the joints, where the file says them
     order : places of the robot's joints within a block, where the orders differ
     episode : name of the column that counts runs
@@ -123,6 +126,7 @@ class Recognition:
     scale: dict[str, float]
     logger: str = "by their words"
     units: tuple[str, ...] = ()
+    inferred: Mapping[str, str] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
     order: tuple[int, ...] | None = None
     episode: str | None = None
@@ -135,6 +139,29 @@ class Recognition:
         return all(
             our_name == their_name for our_name, their_name in self.rename.items()
         )
+
+    def with_units(self, units: Mapping[str, tuple[str, str]]) -> Recognition:
+        """Return the recognition with other units of some channel groups.
+
+        Parameters
+        ----------
+        units : mapping of str to (str, str)
+            Unit and reason by channel group.
+
+        Returns
+        -------
+        Recognition
+            With their factors and sentences.
+        """
+        scale = {k: x for k, x in self.scale.items() if group_of(k) not in units}
+        begins = tuple(f"{group} in " for group in units)
+        sentences = [text for text in self.units if not text.startswith(begins)]
+        for group, (unit, reason) in units.items():
+            names = [name for name in self.rename if group_of(name) == group]
+            sentences.append(f"{group} in {unit}, {reason}")
+            if UNITS[unit] != 1.0:
+                scale |= dict.fromkeys(names, UNITS[unit])
+        return replace(self, scale=scale, units=tuple(sentences))
 
     def command(
         self,
@@ -415,11 +442,17 @@ def _by_logger(
             for k, key in enumerate(keys, start=1):
                 rename[_our_name(group, key, k)] = columns[key]
         scale, units = _units_of_logger(logger, rename, table)
+        inferred = {
+            group: unit
+            for group, unit in logger.get("units", {}).items()
+            if unit in (ANGLE, CLOCK) and any(group_of(x) == group for x in rename)
+        }
         return Recognition(
             rename,
             scale,
             logger=str(logger["name"]),
             units=units,
+            inferred=inferred,
             joints=joint_names,
             episode=_first_present(logger.get("episode"), names),
             has_other_joints=_has_other_joints(joints, joint_names),
@@ -499,10 +532,8 @@ def _units_of_logger(
         if not columns:
             continue
         why = f"as {logger['name']} writes it"
-        if unit == "angle":
-            unit, why = _unit_of_angles(columns, table)
-        elif unit == "clock":
-            unit, why = _unit_of_clock(columns, table)
+        if unit in (ANGLE, CLOCK):
+            unit, why = _inferred_unit(unit, columns, table)
         if unit in SHARES:
             sentences.append(_share_sentence(group, unit))
         if unit.lower() not in UNITS:
@@ -514,33 +545,19 @@ def _units_of_logger(
     return scale, tuple(sentences)
 
 
-def _unit_of_angles(names: Sequence[str], table: CellTable | None) -> tuple[str, str]:
-    """Guess the unit of angles from their first values, and give the reason as a
-    phrase.
-
-    Values beyond two turns (4 pi) are degrees, "deg"; others "rad". Without values the
-    unit stays open: "angle".
-    """
+def _inferred_unit(
+    kind: str,
+    names: Sequence[str],
+    table: CellTable | None,
+) -> tuple[str, str]:
+    """Guess the unit of columns (ANGLE or CLOCK) from their first values, and give the
+    reason as a phrase; without values the unit stays open."""
     if table is None or not names:
-        return "angle", ""
+        return kind, ""
+    if kind == CLOCK:
+        return unit_of_clock(table.values(names[0]))
     values = np.concatenate([table.values(name) for name in names])
-    largest = float(np.abs(values).max(initial=0.0))
-    unit = "deg" if largest > _TWO_TURNS else "rad"
-    return unit, f"its first values reach {largest:.3g}"
-
-
-def _unit_of_clock(names: Sequence[str], table: CellTable | None) -> tuple[str, str]:
-    """Guess the unit of a clock from its first steps, and give the reason as a phrase.
-
-    A median step of 0.1 or more counts milliseconds, "ms": no arm is logged at only 10
-    Hz. A smaller step counts seconds, "s". Without values the unit stays open: "clock".
-    """
-    if table is None or not names:
-        return "clock", ""
-    steps = np.diff(table.values(names[0]))
-    median_step = float(np.median(steps)) if len(steps) else 1.0
-    unit = "ms" if median_step >= _SLOWEST_STEP else "s"
-    return unit, f"its first steps are {median_step:.3g}"
+    return unit_of_angles(values)
 
 
 def _first_present(patterns: Any, names: Sequence[str]) -> str | None:

@@ -175,7 +175,7 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
             runs = [(str(k), name) for k, name in enumerate(answer["runs"])]
             draw.choice("Free run", runs, "0", look, "free-run")
     label = "Measured and simulated position, and what is left"
-    caption = "grey: measured, blue: simulated"
+    caption = "black: measured, blue: simulated"
     drawn, move = chart_and_arm(view, label, about, caption, arms=2)
     view.followers["forward"] = follow
     follow()

@@ -1,0 +1,128 @@
+"""Units that the values show, where a logger writes one or the other: degrees or
+radians, milliseconds or seconds.
+
+The first cells give a first answer; when the file is read, all its rows decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Words of loggers.toml for units that the values show.
+ANGLE = "angle"
+CLOCK = "clock"
+#: Angles beyond two turns are in degrees [rad].
+_TWO_TURNS = 4.0 * np.pi
+#: Steps of a clock that are longer count milliseconds [s].
+_SLOWEST_STEP = 0.1
+#: Geometric mean of a step in milliseconds and one in seconds, in seconds.
+_BETWEEN_MS_AND_S = 1000.0**0.5
+#: From so many rows the unit of a long file is judged.
+_ROWS = 100_000
+
+
+def unit_of_angles(values: Array) -> tuple[str, str]:
+    """Return the unit of angles, "deg" or "rad", and the reason as a phrase.
+
+    Values beyond two turns (4 pi) are degrees.
+
+    Parameters
+    ----------
+    values : array
+        Angles of any shape.
+
+    Returns
+    -------
+    unit, reason : str
+        The unit and a phrase.
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    unit = "deg" if largest > _TWO_TURNS else "rad"
+    return unit, f"it reaches {largest:.3g}"
+
+
+def unit_of_clock(stamps: Array, rate: float | None = None) -> tuple[str, str]:
+    """Return the unit of a clock, "ms" or "s", and the reason as a phrase.
+
+    Where velocities tell the rate, the unit is the one in which the steps fit it.
+    Otherwise a median step of 0.1 or more counts milliseconds: no arm is logged at only
+    10 Hz. A clock that does not move counts milliseconds, in which libfranka writes it.
+
+    Parameters
+    ----------
+    stamps : (N,) array
+        Time stamps in the clock's unit. Repeated ones are left out.
+    rate : float, optional
+        Rate at which the logged velocities are the derivative of the positions [Hz].
+
+    Returns
+    -------
+    unit, reason : str
+        The unit and a phrase.
+    """
+    steps = np.diff(stamps)
+    steps = steps[steps > 0.0]
+    if not len(steps):
+        return "ms", "as libfranka writes it"
+    median_step = float(np.median(steps))
+    if rate is not None:
+        unit = "ms" if median_step * rate > _BETWEEN_MS_AND_S else "s"
+        return unit, f"dq is the derivative of q at {rate:g} Hz"
+    unit = "ms" if median_step >= _SLOWEST_STEP else "s"
+    return unit, f"its steps are {median_step:.3g}"
+
+
+def settle(
+    run: Measurements,
+    inferred: Mapping[str, str],
+    scale: Mapping[str, float],
+    rate: float | None,
+) -> tuple[Measurements, dict[str, tuple[str, str]]]:
+    """Decide by all rows of a run the units that its first cells suggested.
+
+    Parameters
+    ----------
+    run : Measurements
+        The run, in SI units as the first cells suggested.
+    inferred : mapping of str to str
+        ANGLE or CLOCK by channel group (t, q, qcmd).
+    scale : mapping of str to float
+        Factors to SI by our column names (t, q, q1 ...), by which the run was
+        multiplied; 1 where a name is missing.
+    rate : float or None
+        Rate at which the logged velocities are the derivative of the positions [Hz].
+
+    Returns
+    -------
+    run : Measurements
+        In the units that all rows show.
+    units : dict of str to (str, str)
+        Unit and reason by channel group.
+    """
+    present = {
+        group: scale.get(group, scale.get(f"{group}1", 1.0))
+        for group in ("q", *inferred)
+    }
+    angles = run.q[:_ROWS] / present["q"]
+    units = dict[str, tuple[str, str]]()
+    for group, kind in inferred.items():
+        if kind == CLOCK:
+            units[group] = unit_of_clock(run.t[:_ROWS] / present[group], rate)
+        else:  # commanded angles are in the unit of measured ones
+            units[group] = unit_of_angles(angles)
+        factor = UNITS[units[group][0]] / present[group]
+        if factor == 1.0:
+            continue
+        if group in ("t", "q"):
+            run = replace(run, **{group: getattr(run, group) * factor})
+        elif group in run.commanded:
+            commanded = {**run.commanded, group: run.commanded[group] * factor}
+            run = replace(run, commanded=commanded)
+    return run, units
