@@ -95,6 +95,8 @@ def servo(result: Estimate, law: dict[str, Any]) -> None:
 
     law : the law in words, its delay [s], errors of other laws, and the scale.
     """
+    from sdp_vs_penalty.render import words
+
     delay = "no delay"
     if law["delay"] > 0.0:
         delay = f"commands act {formatting.milli(law['delay'], 's', 2)} late"
@@ -114,6 +116,7 @@ def servo(result: Estimate, law: dict[str, Any]) -> None:
             f" {', '.join(distances)}"
         )
     _gains("Gains; kd holds viscous friction too", list(drive_gains(result)))
+    paragraph(words.drive_torque_sentence(result))
 
 
 def _gains(title: str, entries: Sequence[Any]) -> None:

@@ -404,7 +404,7 @@ def _pose_servo_log(
         instruments=options.instruments != "none",
         chosen=options.effects is not None,
     )
-    model, scale = with_scale(model, data, options.known, options.known_loads)
+    model, scale = with_scale(problem, model, data, options.known, options.known_loads)
     if options.known_loads:
         # Loads are other runs: the recipe says what they made of the scale instead.
         options = replace(options, known=scale["known"])

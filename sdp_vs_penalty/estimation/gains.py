@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.regression.regression import Regression
+from sdp_vs_penalty.robot.arrays import nonzero_or_one
+
+#: Half-width of the 95 % interval over the size from which a drive's torque is open.
+OPEN_TORQUE = 0.2
 
 
 @dataclass(frozen=True)
@@ -118,3 +125,63 @@ def drive_gains(estimate: Estimate) -> Iterator[Gain]:
         if parameter.name in model.known:
             half_width = NORMAL_95 * scale_error * float(value) if scale_error else None
         yield Gain(parameter.name, float(value), half_width, parameter.unit)
+
+
+def with_torque_error(estimate: Estimate, regression: Regression) -> Estimate:
+    """Add to an estimate how well its servo gains determine the drives' torque.
+
+    A servo's torque is a small difference of large terms (kp times the control error
+    less kd times the velocity), so that gains within some per cent may leave it open.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Estimate from runs without torque, with the covariance of its gains.
+    regression : Regression
+        Its training rows.
+
+    Returns
+    -------
+    Estimate
+        With ``details["servo"]["torque_error"]``: of each joint, the standard
+        deviation of the drive's torque over that torque, root mean squares along the
+        training motion; None if the gains have no covariance.
+    """
+    is_drive = estimate.model.drives
+    covariance = estimate.uncertainty.covariance
+    # A gain that is given as exact has no deviation.
+    names = [parameter.name for parameter in estimate.model.parameters]
+    is_given = np.array([name in estimate.model.known for name in names])
+    errors: list[float | None] = []
+    for factor in regression.per_joint:
+        triangle = factor.triangle[:, :-1]
+        of_drive = is_drive[factor.indices]
+        open_gains = of_drive & ~is_given[factor.indices]
+        gains = factor.indices[open_gains]
+        columns = triangle[:, open_gains]
+        variance = np.trace(columns @ covariance[np.ix_(gains, gains)] @ columns.T)
+        loads = factor.indices[~of_drive]
+        torque = triangle[:, ~of_drive] @ estimate.theta[loads]  # what the drive moves
+        size = float(nonzero_or_one(np.linalg.norm(torque)))
+        std = float(np.sqrt(max(variance, 0.0)))
+        errors.append(std / size if np.isfinite(std) else None)
+    servo = {**estimate.details["servo"], "torque_error": errors}
+    return replace(estimate, details={**estimate.details, "servo": servo})
+
+
+def open_torques(estimate: Estimate) -> dict[int, float]:
+    """Return the joints (from 1) whose drive torque the gains leave open.
+
+    Values are the half-widths of the 95 % interval over the torque's size; joints below
+    OPEN_TORQUE (20 %) are left out. Empty for an estimate from runs with torque.
+    """
+    servo = estimate.details.get("servo") or {}
+    half_widths = [
+        np.inf if std is None else NORMAL_95 * std
+        for std in servo.get("torque_error", ())
+    ]
+    return {
+        joint: half_width
+        for joint, half_width in enumerate(half_widths, start=1)
+        if half_width > OPEN_TORQUE
+    }

@@ -34,6 +34,7 @@ from sdp_vs_penalty.estimation.build_problem import (
 )
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.gains import with_torque_error
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
@@ -583,6 +584,8 @@ def estimate_parameters(
         linear, fit = refine(estimate, posed, estimator)
         estimate = replace(build_estimate(linear, estimator, fit), method=OUTPUT_ERROR)
     estimate = replace(estimate, details={**estimate.details, **posed.details})
+    if "servo" in posed.details:
+        estimate = with_torque_error(estimate, posed.regression)
     if proof is not None:
         progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}

@@ -19,8 +19,10 @@ theta - kp e shrink everything; divided by the gain, e = L theta / kp, they do n
 that is posed (:mod:`~sdp_vs_penalty.regression.instruments`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +30,7 @@ import numpy as np
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Parameter
+from sdp_vs_penalty.effects.effect import Effect, Parameter
 from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.servo import Servo
@@ -38,6 +40,7 @@ from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
 from sdp_vs_penalty.estimation.uncertainty import Sandwich, stretched
 from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.evidence import jackknifed
 from sdp_vs_penalty.regression.linalg import (
     column_space,
     least_squares,
@@ -359,6 +362,7 @@ _SCALES = (
 
 
 def with_scale(
+    problem: Problem,
     model: Model,
     runs: FilteredRuns,
     known: Mapping[str, float],
@@ -368,6 +372,8 @@ def with_scale(
 
     Parameters
     ----------
+    problem : Problem
+        Robot with its nominal links.
     model : Model
         Model up to a factor, its strongest gain fixed.
     runs : FilteredRuns
@@ -401,7 +407,7 @@ def with_scale(
     elif known:
         factor = _factor_of_known(model, compress(runs, model), theta, known)
     if loads:
-        factor, error = _factor_of_loads(model, theta, loads, runs.settings)
+        factor, error = _factor_of_loads(problem, model, runs, loads)
     if loads or motors:
         fixed = {name: factor * x for name, x in model.known.items()}
     known_words = [f"a load of {mass:g} kg" for _, mass in loads]
@@ -522,33 +528,49 @@ def _factor_of_motors(
     return float(np.exp(np.mean(np.log(factors))))
 
 
-def _factor_of_loads(
-    model: Model,
-    theta: Array,
-    loads: Sequence[tuple[Source, float]],
-    settings: Preprocessing,
-) -> tuple[float, float]:
-    """Return the factor on theta (p,) that known loads imply, and its relative std.
+@dataclass(frozen=True)
+class _LoadedRun:
+    """Rows of runs with a known mass [kg] on the last link.
 
-    Without a logged torque, theta is known up to this factor. A load's factor is its
-    known mass [kg] over the mass that the unscaled model finds in its runs. Factors
-    are averaged with their information (inverse variance) as weights. Raises InputError
-    for runs that do not show the load.
+    Their columns are those of the model, then ten of the load (its mass first) and an
+    offset of each joint's torque.
     """
-    robot = model.robot
-    load_effects = (Payload(robot), effect_types()["torque_offset"](robot))
-    wide = Model(
-        robot,
-        (*model.effects, *load_effects),
-        gains=model.gains,
-        allow_duplicates=True,
-    )
-    factors = list[float]()
-    information = list[float]()
-    for runs, mass in _loaded(loads, robot):
+
+    rows: Regression
+    mass: float
+
+    @classmethod
+    def of(
+        cls, model: Model, runs: Measurements, mass: float, settings: Preprocessing
+    ) -> _LoadedRun:
+        """Compress runs with a known mass in the columns of a model and a load."""
+        robot = model.robot
+        offset: list[Effect] = []
+        if any(e.name == "servo_integral" for e in model.effects):
+            offset.append(effect_types()["torque_offset"](robot))
+        wide = Model(
+            robot,
+            (*model.effects, Payload(robot), *offset),
+            gains=model.gains,
+            allow_duplicates=True,
+        )
+        return cls(compress(FilteredRuns.of(runs, settings), wide), mass)
+
+    def without_block(self, block: int) -> _LoadedRun:
+        """Return the runs without the rows of one block."""
+        others = [b for b in range(len(self.rows.blocks)) if b != block]
+        return replace(self, rows=self.rows.select(others))
+
+    def factor(self, theta: Array) -> tuple[float, float]:
+        """Return the factor on theta (p,) that the mass implies, and its information.
+
+        The factor is the known mass over the one that theta leaves; the information is
+        the inverse variance of its relative error for independent noise. Raises
+        InputError for runs that do not show the load.
+        """
         # Fit load and offset to what the arm's torque leaves, twice: the first fit
         # gives the joints' weights. Parameter 0 is the load's mass.
-        remaining = compress(FilteredRuns.of(runs, settings), wide).given_first(theta)
+        remaining = self.rows.given_first(theta)
         unweighted = remaining.least_squares()
         first = min_norm_lstsq(unweighted.R, unweighted.rho)
         data = remaining.least_squares(joint_weights(remaining, first))
@@ -557,13 +579,107 @@ def _factor_of_loads(
         torque_of_mass = data.own_torque[0]  # that no other parameter can make, a kg
         is_shown = torque_of_mass > c.SCALE_TOLD * data.column_norms[0]
         if not is_shown or fitted_mass <= 0.0:
-            what = f"--known-load: these runs do not show {mass:g} kg"
+            what = f"--known-load: these runs do not show {self.mass:g} kg"
             raise InputError(what, "move the joints that lift the load")
         variance = remaining.oversampling * data.loss(x) / max(data.rows, 1)
-        factors.append(mass / fitted_mass)
-        # The inverse variance of the fitted mass's relative error.
         squared_torque = fitted_mass**2 * torque_of_mass**2
-        information.append(squared_torque / at_least_tiny(variance))
-    factor = float(np.average(factors, weights=information))
-    relative_std = float(np.sum(information) ** -0.5)
-    return factor, relative_std
+        return self.mass / fitted_mass, squared_torque / at_least_tiny(variance)
+
+
+def _mean_factor(loaded: Sequence[_LoadedRun], theta: Array) -> tuple[float, float]:
+    """Return the factor on theta (p,) that all known loads imply, and its relative
+    standard deviation for independent noise.
+
+    Factors are averaged with their information (inverse variance) as weights.
+    """
+    factors = []
+    information = []
+    for one in loaded:
+        factor, its_information = one.factor(theta)
+        factors.append(factor)
+        information.append(its_information)
+    mean = float(np.average(factors, weights=information))
+    return mean, float(np.sum(information) ** -0.5)
+
+
+def _factor_of_loads(
+    problem: Problem,
+    model: Model,
+    runs: FilteredRuns,
+    loads: Sequence[tuple[Source, float]],
+) -> tuple[float, float]:
+    """Return the factor on theta (p,) that known loads imply, and its relative std.
+
+    Without a logged torque, theta is known up to this factor. The standard deviation is
+    that of the scaled position gain which fixes the model's scale. Errors of the model
+    are no independent noise, so it is a jackknife: over blocks of the loaded runs, and
+    over blocks of the training runs, from which theta is fitted again. Both variances
+    add up. It is at least the one for independent noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        Robot with its nominal links.
+    model : Model
+        Model up to a factor, its strongest gain fixed.
+    runs : FilteredRuns
+        Training runs.
+    loads : sequence of (run, mass)
+        Runs with a known mass [kg] on the last link.
+    """
+    theta = model.reference
+    assert theta is not None
+    loaded = [
+        _LoadedRun.of(model, measurements, mass, runs.settings)
+        for measurements, mass in _loaded(loads, model.robot)
+    ]
+    factor, std_of_noise = _mean_factor(loaded, theta)
+    variance = 0.0
+    for k, one in enumerate(loaded):
+        without_a_block = [
+            _mean_factor([*loaded[:k], one.without_block(b), *loaded[k + 1 :]], theta)[
+                0
+            ]
+            for b in range(len(one.rows.blocks))
+        ]
+        variance += _jackknife_variance(without_a_block)
+    gains = _gains_without_a_block(problem, model, runs, loaded)
+    fixed_gain = next(iter(model.known.values()))
+    variance += _jackknife_variance(gains) / fixed_gain**2
+    return factor, max(std_of_noise, float(np.sqrt(variance)) / factor)
+
+
+def _gains_without_a_block(
+    problem: Problem,
+    model: Model,
+    runs: FilteredRuns,
+    loaded: Sequence[_LoadedRun],
+) -> list[float]:
+    """Return the scaled gain that fixes the model's scale, fitted without each block of
+    the training runs.
+    """
+    names = [parameter.name for parameter in model.parameters]
+    place = names.index(next(iter(model.known)))
+    measured = runs.measurements
+    commanded = {k: x for k, x in measured.commanded.items() if k != "qsim"}
+    rows = FilteredRuns.of(replace(measured, commanded=commanded), runs.settings)
+    up_to_scale = replace(model, known={}, reference=None)
+    training = compress(rows, up_to_scale)
+    n_blocks = len(training.blocks)
+    gains = []
+    for block in range(n_blocks):
+        others = [b for b in range(n_blocks) if b != block]
+        theta = fit_up_to_scale(problem, up_to_scale, training.select(others))
+        factor, _ = _mean_factor(loaded, theta)
+        gains.append(factor * float(theta[place]))
+    return gains
+
+
+def _jackknife_variance(estimates: Sequence[float]) -> float:
+    """Return the variance of an estimate from its values without one block each; 0 for
+    a single block.
+    """
+    if len(estimates) < 2:
+        return 0.0
+    _, std = jackknifed(np.array(estimates)[:, None])
+    return float(std[0] ** 2)

@@ -37,6 +37,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.gains import open_torques
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.results.table import Table
@@ -489,6 +490,26 @@ CERTIFICATE = (
 )
 
 
+def drive_torque_sentence(estimate: Estimate) -> str:
+    """Say what a log without torque leaves open: viscous friction, and the torque of
+    some joints.
+    """
+    text = (
+        "Encoders do not tell a servo's damping gain kd from viscous friction: kd is"
+        " their sum."
+    )
+    widths = open_torques(estimate)
+    if not widths:
+        return text
+    named = [
+        f"joint {joint} by {formatting.percent(width)}"
+        if width < 1.0
+        else f"joint {joint} (not determined)"
+        for joint, width in widths.items()
+    ]
+    return f"{text} The gains leave the drives' torque open: {formatting.words(named)}."
+
+
 def caveats(estimate: Estimate) -> list[str]:
     """Return what to know before reading parameters, a sentence for each caveat.
 
@@ -501,6 +522,7 @@ def caveats(estimate: Estimate) -> list[str]:
             f"No torque was logged: the servos' law ({law['law']}) stands for it."
             f" Scale: {law['scale']}."
         )
+        lines.append(drive_torque_sentence(estimate))
     others = [source for source in sources if source != "data"]  # prior or bounds
     if others:
         lines.append(

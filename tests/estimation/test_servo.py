@@ -15,7 +15,9 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import Runs, concatenate
 from sdp_vs_penalty.estimation import driven, verify_proof_file
+from sdp_vs_penalty.estimation.gains import drive_gains
 from sdp_vs_penalty.page import JobRequest, summary
+from sdp_vs_penalty.render.words import caveats
 from sdp_vs_penalty.signals import Preprocessing
 
 
@@ -304,3 +306,32 @@ def test_folds_judge_the_links_by_the_drives(arm):
         sdp.cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent
         > 10.0
     )
+
+
+def test_what_encoders_leave_open_is_said(found, capsys):
+    """kd and viscous friction make one torque; the slide's own is known."""
+    printing.estimate(found, None, 0.0)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "do not tell a servo's damping gain kd from viscous friction" in shown
+    assert "leave the drives' torque open" not in shown
+    assert found.details["servo"]["torque_error"][0] < 0.02
+
+
+@pytest.mark.parametrize(
+    ("error", "said"), [(0.2, "by 39.2 %"), (None, "not determined")]
+)
+def test_a_torque_that_the_gains_do_not_determine_is_no_size(found, error, said):
+    details = {**found.details["servo"], "torque_error": [error]}
+    unsure = replace(found, details={**found.details, "servo": details})
+    (sentence,) = [x for x in caveats(unsure) if "leave the drives' torque open" in x]
+    assert said in sentence
+
+
+def test_a_weighed_loads_interval_holds_the_gain(arm):
+    """Positions to half a millimetre; the load's weight sets the scale."""
+    run = log(5e-4, seed=1)
+    loaded = log(5e-4, seed=5, load=1.5)
+    model = sdp.identify(arm, run, effects=EFFECTS, known_loads=[(loaded, 1.5)])
+    (gain,) = [g for g in drive_gains(model) if g.name == "kp1"]
+    assert gain.half_width < 0.1 * KP
+    assert gain.value == pytest.approx(KP, abs=gain.half_width)
