@@ -10,16 +10,16 @@ from typing import Any
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[2]
-_RESULT = re.compile(r"\]\(\.\./(results/[\w/]+\.md)\)")
+_RESULT = re.compile(r"\]\((?:\.\./)+(results/[\w/]+\.(?:md|csv))(#[\w-]+)?\)")
 
 
 def on_files(files: Any, config: Any) -> Any:
     """Add every result that a page names."""
-    pages = Path(config["docs_dir"]).glob("*.md")
+    pages = Path(config["docs_dir"]).glob("**/*.md")
     named = {
-        name
+        link[1]
         for page in pages
-        for name in _RESULT.findall(page.read_text(encoding="utf-8"))
+        for link in _RESULT.finditer(page.read_text(encoding="utf-8"))
     }
     for name in sorted(named):
         text = (ROOT / name).read_text(encoding="utf-8")
@@ -49,5 +49,7 @@ def options_page() -> str:
     return "\n".join(lines)
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    return _RESULT.sub(r"](\1)", markdown)
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Point links to results at their copies in the site."""
+    up = "../" * page.file.src_uri.count("/")
+    return _RESULT.sub(rf"]({up}\1\2)", markdown)

@@ -116,6 +116,15 @@ def warn(text: str) -> None:
     err.print(printable(text), markup=False, soft_wrap=True)
 
 
+def hint(text: str) -> None:
+    """Print a sentence that helps to go on on stderr, not wrapped; --quiet leaves it
+    out.
+    """
+    transcript.sentences.append(text)
+    if not out.quiet:
+        warn(text)
+
+
 def written(path: str | Path, note: str = "") -> None:
     """Print the path of a file that was written, perhaps with a note."""
     transcript.written.append(str(path))

@@ -63,6 +63,24 @@ def test_any_command_writes_what_it_says_as_json(two_link, tmp_path, capsys):
     )
 
 
+def test_simulate_writes_what_it_hides_as_json(tmp_path):
+    out = tmp_path / "said.json"
+    words = ["--hide", "joint_spring:2", "--out", tmp_path / "runs", "--json", out]
+    assert run_cli("simulate", "two_link", *words) == 0
+    truth = (tmp_path / "runs/truth.json").read_text()
+    assert json.loads(out.read_text()) == json.loads(truth)
+
+
+def test_quiet_leaves_hints_out(two_link, tmp_path, capsys):
+    run = write_run(tmp_path / "run.csv", two_link)
+    model, proof = tmp_path / "model.json", tmp_path / "proof.json"
+    words = ["--data", run, "--out", model, "--proof", proof]
+    run_cli("identify", "two_link", *words, "--quiet")
+    capsys.readouterr()
+    assert run_cli("verify", proof, "--quiet") == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_a_refusal_leaves_the_old_json(tmp_path):
     out = tmp_path / "said.json"
     out.write_text("old")

@@ -26,6 +26,13 @@ def test_runs_stand_behind_data(verb):
     assert first.option_strings == []
 
 
+@pytest.mark.parametrize("verb", PARSERS)
+def test_every_verb_has_quiet_and_json(verb):
+    flags = PARSERS[verb].format_help()
+    assert "--quiet, -q" in flags
+    assert "--json out.json" in flags
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -22,7 +22,7 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
             console.say(str(path))
         robot = dataset(name).problem
         words = ["sdp-vs-penalty", "check", robot, "--data", str(paths[0])]
-        console.warn(f"Next: {command_line(words)}")
+        console.hint(f"Next: {command_line(words)}")
     target = folder or cache_folder()
     variable = command_line([f"SDP_VS_PENALTY_DATA={target}"])
-    console.warn(f"sdp-vs-penalty: for the tables, set {variable}")
+    console.hint(f"sdp-vs-penalty: for the tables, set {variable}")

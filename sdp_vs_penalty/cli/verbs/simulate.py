@@ -29,7 +29,7 @@ def verb(
     --level: Size: strong, medium, weak, or the hidden torque's RMS over the raw noise.
     --follow RUN.csv ...: Runs along which the model is run forward.
     --drive: Drive: torque (as measured), pd (and a loop on the motion), or servo (the command).
-    --json out.json: JSON file for the errors of --follow.
+    --json out.json: JSON file for what is hidden, as truth.json; with --follow for the errors.
     """
     if follow:
         _follow(source, follow, drive, seed, out, json_)
@@ -52,6 +52,7 @@ def verb(
     effects = ",".join(hidden.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]
     console.written(f"{out}/{' '.join(RUN_FILES)} truth.json")
+    console.save_json(json_, hidden.truth)
     console.next_step(
         [
             "identify",

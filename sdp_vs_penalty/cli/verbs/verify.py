@@ -48,6 +48,6 @@ def verb(
         holds, text = verify_proof_file(path, estimate, runs)
         refused += not holds
         console.say(text)
-    console.warn(f"checker: {verify_proof.__file__}")
+    console.hint(f"checker: {verify_proof.__file__}")
     if refused:
         raise SystemExit(1)

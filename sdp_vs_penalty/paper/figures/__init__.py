@@ -72,9 +72,10 @@ def make_figures(
         lambda problem: Study(load_problem(problem), budget, progress, workers)
     )
     paths = []
-    for number in numbers or FIGURES:
+    chosen = list(numbers or FIGURES)
+    for n_done, number in enumerate(chosen):
         problem, draw = FIGURES[number]
-        progress(f"figure {number}")
+        progress(f"{n_done} of {len(chosen)} done, figure {number}")
         paths += save(draw(study_of(problem)), Path(out) / f"figure_{number}")
     return paths
 
