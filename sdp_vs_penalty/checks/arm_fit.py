@@ -21,8 +21,10 @@ _NOTHING_NEW_SHARE = 1e-10
 _SHARE_LEFT_BY_ARM = 1e-3
 
 
+@dataclass(frozen=True)
 class RepairedRows:
-    """M rows of n joints under one repair of the motion.
+    """M rows of n joints under one repair of the motion, or under each of K repairs
+    (then all arrays have a leading axis of length K).
 
     Columns of one joint alone (friction, rotor, offset: "own" columns) are projected
     out of the s columns that joints share (links).
@@ -32,21 +34,64 @@ class RepairedRows:
     gram (n, s, s) : Gram matrices of ``projected``.
     """
 
-    def __init__(self, basis: Array, raw: Array) -> None:
-        """Project the basis (n, M, k) of own columns out of the shared columns raw (n,
-        M, s)."""
-        self.basis = basis
-        self.raw = raw
-        in_basis = np.swapaxes(basis, 1, 2) @ raw  # (n, k, s)
+    basis: Array
+    raw: Array
+    projected: Array
+    gram: Array
+
+    @classmethod
+    def of(cls, basis: Array, raw: Array) -> RepairedRows:
+        """Project each joint's own columns out of the shared columns.
+
+        Parameters
+        ----------
+        basis : (..., n, M, k) array
+            Orthonormal basis of each joint's own columns.
+        raw : (..., n, M, s) array
+            Columns that joints share.
+
+        Returns
+        -------
+        RepairedRows
+            With the projected columns and their Gram matrices.
+        """
+        in_basis = np.swapaxes(basis, -1, -2) @ raw  # (..., n, k, s)
         left = raw - basis @ in_basis
-        gram = np.swapaxes(left, 1, 2) @ left
+        gram = np.swapaxes(left, -1, -2) @ left
         # Rounding errors of columns that the basis spans are no columns.
-        squares_left = np.diagonal(gram, axis1=1, axis2=2)  # (n, s)
-        squares_in_basis = np.einsum("jks,jks->js", in_basis, in_basis)
+        squares_left = np.diagonal(gram, axis1=-2, axis2=-1)  # (..., n, s)
+        squares_in_basis = np.einsum("...ks,...ks->...s", in_basis, in_basis)
         squares = squares_left + squares_in_basis
         is_visible = squares_left > _SPANNED_SHARE * squares
-        self.projected = left * is_visible[:, None]
-        self.gram = gram * is_visible[:, None] * is_visible[:, :, None]
+        if not is_visible.all():
+            left = left * is_visible[..., None, :]
+            gram = gram * is_visible[..., None, :] * is_visible[..., None]
+        return cls(
+            basis,
+            raw,
+            projected=left,
+            gram=gram,
+        )
+
+    def of_repair(self, k: int) -> RepairedRows:
+        """Return the rows under repair k of K repairs.
+
+        Parameters
+        ----------
+        k : int
+            Number of the repair, from 0.
+
+        Returns
+        -------
+        RepairedRows
+            Views of the arrays, without the axis of the repairs.
+        """
+        return RepairedRows(
+            self.basis[k],
+            self.raw[k],
+            projected=self.projected[k],
+            gram=self.gram[k],
+        )
 
     def project_out_own(self, y: Array) -> Array:
         """Return torques or columns with each joint's own columns projected out.
@@ -64,7 +109,7 @@ class RepairedRows:
         (n, M, K) array
             Their parts orthogonal to the joint's own columns.
         """
-        in_basis = np.swapaxes(self.basis, 1, 2) @ y
+        in_basis = np.swapaxes(self.basis, -1, -2) @ y
         return np.asarray(y - self.basis @ in_basis)
 
 

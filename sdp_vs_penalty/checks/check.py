@@ -200,7 +200,8 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             run,
             run,
         )
-    issues, work, fixed = mended(run, problem.robot, settings.standstill)
+    issues, glance, fixed = mended(run, problem.robot, settings.standstill)
+    work = glance.run
     report = Report(
         run.names[0],
         tuple(issues),
@@ -216,7 +217,6 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             Issue.of_refusal("too little data", error, "certain: too few rows")
         )
         return replace(report, issues=tuple(issues))
-    glance = RunSummary(work, problem.robot, settings.standstill)
     issues += [*channels.find_idle_joints(glance)]
     if glance.moving.any():
         issues += [

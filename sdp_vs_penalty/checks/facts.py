@@ -63,7 +63,7 @@ def mended(
     run: Measurements,
     robot: Robot,
     standstill: float,
-) -> tuple[list[Issue], Measurements, Measurements]:
+) -> tuple[list[Issue], RunSummary, Measurements]:
     """Apply the rules about rows, clock and channels in order, each to the run as the
     rules before have repaired it.
 
@@ -80,8 +80,10 @@ def mended(
     -------
     issues : list of Issue
         In the order of mending.
-    repaired_all, repaired_certain : Measurements
-        The run with all of them mended, and with the certain ones.
+    summary : RunSummary
+        Of the run with all of them mended.
+    repaired_certain : Measurements
+        The run with the certain ones mended.
     """
     issues: list[Issue] = []
     fixed = run
@@ -100,4 +102,4 @@ def mended(
                 # no row.
                 fixed = issue.repair(fixed) if issue.mends else fixed
                 glance = RunSummary(issue.repair(glance.run), robot, standstill)
-    return issues, glance.run, fixed
+    return issues, glance, fixed

@@ -14,7 +14,8 @@ matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -48,10 +49,13 @@ from sdp_vs_penalty.regression.normal_equations import (
     solve,
 )
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.filtered import joined
 
 #: Up to so many rows the columns of all repairs that a search proposes stay in memory:
 #: the next round of the search proposes them again.
 FEW_ROWS = 128
+#: Rows of several repaired motions that are computed at a time.
+_ROWS_AT_A_TIME = 2000
 #: A repair as a function of one of its numbers.
 At: TypeAlias = Callable[[float], LogTransform]
 #: A logarithm's argument, a divisor: no smaller than this.
@@ -62,6 +66,28 @@ _LARGEST_SHARE_OF_LIMIT = 0.999
 _DEPENDENT_SHARE = 1e-6
 #: Least share of the samples that is taken to be free of parameters [-].
 _LEAST_SPARE_SHARE = 0.1
+
+
+class ColumnCache:
+    """The columns used last, up to a number of arrays; the key says of what."""
+
+    def __init__(self, size: int) -> None:
+        """Prepare an empty cache of at most ``size`` arrays."""
+        self.size = size
+        self._arrays: OrderedDict[Hashable, Array] = OrderedDict()
+
+    def get(self, key: Hashable) -> Array | None:
+        """Return the array of a key; None where it is not in the cache."""
+        if key in self._arrays:
+            self._arrays.move_to_end(key)
+        return self._arrays.get(key)
+
+    def put(self, key: Hashable, columns: Array) -> None:
+        """Add an array; the one that was not used for longest is dropped if there are
+        too many."""
+        self._arrays[key] = columns
+        if len(self._arrays) > self.size:
+            self._arrays.popitem(last=False)
 
 
 class Likelihood:
@@ -88,13 +114,12 @@ class Likelihood:
         self.revolute = [j for j in self.joints if kinds[j] == "revolute"]
         self.as_logged = LogTransform.unchanged(self.n, problem.robot.gravity)
         # Cache sizes: about the repairs of one round of a search; large arrays fewer.
-        self.columns = lru_cache(128 if data.count <= FEW_ROWS else 12)(
-            self._make_columns
-        )
+        self._columns = ColumnCache(128 if data.count <= FEW_ROWS else 12)
         self._rows = lru_cache(6)(self._make_rows)
         self._raw = lru_cache(6)(self._make_raw)
         self._model = lru_cache(12)(self._make_model)
         self._basis = lru_cache(20)(self._make_basis)
+        self._basis_of_channels = lru_cache(4)(self._make_basis_of_channels)
         self._inertia_and_weight = lru_cache(12)(self._make_inertia_and_weight)
         self._weight_log_odds = lru_cache(12)(self._make_weight_log_odds)
         self._channels_at = lru_cache(40)(self._interpolate_channels)
@@ -291,7 +316,8 @@ class Likelihood:
 
     def _make_rows(self, repair: LogTransform) -> RepairedRows:
         """Make the rows of a repair of the motion; :meth:`rows` caches the result."""
-        return RepairedRows(self._basis(repair.order, repair.events), self.raw(repair))
+        basis = self._basis(repair.order, repair.events)
+        return RepairedRows.of(basis, self.raw(repair))
 
     def raw(self, repair: LogTransform) -> Array:
         """Return the columns (n, M, s) of the s parameters that joints share (of the
@@ -350,23 +376,72 @@ class Likelihood:
         )
         return on_robot(self.data.shared, robot)
 
-    def _make_columns(
+    def columns(
         self,
         repair: LogTransform,
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Array:
-        """Make the columns (n, M, p) of all p parameters of the links, linearly
+        """Return the columns (n, M, p) of all p parameters of the links, linearly
         dependent ones too.
 
-        speed, push : factors of the velocity and of the acceleration [-]. p is 0 where
-        joints share no parameters. :attr:`columns` caches the result.
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired; only its :attr:`~LogTransform.arm_part` counts.
+        speed : float
+            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+        push : float
+            Factor of the acceleration: 0 leaves inertia out [-].
+
+        Returns
+        -------
+        (n, M, p) array
+            Torque per unit of each parameter; p is 0 where joints share none.
         """
-        model = self._model(repair.gravity, repair.longer)
+        key = (repair.arm_part, speed, push)
+        columns = self._columns.get(key)
+        if columns is None:
+            columns = self._make_columns(key[:1], speed, push)[0]
+            self._columns.put(key, columns)
+        return columns
+
+    def _make_columns(
+        self,
+        arms: Sequence[LogTransform],
+        speed: float = 1.0,
+        push: float = 1.0,
+    ) -> list[Array]:
+        """Make the columns (n, M, p) of the links under each of several repairs.
+
+        The repairs have the same gravity and the same lengths, so that one model makes
+        all columns, from the rows of all repaired motions one after the other. speed,
+        push : factors of the velocity and of the acceleration [-].
+        """
+        model = self._model(arms[0].gravity, arms[0].longer)
         if model is None:
-            return np.zeros((self.n, self.data.count, 0))
-        motion = self.motion(repair, speed, push)
-        return model.dense_columns(motion)
+            return [np.zeros((self.n, self.data.count, 0)) for _ in arms]
+        motions = [self.motion(arm, speed, push) for arm in arms]
+        rows = motions[0] if len(motions) == 1 else joined(motions)
+        return np.split(model.dense_columns(rows), len(arms), axis=1)
+
+    def _prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
+        """Compute and cache the columns of the links under all these repairs that are
+        not cached yet, many motions at a time."""
+        missing: dict[tuple[tuple[float, ...], Numbers], list[LogTransform]] = {}
+        for arm in dict.fromkeys(repair.arm_part for repair in repairs):
+            if self._columns.get((arm, 1.0, 1.0)) is None:
+                missing.setdefault((arm.gravity, arm.longer), []).append(arm)
+        size = max(1, _ROWS_AT_A_TIME // self.data.count)
+        for arms in missing.values():
+            model = self._model(arms[0].gravity, arms[0].longer)
+            # An effect that remembers needs the rows of one motion by themselves.
+            if model is None or any(effect.has_memory for effect in model.effects):
+                continue
+            for first in range(0, len(arms), size):
+                some = arms[first : first + size]
+                for arm, columns in zip(some, self._make_columns(some), strict=True):
+                    self._columns.put((arm, 1.0, 1.0), columns)
 
     def shared(
         self,
@@ -393,7 +468,7 @@ class Likelihood:
         (n, M, s) array
             Torque per unit of each parameter.
         """
-        columns = self.columns(repair.arm_part, speed, push)
+        columns = self.columns(repair, speed, push)
         return np.take(columns, self.data.independent, axis=2)
 
     def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
@@ -418,7 +493,7 @@ class Likelihood:
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
-        columns = self.columns(repair.arm_part, speed, speed)[:, :, rigid]
+        columns = self.columns(repair, speed, speed)[:, :, rigid]
         links = self.problem.nominal_links.ravel()[: len(rigid)]
         torque = np.asarray((columns @ links).T, float)
         if speed and any(repair.lacks):
@@ -438,17 +513,29 @@ class Likelihood:
         columns are dependent has zeros in place of the missing vectors, so that all
         joints have k.
         """
+        if not events:
+            # Each channel takes its columns along to the joint that it belongs to.
+            return self._basis_of_channels()[list(order)]
+        # Each channel takes its columns along to the joint that it belongs to.
+        basis = self._basis_of_channels()[list(order)]
+        if not events:
+            return basis
         columns = [self.data.own_columns[list(order)]]
         columns += [self._columns_of_event(event, order) for event in events]
         used = np.concatenate(columns, axis=2)
         used = used * self.data.torque_mask.T[list(order)][:, :, None]
-        norms = np.linalg.norm(used, axis=1, keepdims=True)
-        scaled = used / nonzero_or_one(norms)
-        basis, sizes, _ = np.linalg.svd(
-            scaled, full_matrices=False
-        )  # (n, M, k), (n, k)
-        is_independent = sizes > _DEPENDENT_SHARE * sizes.max(axis=1, keepdims=True)
-        return np.asarray(basis * is_independent[:, None])
+        # Joints without an event keep their basis. It cannot have more vectors than rows.
+        width = min(used.shape[1:])
+        with_events = np.zeros((*used.shape[:2], width))
+        with_events[:, :, : basis.shape[2]] = basis
+        joints = sorted({event.joint for event in events})
+        with_events[joints] = _orthonormal(used[joints])
+        return with_events
+
+    def _make_basis_of_channels(self) -> Array:
+        """Make an orthonormal basis (n, M, k) of the own columns that each position
+        channel makes, without events."""
+        return _orthonormal(self.data.own_columns * self.data.torque_mask.T[:, :, None])
 
     def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
         """Return the columns (n, M, r) of an event of one joint's torque; 0 for other
@@ -547,15 +634,53 @@ class Likelihood:
         list of K ArmFit
             In the order of the repairs.
         """
+        self._prepare_columns(repairs)
         # Places in ``repairs`` of those with the same motion.
         places_by_motion: dict[LogTransform, list[int]] = {}
         for place, repair in enumerate(repairs):
             places_by_motion.setdefault(repair.motion_part, []).append(place)
         fit_by_place: dict[int, ArmFit] = {}
-        for places in places_by_motion.values():
+        # Places of repairs that are alone with their motion, by the width of the basis.
+        single: dict[int, list[int]] = {}
+        for motion, places in places_by_motion.items():
+            if len(places) == 1:
+                basis = self._basis(motion.order, motion.events)
+                single.setdefault(basis.shape[2], []).extend(places)
+                continue
             fits = self._fit_torques([repairs[place] for place in places])
             fit_by_place.update(zip(places, fits, strict=True))
+        size = max(1, _ROWS_AT_A_TIME // self.data.count)
+        for places in single.values():
+            for first in range(0, len(places), size):
+                batch = places[first : first + size]
+                fits = self._fit_motions([repairs[place] for place in batch])
+                fit_by_place.update(zip(batch, fits, strict=True))
         return [fit_by_place[place] for place in range(len(repairs))]
+
+    def _fit_motions(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
+        """Fit one arm under each of K repairs that all change the motion.
+
+        The joints' own columns have to be as many under each repair. n joints, M rows,
+        s parameters that joints share.
+        """
+        if len(repairs) == 1:
+            return self._fit_torques(repairs)
+        motions = [repair.motion_part for repair in repairs]
+        rows = RepairedRows.of(
+            np.stack([self._basis(m.order, m.events) for m in motions]),
+            np.stack([self.raw(motion) for motion in motions]),
+        )
+        torques = np.stack([self.channels(repair) for repair in repairs])  # (K, n, M)
+        projected_torques = rows.project_out_own(torques[..., None])[..., 0]
+        cross_products = torques[:, :, None] @ rows.projected  # (K, n, 1, s)
+        equations = NormalEquations(
+            gram=rows.gram,  # (K, n, s, s)
+            cross=cross_products[:, :, 0],
+            energy=np.sum(np.square(projected_torques), axis=2),  # (K, n)
+            total=positive(np.sum(np.square(torques), axis=2)),  # (K, n)
+        )
+        rows_by_repair = [rows.of_repair(k) for k in range(len(repairs))]
+        return self._fits_of(equations, rows_by_repair, torques)
 
     def _fit_torques(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
         """Fit one arm under each of K repairs that change the torques alone.
@@ -576,17 +701,31 @@ class Likelihood:
             energy=np.sum(np.square(projected_torques), axis=1).T,  # (K, n)
             total=positive(np.sum(np.square(torques), axis=1).T),  # (K, n)
         )
+        return self._fits_of(
+            equations,
+            [rows] * len(repairs),
+            torques.transpose(2, 0, 1),
+        )
+
+    def _fits_of(
+        self,
+        equations: NormalEquations,
+        rows: Sequence[RepairedRows],
+        torques: Array,
+    ) -> list[ArmFit]:
+        """Solve the normal equations of K repairs, and return the K fits; torques (K,
+        n, M) : as repaired [N m or N]."""
         thetas, energies_left = equations.fitted(self.moving)  # (K, s), (K, n)
         return [
             ArmFit(
                 moving=self.moving,
-                rows=rows,
-                channels=torques[:, :, k],
+                rows=rows[k],
+                channels=torques[k],
                 theta=thetas[k],
                 energy_left=energies_left[k],
                 energy=equations.total[k],
             )
-            for k in range(len(repairs))
+            for k in range(len(rows))
         ]
 
     def fit(self, repair: LogTransform) -> ArmFit:
@@ -747,8 +886,10 @@ class Likelihood:
         """
         residual = self.unexplained(now, theta)
         slopes = np.zeros((self.n, self.data.count, len(ats)))
-        for r, at in enumerate(ats):
-            moved = self.unexplained(at(values[r] + h[r]), theta)
+        repairs = [at(values[r] + h[r]) for r, at in enumerate(ats)]
+        self._prepare_columns(repairs[: self._columns.size])
+        for r, repair in enumerate(repairs):
+            moved = self.unexplained(repair, theta)
             slopes[..., r] = (moved - residual) / h[r]
         return slopes
 
@@ -868,7 +1009,7 @@ class Likelihood:
         model = self.data.shared
         if model is None or not len(model.rigid_indices):
             return MAX_PHYSICS_LOG_ODDS
-        weight = self.columns(repair.arm_part, 0.0, 0.0)[:, :, model.rigid_indices]
+        weight = self.columns(repair, 0.0, 0.0)[:, :, model.rigid_indices]
         joints_and_rows = ((1, 0), (0, 1))
         products = np.tensordot(
             self.nominal(repair, speed=0.0), weight, joints_and_rows
@@ -912,6 +1053,16 @@ class Likelihood:
         plausible_weight = self.nominal(repair, speed=0.0)
         product = np.tensordot(plausible_weight, weight, joints_and_rows)
         return np.array([power, product]) / self.data.count
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Return an orthonormal basis (n, M, k) of each joint's columns (n, M, k); where
+    columns are dependent, zeros in place of the missing vectors."""
+    norms = np.linalg.norm(columns, axis=1, keepdims=True)
+    scaled = columns / nonzero_or_one(norms)
+    basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)  # (n, M, k), (n, k)
+    is_independent = sizes > _DEPENDENT_SHARE * sizes.max(axis=1, keepdims=True)
+    return np.asarray(basis * is_independent[:, None])
 
 
 def _straighten(value: Array, limit: float) -> Array:

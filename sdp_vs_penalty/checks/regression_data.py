@@ -393,8 +393,9 @@ def _without_laws(columns: Array, motion: Motion) -> tuple[Array, dict[str, Arra
     """Split own columns (n, M, k) into those without LAWS and, by name, those of LAWS,
     which come last."""
     laws: dict[str, Array] = {}
+    two_rows = motion.part(slice(0, 2))  # enough to count a law's columns
     for name, law in reversed(LAWS.items()):
-        n_columns = len(law(motion))
+        n_columns = len(law(two_rows))
         laws[name] = columns[:, :, -n_columns:]
         columns = columns[:, :, :-n_columns]
     return columns, laws

@@ -409,14 +409,16 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
     times_usual, share_of_span = SPIKE
     rare = 1 / RUN  # share of the samples that spikes may be
     for name, j, x in glance.channels:
+        if not glance.moving[j]:
+            continue
         usual_span = float(np.ptp(np.quantile(x, [rare, 1.0 - rare])))
         threshold = share_of_span * usual_span + 1e-9
-        # Three steps lead from the median of seven to any of them: without a third of
-        # the threshold in one step no sample is that far.
-        if not glance.moving[j] or np.abs(np.diff(x)).max() <= threshold / 3.0:
+        windows = sliding_window_view(np.pad(x, 3, "edge"), 7)  # (N, 7)
+        rows = _near_large_steps(x, threshold / 3.0)
+        distance = np.abs(x[rows] - np.median(windows[rows], axis=1))
+        if not np.any(distance > threshold):
             continue
-        neighbours = sliding_window_view(np.pad(x, 3, "edge"), 7)
-        distance = np.abs(x - np.median(neighbours, axis=1))
+        distance = np.abs(x - np.median(windows, axis=1))
         is_far = distance > max(times_usual * np.quantile(distance, 0.9), threshold)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
         bad[name] = is_far & (is_far.mean() <= rare)
@@ -424,6 +426,18 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
     yield from glance.delete_rows(
         "spikes", bad, what, "certain: no joint moves like that"
     )
+
+
+def _near_large_steps(x: Array, least: float) -> NDArray[np.intp]:
+    """Return the rows of a channel x (N,) at most three rows from a step of more than
+    ``least``.
+
+    Three steps lead from the median of seven samples to any of them: no other row can
+    be three times ``least`` away from the median.
+    """
+    large = np.flatnonzero(np.abs(np.diff(x)) > least)
+    rows = np.unique(large[:, None] + np.arange(-2, 4))
+    return rows[(rows >= 0) & (rows < len(x))]
 
 
 def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
@@ -460,9 +474,7 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
         axis=0,
     )
     # Mean speed of the five steps before and the five behind each.
-    near = (*range(-5, 0), *range(1, 6))
-    shifted = [np.roll(speed, shift, axis=0) for shift in near]
-    usual = np.mean(shifted, axis=0)
+    usual = _mean_of_neighbours(speed, 5)
     is_clear = usual > scatter  # (steps, joints)
     places = _skips(speed, usual, is_clear)
     # A long step is a gap that the clock shows.
@@ -489,6 +501,17 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
         repair=partial(_with_time, added=added),
         figures={"rows": (rows + 3)[:100].tolist(), "missing": lost[:100].tolist()},
     )
+
+
+def _mean_of_neighbours(x: Array, reach: int) -> Array:
+    """Return of each row of x (N, n) the mean of ``reach`` rows before it and as many
+    behind it; the first row follows the last."""
+    padded = np.pad(x, ((reach, reach), (0, 0)), "wrap")
+    total = np.zeros_like(x)
+    for first in range(2 * reach + 1):
+        if first != reach:
+            total += padded[first : first + len(x)]
+    return total / (2 * reach)
 
 
 def _skips(

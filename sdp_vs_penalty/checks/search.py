@@ -86,6 +86,8 @@ class RepairSearch:
         self.has_few_directions = in_all_runs and is_low
         self.list_faults = lru_cache(99)(self._list_faults)
         self.posterior = lru_cache(99)(self._posterior)
+        self.is_confirmed = lru_cache(99)(self._is_confirmed)
+        self._held_out_errors = lru_cache(99)(self._make_held_out_errors)
         #: Repairs (without laws of friction) that fit so badly that no law can help.
         self.hopeless_repairs: set[LogTransform] = set()
         #: By the name of a fault that was added, the faults that explain as much.
@@ -157,12 +159,13 @@ class RepairSearch:
         """Raise ``independent_samples`` to the largest number of any of these fits.
 
         A wrong repair leaves a residual that is correlated over more rows than noise
-        is, so that the best fit has the most independent samples. All posteriors depend
-        on the number: their cache is emptied.
+        is, so that the best fit has the most independent samples. Posteriors, and what
+        is confirmed, depend on the number: their caches are emptied.
         """
         counts = [self.log.count_independent_samples(score) for score in scores]
         self.independent_samples = max([self.independent_samples, *counts])
         self.posterior.cache_clear()
+        self.is_confirmed.cache_clear()
 
     def new_faults(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
         """List the faults that ``repair`` corrects and ``now`` does not.
@@ -237,7 +240,13 @@ class RepairSearch:
         refined = [self.refine(repair, now) for repair in self.proposals(now)]
         self._learn_samples([self.log.fit(repair) for repair in refined])
         threshold = self.posterior(now) + c.LOG_ODDS_AGAINST_FAULT
-        likely = [r for r in refined if self.posterior(r) >= threshold]
+        # Physics only takes from the likelihood, and takes long to compute.
+        likely = [
+            repair
+            for repair in refined
+            if self.likelihood(self.log.fit(repair), repair) >= threshold
+            and self.posterior(repair) >= threshold
+        ]
 
         def rank(repair: LogTransform) -> int:
             """Sort key: the larger posterior first; a law of friction or a spring
@@ -403,8 +412,9 @@ class RepairSearch:
 
     # -- what is believed
 
-    def is_confirmed(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether parts of the log that the fit has not used confirm one more fault.
+    def _is_confirmed(self, repair: LogTransform, now: LogTransform) -> bool:
+        """Whether parts of the log that the fit has not used confirm one more fault;
+        call it as :attr:`is_confirmed`, which caches the result.
 
         The data have to determine the fault's size. The repair has to lower the error
         on held-out parts by several standard errors (clearness), and has to beat the
@@ -465,9 +475,9 @@ class RepairSearch:
         gain = self.posterior(repair) - self.posterior(now)
         return not self.has_few_directions and gain > c.MAX_INERTIA_LOG_ODDS
 
-    def _held_out_errors(self, repair: LogTransform) -> Array:
-        """Return the errors (PARTS, n) of n joints on parts of the log left out in
-        turn.
+    def _make_held_out_errors(self, repair: LogTransform) -> Array:
+        """Compute the errors (PARTS, n) of n joints on parts of the log left out in
+        turn; call it as :attr:`_held_out_errors`, which caches the result.
 
         An error is a dimensionless squared residual: of a part, over the mean energy
         (squared torque) of a part.
@@ -699,7 +709,11 @@ class RepairSearch:
         rise = 2.0 * (at_value.log_likelihood(samples) - nearest)
         return rise >= (0.5 * c.REQUIRED_SIGMAS) ** 2
 
-    def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
+    def gauss_newton_step(
+        self,
+        number: FaultSize,
+        log: Likelihood | None = None,
+    ) -> tuple[float, float]:
         """Linearise the fit about a fault's size, to find the best size and its
         uncertainty.
 
@@ -708,6 +722,8 @@ class RepairSearch:
         number : FaultSize
             The size with its present value, in its own unit (rad, s, log of a factor
             ...).
+        log : Likelihood, optional
+            Rows of the fit; default: all rows of the search.
 
         Returns
         -------
@@ -719,7 +735,8 @@ class RepairSearch:
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
         now = number.repair_with(number.value)
-        change, spread = self.log.first_order_steps(
+        log = log or self.log
+        change, spread = log.first_order_steps(
             now,
             [number.repair_with],
             value,
@@ -788,19 +805,20 @@ class RepairSearch:
     def _best_on_few_rows(self, number: FaultSize) -> float:
         """Return the size of the largest likelihood on a third of the rows, by a
         bounded search within the search radius; the present size if no other one is
-        better.
+        better, or if a first-order step from it is shorter than the search is precise.
         """
+        precision = _PRECISION_OF_SIZE * number.tolerance
+        few_rows = self.log.on_third_of_rows
+        if abs(self.gauss_newton_step(number, few_rows)[0]) <= precision:
+            return number.value
 
         def score(x: float) -> float:
             repair = number.repair_with(float(x))
-            return self.log.on_third_of_rows.fit(repair).log_unexplained
+            return few_rows.fit(repair).log_unexplained
 
         low = number.value - number.search_radius
         high = number.value + number.search_radius
-        settings = {
-            "xatol": _PRECISION_OF_SIZE * number.tolerance,
-            "maxiter": _ROUNDS_OF_SIZE_SEARCH,
-        }
+        settings = {"xatol": precision, "maxiter": _ROUNDS_OF_SIZE_SEARCH}
         minimum = scipy.optimize.minimize_scalar(
             score,
             bounds=(low, high),

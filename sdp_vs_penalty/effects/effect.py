@@ -72,9 +72,9 @@ class Block:
 
 
 #: Friction, offsets and other parameters that are no link's: |theta| below this, in SI
-#: units, for robots that reach no farther than so much [m].
+#: units, for robots without a link longer than _USUAL_LINK [m].
 PARAMETER_RANGE = 1e4
-_USUAL_REACH = 2.0
+_USUAL_LINK = 1.5
 
 
 #: Share of the rows that a standstill reaches from which what holds a joint there
@@ -485,11 +485,13 @@ class Effect(ABC):
     def largest_parameter(self) -> float:
         """Upper bound of |theta| in SI units.
 
-        It is the class's range, times (reach / 2 m)^4 for robots that reach farther
-        than 2 m: torques grow with the fourth power of the length.
+        It is the class's range, times (longest link / 1.5 m)^4 for robots with a link
+        that is longer: torques grow with the fourth power of the length. A long chain
+        of short links keeps the range. Bounds that are too wide make its lower bound of
+        the optimum loose.
         """
-        reach = float(np.sum(self.robot.link_reach()))
-        return self.range * max(1.0, reach / _USUAL_REACH) ** 4
+        longest = float(np.max(self.robot.link_reach()))
+        return self.range * max(1.0, longest / _USUAL_LINK) ** 4
 
     @property
     def nominal(self) -> Array:

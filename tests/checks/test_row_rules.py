@@ -78,7 +78,8 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
     (kind, gone, off), clean = ROWS[name], replace(motion(), dq=None)
     (corruption,) = (c for c in corruptions(2) if c.name == name)
     spoiled = corruption.spoil(clean)
-    (issue,), whole, fixed = mended(spoiled, ROBOT, STANDSTILL)
+    (issue,), summary, fixed = mended(spoiled, ROBOT, STANDSTILL)
+    whole = summary.run
     assert issue.kind == kind
     assert kind == "interpolated rows" or found("interpolated rows", spoiled) is None
     assert "joint 2" not in name or issue.figures.get("joints", [2]) == [2]
@@ -205,7 +206,7 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
     rng = np.random.default_rng(2)
     even = clean.t
     jittered = even + rng.uniform(-0.4, 0.4, len(even)) / RATE
-    issues, whole, _ = mended(
+    issues, summary, _ = mended(
         replace(clean, t=jittered),
         ROBOT,
         STANDSTILL,
@@ -218,7 +219,7 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
     )
     assert issue.figures["ratio"] > 3.0
     np.testing.assert_allclose(
-        np.diff(whole.t),
+        np.diff(summary.run.t),
         1.0 / RATE,
         rtol=0.01,
     )

@@ -10,7 +10,7 @@ from scipy import sparse
 from sdp_readers import read_cbf
 
 from sdp_vs_penalty import solvers
-from sdp_vs_penalty.estimators import Fit, PosedSdp, Task, make_estimator
+from sdp_vs_penalty.estimators import Fit, LmiSdp, PosedSdp, Task, make_estimator
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import ConstraintSet, inertia
@@ -322,6 +322,14 @@ def test_a_fit_is_proved_from_its_own_multipliers(method, links):
     for one, other in ((fit, reference), (reference, fit)):
         upper = other.objective.value(other.theta)
         assert one.lower <= upper + 1e-12 * abs(upper)
+
+
+def test_a_long_chain_needs_no_second_solver():
+    """A range of friction that grew with the sum of the links' lengths made the lower
+    bound loose, and every fit of a long chain sixty times slower."""
+    fit = LmiSdp().fit(chain_task(60))
+    assert fit.details["solver"] == "primal-dual"
+    assert fit.gap <= 1e-9
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -1,0 +1,99 @@
+"""A log to a physically consistent estimate, as an ordinary script in this field:
+decimate, then CVXPY.
+
+Positions and torques pass zero-phase Butterworth filters, every 28th sample is kept,
+Pinocchio gives its regressor, CVXPY minimises the squared residual subject to positive
+semidefinite pseudo-inertias and signs. No bounds, no weights, no certificate, no
+intervals, and columns do not pass the filter of the torque.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy import signal
+
+Array = NDArray[np.float64]
+
+#: Rate to which the text files are resampled [Hz].
+RATE_HZ = 1000.0
+#: Samples a row: about as many rows as the program keeps of the Panda's log.
+DECIMATION = 28
+#: Samples that are dropped at either end.
+MARGIN = 500
+#: Cut-off frequencies of positions and torques [Hz], and the filters' order.
+POSITION_CUTOFF_HZ, TORQUE_CUTOFF_HZ, ORDER = 5.0, 8.0, 4
+#: Velocity over which the sign of Coulomb friction turns [rad/s].
+SIGN_WIDTH = 0.01
+
+
+class Rows(NamedTuple):
+    """Filtered, decimated rows: t (M,) [s], states (M, n) and torque (M, n) [N m]."""
+
+    t: Array
+    states: tuple[Array, Array, Array]
+    tau: Array
+
+
+def read_rows(folder: Path, joints: int) -> Rows:
+    """Read the authors' text files, filter and decimate."""
+    names = ("time", "positions", "torques")
+    t, *channels = (np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in names)
+    grid = np.arange(t[0], t[-1], 1.0 / RATE_HZ)
+    q, tau = (
+        np.column_stack([np.interp(grid, t, x) for x in channel.reshape(-1, joints).T])
+        for channel in channels
+    )
+    q = low_pass(q, POSITION_CUTOFF_HZ)
+    dq = np.gradient(q, 1.0 / RATE_HZ, axis=0)
+    ddq = np.gradient(dq, 1.0 / RATE_HZ, axis=0)
+    keep = slice(MARGIN, len(grid) - MARGIN, DECIMATION)
+    tau = low_pass(tau, TORQUE_CUTOFF_HZ)
+    return Rows(grid[keep], (q[keep], dq[keep], ddq[keep]), tau[keep])
+
+
+def low_pass(x: Array, cutoff_hz: float) -> Array:
+    """Filter columns forwards and backwards."""
+    b, a = signal.butter(ORDER, cutoff_hz / (RATE_HZ / 2.0))
+    return signal.filtfilt(b, a, x, axis=0)
+
+
+def columns(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
+    """Y (M, n, 13 n): rigid body, viscous, Coulomb, offset."""
+    data = model.createData()
+    n = q.shape[1]
+    stack = []
+    for x, dx, ddx in zip(q, dq, ddq, strict=True):
+        rigid = pin.computeJointTorqueRegressor(model, data, x, dx, ddx).copy()
+        friction = [np.diag(dx), np.diag(np.tanh(dx / SIGN_WIDTH)), np.eye(n)]
+        stack.append(np.hstack([rigid, *friction]))
+    return np.array(stack)
+
+
+def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
+    """theta (13 n,) of least squares with positive semidefinite pseudo-inertias and
+    friction >= 0.
+
+    y (M, n, 13 n), tau (M, n); basis (10, 4, 4) : of the pseudo-inertia. Columns are
+    scaled to unit length: without that Clarabel's answer is wrong. triangle : CVXPY gets
+    the rows' R factor, else the rows themselves.
+    """
+    import cvxpy as cp
+
+    links = y.shape[1]
+    rows = np.column_stack([y.reshape(-1, y.shape[2]), tau.ravel()])
+    if triangle:
+        rows = np.linalg.qr(rows, mode="r")
+    norms = np.linalg.norm(rows[:, :-1], axis=0)
+    scale = 1.0 / np.maximum(norms, 1e-6 * norms.max())
+    x = cp.Variable(y.shape[2])
+    demands: list[Any] = [x[10 * links : 12 * links] >= 0]
+    for k in range(links):
+        link = slice(10 * k, 10 * k + 10)
+        matrix = (basis.reshape(10, 16) * scale[link, None]).T
+        demands.append(cp.reshape(matrix @ x[link], (4, 4), order="C") >> 0)
+    loss = cp.sum_squares((rows[:, :-1] * scale) @ x - rows[:, -1])
+    cp.Problem(cp.Minimize(loss), demands).solve(solver=cp.CLARABEL)
+    return np.asarray(scale * x.value)
