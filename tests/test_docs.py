@@ -402,12 +402,6 @@ def test_the_table_equals_the_generated_one():
         assert path or anchor in anchors, link
 
 
-def test_the_first_lines_say_the_speed_of_the_table():
-    tool = runpy.run_path(str(ROOT / "results" / "tables" / "update_readme.py"))
-    (ratio,) = re.findall(r"in 1/(\d+) of the time", tool["headline"]())
-    assert re.findall(r"in 1/(\d+) of the time", README) == [ratio, ratio]
-
-
 def test_constraints_pin_exact_versions_and_name_no_host():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pins = [line for line in lines if line and not line.startswith("#")]

@@ -14,6 +14,7 @@ sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
 from challenge.ablation import run_ablation
 from challenge.cases import CLASSES, run_challenge, wanted
+from challenge.targets import run_targets
 from challenge.worlds.conditions import NUISANCES
 from sdp_vs_penalty.diagnosis.rules import Rules
 
@@ -42,7 +43,15 @@ def main() -> None:
         choices=Rules.names(),
         help="rules of the search: the same cases with and without each",
     )
+    parser.add_argument(
+        "--targets",
+        type=int,
+        help="in place of all this: so many worlds made for each of some rules",
+    )
     options = parser.parse_args()
+    if options.targets:
+        print(*run_targets(options.targets, options.seed, options.out), sep="\n")
+        return
     cases = wanted(
         options.cases,
         options.seed,

@@ -70,8 +70,13 @@ class WatchedRules(Rules):
         return value
 
 
-def run_without(rules: Sequence[str], case: Case) -> tuple[str, Arms]:
-    """The case's key, and its records with all rules and without each."""
+def run_without(store: Path, rules: Sequence[str], known: Arms, case: Case) -> None:
+    """Diagnose a case with all rules and without each, and append a line to the store
+    for each as soon as it is done.
+
+    ``known`` has the records of earlier runs, which are not made again.
+    """
+    todo = [rule for rule in (WITH_ALL, *rules) if rule not in known]
     kind = CLASSES[case.kind]
     built = build_case(case)
     *learnt, test = built.logged
@@ -80,36 +85,68 @@ def run_without(rules: Sequence[str], case: Case) -> tuple[str, Arms]:
     try:
         estimate = identify_case(case, built)
     except InputError as error:
-        refused = base | {"verdict": "refused", "error": str(error)}
-        return case.key, dict.fromkeys((WITH_ALL, *rules), rounded(refused))
+        for rule in todo:
+            refused = base | {"verdict": "refused", "error": str(error)}
+            append_record(store, case, rule, refused)
+        return
     base |= {"energy": all_hidden_energies(kind, estimate, built)}
     if not counted(base):
-        hidden = base | {"verdict": "not shown"}
-        return case.key, dict.fromkeys((WITH_ALL, *rules), rounded(hidden))
+        for rule in todo:
+            append_record(store, case, rule, base | {"verdict": "not shown"})
+        return
     prepared = DiagnosisRuns(estimate, runs, test.run, frozen=kind.frozen)
     prepared.candidates  # noqa: B018 (all rules share them, none pays for them)
-    out: Arms = {}
-    watched = WatchedRules()
-    for rule in (WITH_ALL, *rules):
-        if rule != WITH_ALL and rule not in watched.asked:
-            out[rule] = out[WITH_ALL]
-            continue
-        applied = watched if rule == WITH_ALL else replace(ALL_RULES, **{rule: False})
-        begin = time.process_time()
-        found = diagnose_runs(prepared, rules=applied)
-        result = found.to_dict()
-        out[rule] = rounded(
-            base
-            | {
-                "verdict": result["verdict"],
-                "found": result["effects"],
-                "retuned": result["retuned"],
-                "events": result["events"],
-                "held_out": result["held_out_rmse"],
-                "seconds": time.process_time() - begin,
-            }
-        )
-    return case.key, out
+    with_all = known.get(WITH_ALL, {})
+    for rule in todo:
+        if rule == WITH_ALL:
+            watched = WatchedRules()
+            with_all = base | diagnosed(prepared, watched)
+            with_all["asked"] = sorted(watched.asked)
+            record = with_all
+        elif rule not in with_all["asked"]:
+            record = with_all
+        else:
+            without = replace(ALL_RULES, **{rule: False})
+            record = base | diagnosed(prepared, without)
+        append_record(store, case, rule, record)
+
+
+def run_missing(store: Path, rules: Sequence[str], item: tuple[Case, Arms]) -> None:
+    """Run a case as :func:`run_without`; the item has its records of earlier runs."""
+    case, known = item
+    run_without(store, rules, known, case)
+
+
+def diagnosed(prepared: DiagnosisRuns, rules: Rules) -> Record:
+    """What the diagnosis says under some rules, and its seconds of the processor."""
+    begin = time.process_time()
+    result = diagnose_runs(prepared, rules=rules).to_dict()
+    return {
+        "verdict": result["verdict"],
+        "found": result["effects"],
+        "retuned": result["retuned"],
+        "events": result["events"],
+        "held_out": result["held_out_rmse"],
+        "seconds": time.process_time() - begin,
+    }
+
+
+def append_record(store: Path, case: Case, rule: str, record: Record) -> None:
+    """Add a line of JSON to the store: case, rule and record."""
+    line = {"case": case.key, "rule": rule, "record": rounded(record)}
+    # Unbuffered: one write, so that lines of several processes do not mix.
+    with store.open("ab", buffering=0) as stream:
+        stream.write(json.dumps(line).encode() + b"\n")
+
+
+def read_store(store: Path) -> dict[str, Arms]:
+    """The records of a store, by case and rule; none where there is no such file."""
+    known: dict[str, Arms] = {}
+    if store.is_file():
+        for line in store.read_text().splitlines():
+            one = json.loads(line)
+            known.setdefault(one["case"], {})[one["rule"]] = one["record"]
+    return known
 
 
 def run_ablation(
@@ -118,22 +155,18 @@ def run_ablation(
     out: Path,
     jobs: int,
 ) -> list[Path]:
-    """Run what is missing; write rules.json with all records, and from all of it
+    """Run what is missing; write rules.jsonl with all records, and from all of it
     rules.md and rules.csv."""
-    store = out / "rules.json"
+    store = out / "rules.jsonl"
     report = out / "rules.md"
     answers = out / "rules.csv"
     with folder_lock(out):
-        known: dict[str, Arms] = {}
-        if store.is_file():
-            known = json.loads(store.read_text())
-        missing = [
-            c for c in todo if not {WITH_ALL, *rules} <= set(known.get(c.key, ()))
-        ]
-        work = partial(run_without, tuple(rules))
-        for _, (key, arms) in spread(work, missing, jobs=jobs):
-            known[key] = known.get(key, {}) | arms
-            write_text(store, json.dumps(known) + "\n")
+        known = read_store(store)
+        items = [(case, known.get(case.key, {})) for case in todo]
+        missing = [x for x in items if not {WITH_ALL, *rules} <= set(x[1])]
+        for _ in spread(partial(run_missing, store, tuple(rules)), missing, jobs=jobs):
+            pass  # the store has it
+        known = read_store(store)
         write_text(report, ablation_text(known))
         write_text(answers, ablation_csv(known))
     return [store, report, answers]

@@ -61,10 +61,9 @@ class _Trial:
     form : the candidate. fit : the fit that it is added to. fit_to_beat : the fit that
     it has to improve on; it is ``fit`` unless the candidate replaces the value of one
     of the model's shape constants (``fit`` then lacks that effect's column). T (n
-    joints, M rows, K) : columns of torque, weighted, less what ``fit`` explains of
-    them: first the candidate's k columns, then K - k derivatives of torque by shape
-    constants of the model, which may change together with it. prior_std (K,) : prior
-    standard deviations of the K coefficients about zero.
+    joints, M rows, k) : the candidate's columns of torque, weighted, less what ``fit``
+    explains of them. prior_std (k,) : prior standard deviations of the k coefficients
+    about zero.
     """
 
     form: Candidate
@@ -75,18 +74,18 @@ class _Trial:
 
     @property
     def k(self) -> int:
-        """The number of the candidate's coefficients: the first k of the K columns."""
+        """The number of the candidate's coefficients."""
         return self.form.n_coefficients
 
     @cached_property
     def gram(self) -> Array:
-        """(K, K) the Gram matrix T'T of the columns T (n joints, M rows, K)."""
+        """(k, k) the Gram matrix T'T of the columns T (n joints, M rows, k)."""
         flat = self.T.reshape(-1, self.T.shape[2])
         return np.asarray(flat.T @ flat)
 
     @cached_property
     def information(self) -> Array:
-        """(K, K) the information matrix T'T + diag(prior_std^-2) of the coefficients.
+        """(k, k) the information matrix T'T + diag(prior_std^-2) of the coefficients.
 
         T'T comes from the rows, the diagonal from the prior on the coefficients.
         """
@@ -94,23 +93,18 @@ class _Trial:
 
     @cached_property
     def products_with_residual(self) -> Array:
-        """(K,) the products T'r of the columns T with the fit's residual r."""
+        """(k,) the products T'r of the columns T with the fit's residual r."""
         flat = self.T.reshape(-1, self.T.shape[2])
         return np.asarray(flat.T @ self.fit.residual.ravel())
 
-    @cached_property
+    @property
     def nonnegative(self) -> NDArray[np.bool_]:
-        """(K,) flags: which coefficients must not be negative.
-
-        The candidate declares them for its k coefficients (a friction's size, say).
-        Changes of the model's shape constants, the other K - k, may have any sign.
-        """
-        without_sign = np.zeros(self.T.shape[2] - self.k, bool)
-        return np.append(self.form.nonnegative, without_sign)
+        """(k,) flags: which coefficients must not be negative (a friction's size, say)."""
+        return np.array(self.form.nonnegative, bool)
 
     @cached_property
     def beta(self) -> Array:
-        """(K,) the coefficients of the columns T with the highest posterior probability.
+        """(k,) the coefficients of the columns T with the highest posterior probability.
 
         They minimise b'(T'T + diag(prior_std^-2)) b / 2 - (T'r)'b for the fit's
         residual r, subject to the sign constraints ``nonnegative``.
@@ -130,7 +124,7 @@ class _Trial:
         before
             The fit from which the drop is counted.
         beta
-            (K,) coefficients of the columns T.
+            (k,) coefficients of the columns T.
         """
         residual = self.fit.residual - self.T @ beta
         # Rows are divided by their joint's level: the squares are scaled back.
@@ -186,17 +180,13 @@ class EvidenceScorer(WhiteFitter):
     ) -> ScoredEffect:
         """Score a candidate effect as an addition to a fit.
 
-        The candidate is scored twice: with the model's shape constants (such as a
-        Stribeck velocity) as they are, and with those on its joints free to first
-        order, each at the price of one parameter. The higher evidence J counts.
-
         Parameters
         ----------
         fit
             The fit of the model and the effects chosen so far.
         form
             The candidate. If it is another value of one of the model's shape constants,
-            it replaces the columns of the present value, and is scored once.
+            it replaces the columns of the present value.
         columns
             Its white columns (noise of variance 1), (M, k) by joint from 0.
 
@@ -208,64 +198,7 @@ class EvidenceScorer(WhiteFitter):
         fit_without = self.without(fit, form)
         T, prior_std = self.partial_out(fit_without, form, columns)
         trial = _Trial(form, fit, fit_without, T, prior_std)
-        term = self._score(trial, columns)
-        if form.replaces_own_constant or not self.rules.free_constants:
-            return term
-        with_free_constants = self.score_with_free_constants(trial, columns)
-        if with_free_constants is None:
-            return term
-        return max(
-            term, with_free_constants, key=lambda t: t.evidence_with_worth_of(term)
-        )
-
-    def score_with_free_constants(
-        self,
-        trial: _Trial,
-        columns: dict[int, Array],
-    ) -> ScoredEffect | None:
-        """Score a candidate while the model's shape constants on its joints may change.
-
-        These constants (such as a Stribeck velocity) were fitted without the candidate,
-        and may have absorbed a part of its torque. They change to first order: the
-        derivatives of torque by them are added as columns to T.
-
-        Parameters
-        ----------
-        trial
-            The candidate, tried with fixed constants of the model.
-        columns
-            The candidate's white columns, (M, k) by joint from 0.
-
-        Returns
-        -------
-        ScoredEffect or None
-            The scored candidate; None if the model has no such constant on its joints,
-            or if the fit absorbs the candidate's columns.
-        """
-        fit = trial.fit_to_beat
-        columns_in_fit = set(fit.columns_kept)
-        T = trial.T
-        for key, derivatives in self.data.constant_derivatives.items():
-            _, joint = key
-            is_present = columns_in_fit.issuperset(fit.design.columns_of_model[key])
-            if joint not in columns or not is_present:
-                continue
-            if key not in fit.derivatives_left:
-                scaled = fit.scaled({joint: derivatives})
-                fit.derivatives_left[key] = fit.residual_of(scaled)
-            T = np.concatenate([T, fit.derivatives_left[key]], axis=2)
-        n_constants = T.shape[2] - trial.k
-        if not n_constants or not T[:, :, : trial.k].any():
-            return None
-        # Derivatives are per standard deviation of their constant: prior N(0, 1).
-        prior_std = np.append(trial.prior_std, np.ones(n_constants))
-        with_constants = replace(
-            trial,
-            fit=fit,
-            T=T,
-            prior_std=prior_std,
-        )
-        return self._score(with_constants, columns)
+        return self._score(trial, columns)
 
     def _score(
         self,
@@ -282,7 +215,7 @@ class EvidenceScorer(WhiteFitter):
         Parameters
         ----------
         trial
-            The candidate with its columns T (n, M, K) of which the fit is subtracted.
+            The candidate with its columns T (n, M, k) of which the fit is subtracted.
         columns
             Its white columns, (M, k) by joint from 0, before that subtraction.
 
@@ -295,12 +228,12 @@ class EvidenceScorer(WhiteFitter):
         fit = trial.fit
         k = trial.k
         without_evidence = ScoredEffect(form, columns, beta=np.zeros(k))
-        if not np.any(trial.gram[:k]):
+        if not np.any(trial.gram):
             return without_evidence
         T = trial.T
         residual = fit.residual - T @ trial.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(trial.information)))
-        torque = T[:, :, :k] @ trial.beta[:k]  # (n, M) of the candidate, weighted
+        torque = T @ trial.beta  # (n, M) of the candidate, weighted
         if form.replaces_own_constant:
             # The rows tell the new value from the present one only by what the fit
             # with the present value leaves of the new column: v is computed from that.
@@ -318,7 +251,7 @@ class EvidenceScorer(WhiteFitter):
             T,
             residual,
             inverse,
-            trial.T.shape[2],
+            k,
         )
         if self.rules.coarsening:
             v += rows_per_joint / COARSENING_ROWS
@@ -334,7 +267,7 @@ class EvidenceScorer(WhiteFitter):
             rows_worth_one=v,
             price=price,
             freedom=freedom,
-            beta=trial.beta[:k],
+            beta=trial.beta,
             squares=np.sum((torque * fit.level[:, None]) ** 2, axis=1),
         )
 
@@ -343,21 +276,9 @@ class EvidenceScorer(WhiteFitter):
         """Return the drop dD of the deviance that is due to the candidate.
 
         dD = D(fit to beat) - D(fit with the candidate), where the deviance D is -2 log
-        L plus the squared coefficients in units of their prior deviations. The first k
-        of the K coefficients are the candidate's. The others, if any, change shape
-        constants of the model; the drop that they bring without the candidate is
-        subtracted.
+        L plus the squared coefficients in units of their prior deviations.
         """
-        drop = trial.deviance_drop_to(trial.fit_to_beat, trial.beta)
-        k = trial.k
-        has_free_constants = k < len(trial.beta)
-        if has_free_constants:
-            constants_only = np.linalg.solve(
-                trial.information[k:, k:], trial.products_with_residual[k:]
-            )
-            beta_without_candidate = np.append(np.zeros(k), constants_only)
-            drop -= trial.deviance_drop_to(trial.fit, beta_without_candidate)
-        return drop
+        return trial.deviance_drop_to(trial.fit_to_beat, trial.beta)
 
     @staticmethod
     def freedom(trial: _Trial) -> float:

@@ -201,9 +201,8 @@ class WhiteFit:
     by which its rows are divided; whitener W (p, r) : A W / level is orthonormal; theta
     (p,) : coefficients; residual (n, M) : weighted; rss (n,) : unweighted squared
     errors; degrees (n,) : rows less the joint's share of the rank; floor : lowest
-    variance of a joint; fits_without, derivatives_left : results computed once, by key
-    of a model's own effect: the fit without it, and what the fit leaves of its
-    constants' derivatives.
+    variance of a joint; fits_without : results computed once, by key of a model's own
+    effect: the fit without it.
     """
 
     design: Design
@@ -216,7 +215,6 @@ class WhiteFit:
     degrees: Array
     floor: float
     fits_without: dict[Key, WhiteFit] = field(default_factory=dict)
-    derivatives_left: dict[tuple[str, int], Array] = field(default_factory=dict)
 
     @property
     def target(self) -> Array:

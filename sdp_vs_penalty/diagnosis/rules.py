@@ -12,8 +12,7 @@ class Rules:
     """Switches of the optional rules of the search; all are on by default.
 
     joints_alike : once there are findings, half of the prior odds go to effects that
-    act on another joint already. free_constants : shape constants of the model's own
-    effects may move beside a candidate. law_misfits : errors of a finding's law are
+    act on another joint already. law_misfits : errors of a finding's law are
     tolerated beside it. mounting_tolerances : so are plausible errors of the mounting.
     simplest : of candidates that do about as well the simplest one is named. exchange :
     a finding may be replaced by another effect. coarsening : evidence is limited to
@@ -24,7 +23,6 @@ class Rules:
     """
 
     joints_alike: bool = True
-    free_constants: bool = True
     law_misfits: bool = True
     mounting_tolerances: bool = True
     simplest: bool = True

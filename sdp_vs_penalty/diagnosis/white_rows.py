@@ -191,21 +191,6 @@ class WhiteData:
         return [(d, self.columns(d)) for d in derivatives]
 
     @cached_property
-    def constant_derivatives(self) -> dict[tuple[str, int], Array]:
-        """White derivatives of torque by the free constants of the model's effects.
-
-        They are arrays (M rows, number of constants) by (effect name, joint from 0),
-        for the effects in ``own_effects``.
-        """
-        out = dict[tuple[str, int], Array]()
-        for derivative, columns in self.constant_error_columns():
-            for joint, white_columns in columns.items():
-                key = derivative.effect.name, joint
-                if key in self.own_effects:
-                    out[key] = white_columns
-        return out
-
-    @cached_property
     def raw(self) -> Array:
         """(n, M, p) the model's own filtered columns, not whitened."""
         return model_columns(self.rows, self.estimate, self.frozen)

@@ -65,7 +65,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
         count=np.full(n, float(M)),
         noise_is_known=True,
     )
-    data.own_effects = data.constant_derivatives = {}
+    data.own_effects = {}
     return data, z[:, None]
 
 
@@ -386,9 +386,6 @@ def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
     """Whatever the rows are found to be worth there: that is as uncertain as the
     evidence is."""
     search = searched(two_link)
-    vars(search.data)[
-        "constant_derivatives"
-    ] = {}  # what they add is chosen by what rows are worth
     forms = [
         f
         for b in search.library.batches

@@ -9,10 +9,13 @@ from challenge.ablation import (
     WatchedRules,
     ablation_csv,
     ablation_text,
+    append_record,
     doubt_lines,
     is_right,
     judgement,
+    read_store,
 )
+from challenge.cases import Case
 
 from sdp_vs_penalty.diagnosis import Rules
 
@@ -108,6 +111,14 @@ def test_the_interval_of_what_is_mended_narrows_with_cases():
     few = Discordance(2, 0, n_cases=20).interval
     many = Discordance(20, 0, n_cases=200).interval
     assert few[0] < 0.0 < many[0]
+
+
+def test_a_store_goes_on_where_it_stopped(tmp_path):
+    case = Case("strong", "plain", 1, 0)
+    for rule in (WITH_ALL, "exchange"):
+        append_record(tmp_path / "rules.jsonl", case, rule, RIGHT)
+    known = read_store(tmp_path / "rules.jsonl")
+    assert known == {case.key: {WITH_ALL: RIGHT, "exchange": RIGHT}}
 
 
 def test_a_rule_that_no_decision_asks_is_not_run_again():
