@@ -753,11 +753,7 @@ class RepairSearch:
         rise = 2.0 * (at_value.log_likelihood(samples) - nearest)
         return rise >= (0.5 * c.REQUIRED_SIGMAS) ** 2
 
-    def gauss_newton_step(
-        self,
-        number: FaultSize,
-        log: Likelihood | None = None,
-    ) -> tuple[float, float]:
+    def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
         """Linearise the fit about a fault's size, to find the best size and its
         uncertainty.
 
@@ -766,8 +762,6 @@ class RepairSearch:
         number : FaultSize
             The size with its present value, in its own unit (rad, s, log of a factor
             ...).
-        log : Likelihood, optional
-            Rows of the fit; default: all rows of the search.
 
         Returns
         -------
@@ -779,8 +773,7 @@ class RepairSearch:
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
         now = number.repair_with(number.value)
-        log = log or self.log
-        change, spread = log.first_order_steps(
+        change, spread = self.log.first_order_steps(
             now,
             [number.repair_with],
             value,
@@ -813,8 +806,9 @@ class RepairSearch:
     def refine(self, repair: LogTransform, now: LogTransform) -> LogTransform:
         """Return the repair with the best sizes of its faults.
 
-        Each size is searched for on a third of the rows; one Gauss-Newton step on all
-        rows follows. A round value (90 degrees, a factor 1000) is taken if it lies
+        A size from which a Gauss-Newton step is short is the best one already. Another
+        is searched for on a third of the rows; a Gauss-Newton step on all rows follows.
+        A round value (90 degrees, a factor 1000) is taken if it lies
         within the tolerance. Sizes that ``now`` lacks come first.
 
         Parameters
@@ -836,10 +830,13 @@ class RepairSearch:
             return repair
         for name in sorted(names, key=lambda name: name in known):
             number = self.sizes_by_name(repair)[name]
-            best = self._best_on_few_rows(number)
+            best = number.value
+            change = self.gauss_newton_step(number)[0]
+            if abs(change) > _PRECISION_OF_SIZE * number.tolerance:
+                best = self._best_on_few_rows(number)
+                change = self.gauss_newton_step(replace(number, value=best))[0]
             # The first-order step is trusted within the tolerance.
             far = 0.9 * number.tolerance
-            change = self.gauss_newton_step(replace(number, value=best))[0]
             better = best + float(np.clip(change, -far, far))
             near = replace(number, value=better).round_values_within(number.tolerance)
             tried = [number.repair_with(x) for x in near or (best, better)]
@@ -849,20 +846,19 @@ class RepairSearch:
     def _best_on_few_rows(self, number: FaultSize) -> float:
         """Return the size of the largest likelihood on a third of the rows, by a
         bounded search within the search radius; the present size if no other one is
-        better, or if a first-order step from it is shorter than the search is precise.
+        better.
         """
-        precision = _PRECISION_OF_SIZE * number.tolerance
-        few_rows = self.log.on_third_of_rows
-        if abs(self.gauss_newton_step(number, few_rows)[0]) <= precision:
-            return number.value
 
         def score(x: float) -> float:
             repair = number.repair_with(float(x))
-            return few_rows.fit(repair).log_unexplained
+            return self.log.on_third_of_rows.fit(repair).log_unexplained
 
         low = number.value - number.search_radius
         high = number.value + number.search_radius
-        settings = {"xatol": precision, "maxiter": _ROUNDS_OF_SIZE_SEARCH}
+        settings = {
+            "xatol": _PRECISION_OF_SIZE * number.tolerance,
+            "maxiter": _ROUNDS_OF_SIZE_SEARCH,
+        }
         minimum = scipy.optimize.minimize_scalar(
             score,
             bounds=(low, high),
