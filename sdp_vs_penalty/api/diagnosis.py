@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.api.identification import WITHOUT_CHECK
-from sdp_vs_penalty.checks.gate import consented, raise_on_errors
+from sdp_vs_penalty.checks.gate import needs_check, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
@@ -104,7 +104,7 @@ def diagnose(
         what="diagnose(measurements=...)",
     )
     model.require_joints(recording, "measurements")
-    if check and not consented(model, recording):
+    if check and needs_check(model, recording):
         progress("checking the measurements")
         raise_on_errors(
             model.problem,

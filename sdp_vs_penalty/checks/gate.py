@@ -15,6 +15,7 @@ from sdp_vs_penalty.errors import InputError, RepairableError, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.version import __version__
 
 
 def raise_on_errors(
@@ -147,6 +148,41 @@ def explanations_in_a_line(
     return (
         f"{first}: it looks as if {texts[0]}{others}. The log is taken as it is;"
         f" `{command_line(words)}` {how}"
+    )
+
+
+def needs_check(estimate: Estimate, measurements: Measurements) -> bool:
+    """Whether runs have to be checked before work with a model that was identified from
+    runs.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model, whose provenance has the hash of its runs and their issues.
+    measurements : Measurements
+        The runs of the work.
+
+    Returns
+    -------
+    bool
+        False for the model's own runs if the user has left the check out, or if this
+        version of the check has found neither an error nor a warning in them.
+    """
+    if consented(estimate, measurements):
+        return False
+    provenance = estimate.provenance
+    issues_by_run = provenance.get("checks", {})
+    is_of_this_version = provenance["versions"].get("sdp_vs_penalty") == __version__
+    # Runs are judged together: the result holds for exactly these.
+    is_of_these_runs = provenance["data_hash"] == measurements.data_hash and all(
+        run.data_hash in issues_by_run for run in measurements.runs()
+    )
+    if not (provenance.get("checked") and is_of_this_version and is_of_these_runs):
+        return True
+    return any(
+        issue["severity"] in ("error", "warning")
+        for issues in issues_by_run.values()
+        for issue in issues
     )
 
 

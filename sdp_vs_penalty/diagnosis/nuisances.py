@@ -1,8 +1,5 @@
-"""Small errors that are tolerated beside effects: of mounting, of friction laws, and
-hums. Each is columns with a small prior, so that it can explain a little and not much.
-
-Nobody mounts an arm exactly: an effect has to show beside placements of the joints that
-are off by as much as is plausible, unless it is such a placement itself.
+"""Small errors that are tolerated beside effects: of friction laws, and hums. Each is
+columns with a small prior, so that it can explain a little and not much.
 
 No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside an effect that
 makes the torque c on a joint, a fit has
@@ -19,14 +16,14 @@ show beyond that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
 from sdp_vs_penalty.diagnosis.events import hum_lines
-from sdp_vs_penalty.diagnosis.library import Candidate, Nuisance
+from sdp_vs_penalty.diagnosis.library import Nuisance
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, Term, WhiteFit
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.rules import Rules
@@ -160,17 +157,10 @@ def _refined(frequency: float, rows: SegmentedRuns, residual: Array) -> float:
 class Nuisances:
     """The nuisances of a search: small errors that its fits tolerate beside effects.
 
-    These are errors of effects' laws, errors of the mounting, and hums.
+    These are errors of effects' laws, and hums.
     """
 
-    def __init__(
-        self,
-        data: WhiteData,
-        bare: WhiteFit,
-        candidates: Sequence[Candidate],
-        columns: Callable[[Candidate], dict[int, Array]],
-        rules: Rules,
-    ) -> None:
+    def __init__(self, data: WhiteData, bare: WhiteFit, rules: Rules) -> None:
         """Prepare the nuisances of a search.
 
         Parameters
@@ -179,18 +169,12 @@ class Nuisances:
             White rows.
         bare
             The fit of the model alone.
-        candidates
-            All candidates, among them those that are tolerated on every machine.
-        columns
-            Returns a candidate's white columns, (M, k) by joint.
         rules
             Which kinds of nuisances apply.
         """
         self.data = data
         self.bare = bare
         self.rules = rules
-        self._candidates = candidates
-        self._columns = columns
         self._misfits: dict[str, list[tuple[int, Array, Array]]] = {}
 
     def with_law_misfits(self, terms: Sequence[ScoredEffect]) -> list[Term]:
@@ -204,58 +188,6 @@ class Nuisances:
         for t in terms:
             if LAW_TOLERANCE * t.evidence > EVIDENCE_TO_DISTINGUISH:
                 out += self.law_misfits(t)
-        return out
-
-    def around(
-        self,
-        term: ScoredEffect,
-        others: Sequence[ScoredEffect],
-    ) -> list[Term]:
-        """Return what a fit holds when the effect ``term`` is added to it and judged.
-
-        These are the other effects, the misfits of their laws, hums, and tolerated
-        errors of the mounting.
-        """
-        tolerated = self.mounting_tolerances_beside(term, others)
-        return [*self.with_law_misfits(others), *tolerated]
-
-    def mounting_tolerances_beside(
-        self,
-        term: ScoredEffect,
-        others: Sequence[ScoredEffect],
-    ) -> list[Nuisance]:
-        """Return the tolerated errors of the mounting that no effect explains itself.
-
-        Such an error is an effect with a small prior. It is left out if the judged
-        effect ``term`` or one of the ``others`` is the same effect, or if ``term`` is a
-        special case of it (a tilted base is one of displaced joints).
-        """
-        names_of_effects = {term.form.effect.form_of, term.key[0]}
-        names_of_effects.update(t.key[0] for t in others)
-        return [
-            tolerance
-            for name, tolerance in self.mounting_tolerances.items()
-            if name not in names_of_effects
-        ]
-
-    @cached_property
-    def mounting_tolerances(self) -> dict[str, Nuisance]:
-        """The small errors of mounting that every machine has, by the effect's name.
-
-        Each is a nuisance with the effect's columns and its plausible size as prior.
-        Empty if the rule ``mounting_tolerances`` is switched off.
-        """
-        if not self.rules.mounting_tolerances:
-            return {}
-        out = dict[str, Nuisance]()
-        for candidate in self._candidates:
-            if candidate.effect.tolerance:  # every machine has a little of it
-                name = candidate.effect.name
-                out[name] = Nuisance(
-                    text=f"misfit of {name}",
-                    columns=self._columns(candidate),
-                    deviations=candidate.plausible,
-                )
         return out
 
     @cached_property

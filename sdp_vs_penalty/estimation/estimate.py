@@ -242,7 +242,11 @@ class Estimate(Record):
             robot=problem.robot,
             effects=tuple(effects),
         )
-        return dataclasses.replace(self, problem=problem, model=model)
+        # The check has judged the runs under the former direction.
+        provenance = {**self.provenance, "checks": {}}
+        return dataclasses.replace(
+            self, problem=problem, model=model, provenance=provenance
+        )
 
     @property
     def nominal(self) -> Array:

@@ -10,9 +10,15 @@ import pytest
 from commands import run_cli
 from corruptions.bench import contradicts
 
-from sdp_vs_penalty import Measurements, Problem, load_estimate, load_problem
+from sdp_vs_penalty import (
+    Measurements,
+    Problem,
+    identify,
+    load_estimate,
+    load_problem,
+)
 from sdp_vs_penalty.checks import Issue, check, mended
-from sdp_vs_penalty.checks.gate import consented
+from sdp_vs_penalty.checks.gate import consented, needs_check
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.one_arm import two_arms
 from sdp_vs_penalty.checks.regression_data import RegressionData
@@ -391,6 +397,49 @@ def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys)
     assert consents == [True, False]
     assert run_cli("identify", "two_link", "--data", good, *to) == 0
     assert not consented(load_estimate(model), load_measurements(good))
+
+
+@pytest.fixture(scope="module")
+def clean_model(small):
+    """A model of runs in which the check finds nothing."""
+    return identify(*small, "ols")
+
+
+def test_runs_that_were_clean_are_not_checked_again(clean_model, small):
+    assert not needs_check(clean_model, small[1])
+
+
+def test_runs_of_another_motion_are_checked(clean_model, small):
+    assert needs_check(clean_model, small[1].window(0.0, 5.0))
+
+
+def test_runs_are_checked_again_under_another_gravity(clean_model, small):
+    assert needs_check(clean_model.with_gravity((0.0, 9.81, 0.0)), small[1])
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"versions": {"sdp_vs_penalty": "0.0"}},
+        {"checks": {}},
+        {"checks": {"another run": []}},
+    ],
+    ids=["of another version", "without a result", "of other runs"],
+)
+def test_runs_are_checked_again_without_a_result_of_this_check(
+    changed, clean_model, small
+):
+    provenance = {**clean_model.provenance, **changed}
+    assert needs_check(replace(clean_model, provenance=provenance), small[1])
+
+
+def test_runs_with_a_warning_are_checked_again(clean_model, small):
+    run = small[1]
+    provenance = {
+        **clean_model.provenance,
+        "checks": {run.data_hash: [{"severity": "warning"}]},
+    }
+    assert needs_check(replace(clean_model, provenance=provenance), run)
 
 
 @pytest.mark.parametrize(
