@@ -34,7 +34,7 @@ SHOWN = {
 }
 #: Width of a picture [px], and its colours.
 WIDTH = 420
-COLOURS = 48
+COLOURS = 200
 
 
 def figures_of_script(path: Path) -> list[Image.Image]:
