@@ -12,26 +12,23 @@ class Rules:
     """Switches of the optional rules of the search; all are on by default.
 
     joints_alike : once there are findings, half of the prior odds go to effects that
-    act on another joint already. law_misfits : errors of a finding's law are
-    tolerated beside it. mounting_tolerances : so are plausible errors of the mounting.
-    simplest : of candidates that do about as well the simplest one is named. exchange :
-    a finding may be replaced by another effect. coarsening : evidence is limited to
-    what some 3000 rows can tell, since no law is exact. curve_laws : a curve may follow
-    a law of the dictionary. curves_of_two : a curve may depend on two variables.
-    second_veto : certain findings are judged once more on data left out, without the
-    weak ones. hums_first : lines of the torque's spectrum are part of every fit.
+    act on another joint already. law_misfits : errors of a finding's law are tolerated
+    beside it. simplest : of candidates that do about as well the simplest one is named.
+    exchange : a finding may be replaced by another effect. coarsening : evidence is
+    limited to what some 3000 rows can tell, since no law is exact. curve_laws : a curve
+    may follow a law of the dictionary. curves_of_two : a curve may depend on two
+    variables. second_veto : certain findings are judged once more on data left out,
+    without the weak ones.
     """
 
     joints_alike: bool = True
     law_misfits: bool = True
-    mounting_tolerances: bool = True
     simplest: bool = True
     exchange: bool = True
     coarsening: bool = True
     curve_laws: bool = True
     curves_of_two: bool = True
     second_veto: bool = True
-    hums_first: bool = True
 
     @classmethod
     def names(cls) -> list[str]:

@@ -118,14 +118,7 @@ class Search:
         self.in_reference = set[Key]()
         self.bare = self.score.fit(())
         self.fit = self.bare
-        candidates = [form for batch in library.batches for form in batch.forms]
-        self.nuisances = Nuisances(
-            data,
-            self.bare,
-            candidates,
-            self.columns,
-            rules,
-        )
+        self.nuisances = Nuisances(data, self.bare, rules)
 
     # What a candidate is worth.
 
@@ -156,11 +149,10 @@ class Search:
     ) -> ScoredEffect:
         """Score a chosen effect again, in a fit with other effects and all nuisances.
 
-        Nuisances are columns of small errors that are tolerated: errors of friction
-        laws and of the mounting, and hums. The effect's list of rivals is carried over
-        unchanged.
+        Nuisances are columns of small errors of friction laws that are tolerated. The
+        effect's list of rivals is carried over unchanged.
         """
-        fit = self.score.fit(self.nuisances.around(term, others), self.fit)
+        fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
         judged = self.score.evidence_of(fit, term.form, term.columns)
         return replace(judged, rivals=term.rivals)
 
@@ -356,8 +348,8 @@ class Search:
         """Return the effect to add next, or None if no candidate has enough evidence.
 
         It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
-        are added to a fit with the effects chosen so far, with small tolerated errors
-        of these effects' laws, and with hums.
+        are added to a fit with the effects chosen so far and with small tolerated
+        errors of these effects' laws.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
@@ -393,7 +385,7 @@ class Search:
                 others = [t for t in terms if t is not term]
                 # The fit without the effect; it starts from the fit of all effects,
                 # which is faster.
-                around = self.nuisances.around(term, others)
+                around = self.nuisances.with_law_misfits(others)
                 fit = self.score.fit(around, fit_of_all)
                 judged = self.score.evidence_of(fit, term.form, term.columns)
                 if term.joints & on:  # at least one common joint
@@ -462,7 +454,7 @@ class Search:
         Shape constants of candidates whose evidence is far below the effect's are not
         refined.
         """
-        fit = self.score.fit(self.nuisances.around(term, others), self.fit)
+        fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
         candidates = self.top_candidates(
             fit,
             others,
@@ -541,8 +533,7 @@ class Search:
     ) -> list[ScoredEffect] | None:
         """Return ``others`` with the effect ``other``, or None if that is dropped again.
 
-        :meth:`drop_weak` judges it in a fit that also tolerates small errors of the
-        mounting: it may lose its evidence there.
+        :meth:`drop_weak` judges it beside them: it may lose its evidence there.
         """
         after = self.drop_weak([*others, other])
         stays = any(t.key == other.key for t in after)

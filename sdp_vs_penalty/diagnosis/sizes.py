@@ -1,7 +1,7 @@
 """Sizes of findings, with covariances.
 
-A size is estimated by least squares on white rows, beside the model, all other findings
-and tolerated errors of the mounting. Its covariance is the sandwich A^-1 S A^-1: A has
+A size is estimated by least squares on white rows, beside the model and all other
+findings. Its covariance is the sandwich A^-1 S A^-1: A has
 a column for each shape constant too (:mod:`~sdp_vs_penalty.estimation.sensitivity`),
 and S sums over the clusters of rows that make it largest. Variances are at least those
 of independent rows. Errors of the torque channels' gains, and of a model held fixed,
@@ -65,8 +65,7 @@ def sizes_with_intervals(
     list of Size
         One for each finding, in the same order.
     """
-    tolerances = search.nuisances.mounting_tolerances.values()
-    fit = search.score.fit([*search.terms, *tolerances], search.fit)
+    fit = search.score.fit(search.terms, search.fit)
     return [
         size_with_interval(search, t, fit, torque_in_doubt, errors_of_constants)
         for t in search.terms
@@ -76,7 +75,7 @@ def sizes_with_intervals(
 def size_with_interval(
     search: Search,
     term: ScoredEffect,
-    fit_with_tolerances: WhiteFit,
+    fit_of_all: WhiteFit,
     torque_in_doubt: Array,
     errors_of_constants: Sequence[ConstantErrors],
 ) -> Size:
@@ -93,8 +92,8 @@ def size_with_interval(
         The findings beside the model.
     term
         The finding.
-    fit_with_tolerances
-        A fit with all findings and tolerated errors; its columns are used again.
+    fit_of_all
+        A fit with all findings; its columns are used again.
     torque_in_doubt
         (n, M, e) white torque that known errors, of gains and of a fixed model, cause
         (:func:`torque_errors`).
@@ -108,8 +107,7 @@ def size_with_interval(
     """
     k = term.form.n_coefficients
     others = [t for t in search.terms if t != term]
-    tolerated = search.nuisances.mounting_tolerances_beside(term, others)
-    fit = search.score.fit([*others, *tolerated], fit_with_tolerances)
+    fit = search.score.fit(others, fit_of_all)
     columns, prior_std = search.score.partial_out(
         fit,
         term.form,

@@ -163,13 +163,6 @@ class Effect(ABC):
     #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
     resembles: tuple[str, ...] = ()
 
-    #: True where as much of it as is plausible is in every machine, whether it is named
-    #: or not.
-    tolerance: ClassVar[bool] = False
-    #: The effect of which this is a special case: beside it nothing of that is
-    #: tolerated.
-    form_of: ClassVar[str] = ""
-
     #: The effect whose shape constants it has as well, without any of its own.
     shape_of: ClassVar[str] = ""
 

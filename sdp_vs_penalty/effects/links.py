@@ -245,7 +245,6 @@ class BaseTilt(Effect):
         " acceleration)"
     )
     usual = (0.5, 0.5)  # three degrees, which an eye sees
-    form_of = "kinematic_error"
     needs_links = True
     whole_robot = True
     signless = True
@@ -341,7 +340,6 @@ class JointZeroError(LinkDeviation):
     symbol = "e_0"
     units = ("rad", "m")
     usual = (0.05, 0.01)  # an arm that was homed by eye
-    form_of = "kinematic_error"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of zero error of one joint:
@@ -486,7 +484,6 @@ class KinematicError(Effect):
     needs_links = True
     whole_robot = True
     signless = True
-    tolerance = True
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name the displacements [m] and rotations [rad] of the joints' frames:

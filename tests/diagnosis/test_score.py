@@ -301,23 +301,6 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
     assert len(search.nuisances.with_law_misfits([much])) > 1
 
 
-def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
-    two_link,
-):
-    search = searched(two_link)
-    forms = {f.key[0]: f for b in search.library.batches for f in b.forms}
-    spring = search.evidence_of(search.fit, forms["joint_spring"])
-    tilt = search.evidence_of(search.fit, forms["base_tilt"])
-    placed = search.evidence_of(search.fit, forms["kinematic_error"])
-    (misfit,) = search.nuisances.around(spring, [])
-    assert misfit.text == "misfit of kinematic_error"
-    assert search.nuisances.around(spring, [tilt]) == [tilt, misfit]
-    assert search.nuisances.around(spring, [placed]) == [placed]
-    assert (
-        search.nuisances.around(tilt, []) == search.nuisances.around(placed, []) == []
-    )
-
-
 def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
     two_link, monkeypatch
 ):
