@@ -1,11 +1,5 @@
 """Worlds for rules that act only where the classes of the challenge have nothing.
 
-hum : a clean robot, and on one joint a steady line below the filter's cut-off. False is
-an effect, or a constant of friction, that is said to be sure.
-
-displaced : a clean robot whose joints stand as far off as machines are built. False is
-an effect that is said to be sure and is not fair to name.
-
 contradicted : an effect is hidden in the runs and in the first recording of the test
 run, and absent from the second. False is a finding that is said to be sure: with it one
 recording's error rises.
@@ -18,11 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from challenge.ablation import WITH_ALL, Discordance
-from challenge.cases import Case, build_case, identify_case, truth_of
-from challenge.judge import extras
+from challenge.cases import Case, build_case, identify_case
 from challenge.worlds.runs import Logged, draw_motion, log_run
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns, diagnose_runs
@@ -31,56 +22,8 @@ from sdp_vs_penalty.diagnosis.rules import ALL_RULES
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.results.table import markdown_lines
 
-#: Frequency of a hum [Hz], and its amplitude over the joint's noise.
-HUM_FREQUENCIES = (0.7, 4.0)
-HUM_AMPLITUDES = (3.0, 10.0)
-
-#: Conditions of such worlds, in turn: among them friction that turns round more widely
-#: or over a travel, whose constants a hum might move.
-HUM_NUISANCES = ("plain", "tanh_0.002", "widths", "dahl", "lugre")
-
 #: Runs to search in, then the test run; and how many claims of a diagnosis are false.
 Target = tuple[Case, list[Logged], Callable[[Diagnosis], int]]
-
-
-def hum(seed: int) -> Target:
-    """A clean robot with a line in the torque of one joint."""
-    case = Case("clean", HUM_NUISANCES[seed % len(HUM_NUISANCES)], seed, 0)
-    built = build_case(case)
-    record = truth_of(case, built)
-    rng = np.random.default_rng([seed, 1])
-    joint = int(rng.integers(built.world.arm.n))
-    frequency = float(rng.uniform(*HUM_FREQUENCIES))
-    noise = built.world.noise[joint]
-    amplitude = float(np.exp(rng.uniform(*np.log(HUM_AMPLITUDES)))) * noise
-
-    def with_line(logged: Logged) -> Logged:
-        """Add the line to a run's torque, at a phase of the run's own."""
-        tau = logged.run.tau.copy()
-        angle = 2.0 * np.pi * frequency * logged.run.t + rng.uniform(0.0, 2.0 * np.pi)
-        tau[:, joint] += amplitude * np.sin(angle)
-        return replace(logged, run=replace(logged.run, tau=tau))
-
-    def n_false(found: Diagnosis) -> int:
-        """Count confident effects and constants."""
-        claims = record | {"found": found.to_dict()["effects"]}
-        n_effects = len(extras(claims, sure=True))
-        return n_effects + sum(r.confidence == "confident" for r in found.retuned)
-
-    return case, [with_line(logged) for logged in built.logged], n_false
-
-
-def displaced(seed: int) -> Target:
-    """A clean robot with errors of its mounting."""
-    case = Case("clean", "geometry", seed, 0)
-    built = build_case(case)
-    record = truth_of(case, built)
-
-    def n_false(found: Diagnosis) -> int:
-        """Count confident effects that are not fair to name."""
-        return len(extras(record | {"found": found.to_dict()["effects"]}, sure=True))
-
-    return case, built.logged, n_false
 
 
 def contradicted(seed: int) -> Target:
@@ -102,9 +45,7 @@ def contradicted(seed: int) -> Target:
 
 #: By the rule that such worlds judge: the worlds.
 TARGETS: Mapping[str, Callable[[int], Target]] = {
-    "hums_first": hum,
     "second_veto": contradicted,
-    "mounting_tolerances": displaced,
 }
 
 

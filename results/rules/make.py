@@ -7,7 +7,10 @@ from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 #: A case of each class a seed, and of clean robots one with each of two nuisances.
-SEEDS = range(690001, 690012)
+#: Two samples: one of 26 November, one of 27 November.
+SEEDS = (*range(690001, 690012), *range(690101, 690111))
+#: Worlds made for a rule: how many, and the seed of the first.
+TARGETS = ["--targets", "15", "--seed", "695000"]
 NUISANCES = [
     "plain",
     "sign",
@@ -59,4 +62,6 @@ def commands(seed: int) -> list[list[str]]:
 
 
 if __name__ == "__main__":
-    make_folder(HERE, *(command for seed in SEEDS for command in commands(seed)))
+    targets = ["results/challenge", *TARGETS, "--out", "results/rules"]
+    all_seeds = (command for seed in SEEDS for command in commands(seed))
+    make_folder(HERE, *all_seeds, targets)

@@ -451,29 +451,32 @@ def _is_unsigned(torque: Array, q: Array) -> bool:
     at zero in a corner.
 
     A stretch below a fifth of the largest torque is a corner if its values come down
-    from there to within one usual step of zero, and their mean is half the height, as
-    of a V. A smooth torque comes so near to zero by chance only, with odds of that step
-    to the fifth. A constant level near zero, as of a coarse current at rest, has no
-    such range. Corners in one pose q (n,), as of a motion that repeats itself, count
-    once.
+    from there to within one step of zero, and their mean is half the height, as of a V.
+    The step is the usual one, or that at the corner, where friction turns fast. A
+    smooth torque comes so near to zero by chance only, with odds of its distance to the
+    fifth. A constant level near zero, as of a coarse current at rest, has no such
+    range. Corners in one pose q (n,), as of a motion that repeats itself, count once.
     """
     touches_zero = 0.0 <= torque.min() <= 0.01 * torque.max()
     if not touches_zero:
         return False
     steps = np.abs(np.diff(torque))
     near = 0.2 * float(torque.max())
-    step = min(float(np.median(steps[steps > 0.0])), near)
+    usual_step = min(float(np.median(steps[steps > 0.0])), near)
     scale = nonzero_or_one(q.std(axis=0))
     poses: list[Array] = []
+    log_odds = 0.0
     for first, end in spans(torque < near):
         part = torque[first:end]
-        touches = 0.0 < part.min() < step
+        lowest = first + int(np.argmin(part))
+        largest_step = steps[max(lowest - 1, 0) : lowest + 1].max()
+        touches = 0.0 < torque[lowest] < max(usual_step, largest_step)
         comes_down = np.ptp(part) > _CORNER_RANGE * near
         if touches and comes_down and part.mean() > _CORNER_MEAN * near:
-            pose = q[first + np.argmin(part)] / scale
+            pose = q[lowest] / scale
             if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
                 poses.append(pose)
-    log_odds = len(poses) * np.log(near / step)
+                log_odds += float(np.log(near / max(torque[lowest], usual_step)))
     return bool(log_odds > c.LOG_ODDS_AGAINST_FAULT)
 
 

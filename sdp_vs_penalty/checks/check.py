@@ -296,8 +296,27 @@ def _with_range_error(
         far = far_outside(problem.robot, run.q)
         certainty = "certain: `identify` refuses it"
         refused = Issue.of_refusal("position range", error, certainty, far)
-        return [*(f for f in issues if f.nature == FACT), refused]
+        repairs = _explanations_of_positions(problem, report, issues)
+        if repairs:
+            what = "the positions are not possible for this robot as they are logged."
+            refused = replace(refused, what=what, remedy=repairs[0].remedy)
+        return [*(f for f in issues if f.nature == FACT), refused, *repairs]
     return [*issues]
+
+
+def _explanations_of_positions(
+    problem: Problem,
+    report: Report,
+    issues: Sequence[Issue],
+) -> list[Issue]:
+    """List the explanations of positions (an order, a sign, a zero) that make them
+    possible for the robot; none where the repaired run is as impossible."""
+    try:
+        check_plausible(problem.robot, report.repaired_all)
+    except InputError:
+        return []
+    of_positions = ("order:q", "order:joint", "sign:q", "sign:joint", "zero:q")
+    return [f for f in issues if f.apply.startswith(of_positions)]
 
 
 def _as_fact(issue: Issue) -> Issue:

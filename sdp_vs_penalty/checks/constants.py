@@ -29,25 +29,28 @@ MAX_INERTIA_LOG_ODDS = 12.0
 CENTRE_OF_MASS = 0.02
 
 # -- the search ----------------------------------------------------------------------------------------
-#: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
-#: logarithm): one log in some hundred has a given fault.
+#: Prior odds against any repair (natural logarithm): one log in some hundred has a given
+#: fault. Explanations that differ by less are as likely.
 LOG_ODDS_AGAINST_FAULT = 6.0
+#: Posterior log-odds from which on a fault is claimed as likely: 20 to 1.
+LOG_ODDS_OF_A_CLAIM = 3.0
 #: A repair that lowers the log-likelihood by so much is not tried again before another
 #: fault is repaired: a law of friction brings no such repair back.
 HOPELESS_LOSS = 100.0
 #: Standard errors by which what the arm leaves of parts that it was not fitted to has
 #: to fall (half of them where a number tells as well), and that a number has to lie
-#: beyond what is usual (Student's t of PARTS, 99.5 %).
+#: beyond what is usual (Student's t of PARTS, 99.5 %). More parts would be shorter than
+#: the slow part of a motion, and look more certain than they are.
 REQUIRED_SIGMAS = 4.0
-#: A fault is claimed only where it divides the energy that is left over of some joint on
-#: parts left out by so much, beside all laws of friction and position that may explain
-#: the same: one of a few (a sign, an axis, an order), or one with a number, which adapts
-#: to whatever the model lacks. No joint's may rise by more than the last.
+#: A fault is claimed only where it divides the energy that is left over on parts left
+#: out by so much, of some joint or of all together, beside all laws of friction and
+#: position that may explain the same: one of a few (a sign, an axis, an order), or one
+#: with a number, which adapts to whatever the model lacks. No joint's may rise by more
+#: than the last.
 LEAST_RATIO_WITHOUT_SIZE = 1.5
 LEAST_RATIO_WITH_SIZE = 2.0
 LARGEST_ERROR_RISE = 1.2
-#: The same of a motion of few directions, in which much explains much, and of what
-#: friction with memory resembles.
+#: The same of a motion of few directions, in which much explains much.
 LEAST_RATIO_IF_DOUBTFUL = 4.0
 #: One arm for all runs has to explain them so many times worse than one for each.
 TIMES_BETTER = 1.5

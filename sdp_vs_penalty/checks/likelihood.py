@@ -64,6 +64,9 @@ _TINY = 1e-300
 _LARGEST_SHARE_OF_LIMIT = 0.999
 #: Own columns whose singular value is a smaller share of the largest are dependent [-].
 _DEPENDENT_SHARE = 1e-6
+#: Least share of the slopes by a number that the arm's parameters may leave of them, for
+#: the number to be seen: a hundred ridges [-].
+_SEEN_BESIDE_ARM = 100.0 * RIDGE
 #: Least share of the samples that is taken to be free of parameters [-].
 _LEAST_SPARE_SHARE = 0.1
 
@@ -865,7 +868,8 @@ class Likelihood:
         steps = remainder[..., -1] / np.maximum(beside_arm + RIDGE * squares, _TINY)
         change, spread = jackknifed(steps / nonzero_or_one(sizes))
         is_seen = sizes > FLOOR * np.linalg.norm(fit.channels)
-        is_beside_arm = beside_arm.sum(axis=0) > FLOOR * squares.sum(axis=0)
+        left_of_squares = beside_arm.sum(axis=0) / nonzero_or_one(squares.sum(axis=0))
+        is_beside_arm = left_of_squares > _SEEN_BESIDE_ARM
         return change, np.where(is_seen & is_beside_arm, spread, np.inf)
 
     def _slopes(

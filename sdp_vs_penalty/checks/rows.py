@@ -451,7 +451,8 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     A skip of k steps has k times the usual speed, so that k - 1 rows are missing. Rows
     that repeat a position (a packet sent twice) do not count: steps are those between
     new positions. Only joints that move well above the scatter of their speed can show
-    a skip; three in four of them have to.
+    a skip; three in four of them have to. A joint that moves alone has to skip at three
+    places: once, its encoder may have slipped.
 
     Parameters
     ----------
@@ -467,7 +468,7 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     # Rows whose position is not that of the row before.
     is_new = np.any(np.diff(q, axis=0) != 0.0, axis=1)
     fresh = np.flatnonzero(np.concatenate([[True], is_new]))
-    if len(fresh) < RUN or q.shape[1] < 2:
+    if len(fresh) < RUN:
         return
     # Speed of each joint in each step between them, and three times its usual scatter.
     steps = np.diff(glance.run.t[fresh])
@@ -483,7 +484,8 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     places = _skips(speed, usual, is_clear)
     # A long step is a gap that the clock shows.
     places = places[steps[places] < 3.0 * np.median(steps)]
-    if not len(places):
+    fewest = TIMES if q.shape[1] == 1 else 1
+    if len(places) < fewest:
         return
     # Length of each skip in steps: a mean over the joints that move clearly, weighted
     # by one over their scatter.
@@ -537,7 +539,8 @@ def _skips(
     )
     n_skip = np.sum(np.round(ratio) > 2.0, axis=1)
     n_clear = is_clear.sum(axis=1)
-    are_enough = n_clear >= max(2, (speed.shape[1] + 1) // 2)
+    n_joints = speed.shape[1]
+    are_enough = n_clear >= min(n_joints, max(2, (n_joints + 1) // 2))
     return np.flatnonzero(are_enough & (n_skip > 0.74 * n_clear))  # three in four
 
 

@@ -239,7 +239,7 @@ class RepairSearch:
         """
         refined = [self.refine(repair, now) for repair in self.proposals(now)]
         self._learn_samples([self.log.fit(repair) for repair in refined])
-        threshold = self.posterior(now) + c.LOG_ODDS_AGAINST_FAULT
+        threshold = self.posterior(now) + c.LOG_ODDS_OF_A_CLAIM
         # Physics only takes from the likelihood, and takes long to compute.
         likely = [
             repair
@@ -269,8 +269,8 @@ class RepairSearch:
         now: LogTransform,
         likely: Sequence[LogTransform],
     ) -> list[LogTransform]:
-        """List the confirmed repairs that are about as likely as a confirmed one,
-        ``repair``.
+        """List the repairs that are about as likely as a confirmed one, ``repair``, and
+        that parts left out confirm, or do not tell from it.
 
         "About as likely": the log-posterior is lower by less than the prior log-odds
         against a fault. Examples: two joints about one line have one zero; of two
@@ -278,7 +278,9 @@ class RepairSearch:
         log-posterior exceeds that of ``now`` by these odds. Repairs of the same faults,
         and laws of friction, are left out.
         """
-        names = {fault.name for fault in self.new_faults(repair, now)}
+        faults = self.new_faults(repair, now)
+        names = {fault.name for fault in faults}
+        is_fault = any(fault.severity != "note" for fault in faults)
         lowest_posterior = self.posterior(repair) - c.LOG_ODDS_AGAINST_FAULT
         tied = []
         for other in likely:
@@ -287,9 +289,31 @@ class RepairSearch:
             is_law = all(fault.severity == "note" for fault in new)
             if is_same or is_law or self.posterior(other) < lowest_posterior:
                 continue
-            if self.is_confirmed(other, now):
+            is_as_good = is_fault and self._is_as_good(other, repair, now)
+            if is_as_good or self.is_confirmed(other, now):
                 tied.append(other)
         return tied
+
+    def _is_as_good(
+        self,
+        other: LogTransform,
+        repair: LogTransform,
+        now: LogTransform,
+    ) -> bool:
+        """Whether parts of the log that were left out do not tell a confirmed repair
+        from another one.
+
+        They do where the other one's error is clearly larger, or where they do not
+        determine its sizes. A wrong sign may be confirmed by physics, and the error
+        then say nothing.
+        """
+        sizes = [fault.size for fault in self.new_faults(other, now) if fault.size]
+        if not all(self._is_determined(size) for size in sizes):
+            return False
+        clearness = self.log.clearness_of_fall(
+            self._held_out_errors(other), self._held_out_errors(repair)
+        )
+        return clearness < c.REQUIRED_SIGMAS
 
     def _of_most_plausible_size(
         self,
@@ -344,9 +368,10 @@ class RepairSearch:
         Returns
         -------
         list of LogTransform
-            The likeliest first: of each fault the best size, MAX_FAULTS faults at most;
-            then up to MAX_FAULTS repairs that fit exactly as ``now`` does (signs alone
-            differ), which physics decides later.
+            The likeliest first: of each fault the best size, MAX_FAULTS faults at most,
+            ranked with physics where physics speaks against ``now``. Then up to
+            MAX_FAULTS repairs that fit exactly as ``now`` does (signs alone differ),
+            which physics decides later.
         """
         gains = self._gains_on_few_rows(self._one_fault_more(now), now)
         likeliest = sorted(gains, key=lambda repair: -round(gains[repair]))
@@ -357,7 +382,23 @@ class RepairSearch:
             names = frozenset(fault.name for fault in self.list_faults(repair))
             best_of_fault.setdefault(names, repair)
         best = [*best_of_fault.values()]
+        if self._taken_by_physics(now) > c.LOG_ODDS_OF_A_CLAIM:
+            # Friction drives a joint, or a mass is negative: what mends that may fit
+            # no better. A position's sign, say, stands behind a torque's otherwise.
+            best.sort(
+                key=lambda repair: -gains[repair] - self._physics_on_few_rows(repair)
+            )
         return list(dict.fromkeys(best[: c.MAX_FAULTS] + same_fit[: c.MAX_FAULTS]))
+
+    def _taken_by_physics(self, repair: LogTransform) -> float:
+        """Return by how much physics (friction takes power, masses are positive) lowers
+        the log-likelihood of a repair; from 0 on."""
+        return self.likelihood(self.log.fit(repair), repair) - self.posterior(repair)
+
+    def _physics_on_few_rows(self, repair: LogTransform) -> float:
+        """Return the log-probability of physics of a repair on a third of the rows."""
+        screen = self.log.on_third_of_rows
+        return screen.physics(screen.fit(repair), repair, self.independent_samples)
 
     def _one_fault_more(self, now: LogTransform) -> list[LogTransform]:
         """List the repairs, of all kinds of fault, that correct one more fault than
@@ -391,9 +432,7 @@ class RepairSearch:
         fits = self.log.on_third_of_rows.fit_all(repairs)
         fit_now = self.log.on_third_of_rows.fit(now)
         self._learn_samples(sorted(fits, key=lambda fit: fit.log_unexplained)[:1])
-        taken_by_physics = self.likelihood(self.log.fit(now), now)
-        taken_by_physics -= self.posterior(now)
-        smallest_gain = c.LOG_ODDS_AGAINST_FAULT - taken_by_physics
+        smallest_gain = c.LOG_ODDS_OF_A_CLAIM - self._taken_by_physics(now)
         before = self.likelihood(fit_now, now)
         likelihood_now = fit_now.log_likelihood(self.independent_samples)
         gains = {}
@@ -459,9 +498,11 @@ class RepairSearch:
         error on held-out parts.
 
         It is REQUIRED_SIGMAS. Half of it is enough where every new fault has a size,
-        whose confidence interval has to exclude 0 as well, and several joints move.
+        whose confidence interval has to exclude 0 as well, and several joints move;
+        not for a single channel's delay, since friction with memory looks like one.
         """
-        are_numbers = all(fault.size for fault in new)
+        is_late = any(e.kind in ("channel delay", "channel filter") for e in new)
+        are_numbers = all(fault.size for fault in new) and not is_late
         is_enough = are_numbers and len(self.log.joints) > 1
         return 0.5 * c.REQUIRED_SIGMAS if is_enough else c.REQUIRED_SIGMAS
 
@@ -507,8 +548,8 @@ class RepairSearch:
         now : LogTransform
             The repair without that correction.
         strict : bool
-            If true, no single joint's error may rise clearly; if false, the geometric
-            mean of the joints' errors must not rise.
+            If true, no single joint's error may rise clearly, with all laws and
+            without; if false, the geometric mean of the joints' errors must not rise.
 
         Returns
         -------
@@ -522,14 +563,20 @@ class RepairSearch:
         ratio = before.mean(axis=0) / after.mean(axis=0)
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
-            is_harmless = not self._speaks_against(before, after).any()
+            objects = self._speaks_against(before, after)
+            # Laws have many parameters: of a short log their errors alone say little.
+            objects &= self._rises_without_laws(log, repair, now)
+            is_harmless = not objects.any()
         odds = log_odds(
             before.mean(axis=0),
             after.mean(axis=0),
             self.independent_samples,
         )
         is_likely = odds > c.LOG_ODDS_AGAINST_FAULT
-        is_large = ratio.max() > self._least_ratio(repair, now)
+        # Of one joint, or of all together: an arm's parameters spread what is wrong
+        # with one channel over its neighbours.
+        largest_ratio = max(ratio.max(), np.prod(ratio))
+        is_large = largest_ratio > self._least_ratio(repair, now)
         is_everywhere = self._shows_where_it_acts(np.log(ratio), repair, now)
         return bool(is_likely and is_large and is_harmless and is_everywhere)
 
@@ -600,17 +647,29 @@ class RepairSearch:
         _, errors = log_with_laws.jackknife_errors(repair, weights)
         return errors[:, log.moving]
 
+    def _rises_without_laws(
+        self,
+        log: Likelihood,
+        repair: LogTransform,
+        now: LogTransform,
+    ) -> NDArray[np.bool_]:
+        """Return which of the K moving joints' errors on parts left out rise by a
+        repair, where the arm has no further laws of friction and position."""
+        errors = [
+            log.jackknife_errors(one, log.fit(one).weights)[1].mean(axis=0)
+            for one in (now, repair)
+        ]
+        return np.asarray(errors[1] > errors[0])[log.moving]
+
     def _least_ratio(self, repair: LogTransform, now: LogTransform) -> float:
         """Return the factor by which new faults have to divide the error of some joint
         on held-out parts.
 
         It is larger for a fault with an arbitrary size, which adapts to whatever the
-        model lacks, and largest for delays and for motions of few directions.
+        model lacks, and largest for motions of few directions.
         """
         new = self.new_faults(repair, now)
-        # Friction with memory looks like a delay of its joint.
-        is_late = any(e.kind in ("channel delay", "channel filter") for e in new)
-        if self.has_few_directions or is_late:
+        if self.has_few_directions:
             return c.LEAST_RATIO_IF_DOUBTFUL
         has_uneven_size = any(fault.has_uneven_size for fault in new)
         return (

@@ -174,7 +174,6 @@ def beside_model(
         search.rules,
         like=search,
     )
-    out.nuisances.frequencies = search.nuisances.frequencies  # hums stay what they are
     out.in_reference = {t.key for t, _ in in_reference}
     out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in search.terms]
     out.fit = out.score.fit(out.terms)

@@ -1,5 +1,5 @@
-"""Small errors that are tolerated beside effects: of friction laws, and hums. Each is
-columns with a small prior, so that it can explain a little and not much.
+"""Small errors of friction laws that are tolerated beside effects. Each is columns with
+a small prior, so that it can explain a little and not much.
 
 No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside an effect that
 makes the torque c on a joint, a fit has
@@ -16,27 +16,18 @@ show beyond that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property
+from collections.abc import Sequence
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
-from sdp_vs_penalty.diagnosis.events import hum_lines
 from sdp_vs_penalty.diagnosis.library import Nuisance
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, Term, WhiteFit
-from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.rules import Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
-from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-#: How far from a spectrum's line its frequency may be [Hz], and into how many steps that
-#: is divided: periods of five seconds tell no more, whole runs do.
-_NEAR_LINE = 0.1
-_NEAR_STEPS = 40
 
 
 def law_misfit_columns(
@@ -89,75 +80,10 @@ def _in_units_of_largest(x: Array) -> Array:
     return np.asarray(x / nonzero_or_one(np.abs(x).max()))
 
 
-def find_frequencies(data: WhiteData) -> dict[int, list[float]]:
-    """Return the frequencies [Hz] of hums, by joint (from 0) that has any.
-
-    A hum is a line in the residual's spectrum. Example: {2: [50.0]}. If no motion
-    repeats, the residual is that of the model refitted to these rows, since its present
-    parameters may belong to another recording.
-    """
-    rows = data.rows
-    residual = rows.residual
-    if not data.noise.repeats:
-        _, residual = least_squares_refit(data, [])
-    out = dict[int, list[float]]()
-    for j, lines in hum_lines(data, residual).items():
-        out[j] = [_refined(f, rows, residual[:, j]) for f in lines]
-    return out
-
-
-def hums(data: WhiteData, frequencies: Mapping[int, Sequence[float]]) -> list[Nuisance]:
-    """Return sine and cosine waves of each joint's hums as nuisances.
-
-    A nuisance is a tolerated error that a fit may explain. Each run has waves of its
-    own, so that the phase is free there. The prior standard deviation of an amplitude
-    is that of the torque that the model leaves.
-
-    Parameters
-    ----------
-    data
-        White rows.
-    frequencies
-        Frequencies [Hz] by joint (from 0).
-    """
-    rows = data.rows
-    out = []
-    for j, lines in frequencies.items():
-        waves = []
-        for frequency in lines:
-            angle = 2.0 * np.pi * frequency * rows.t
-            for run in np.unique(rows.run):
-                is_in_run = rows.run == run
-                waves.append(is_in_run * np.sin(angle))
-                waves.append(is_in_run * np.cos(angle))
-        torque_left = float(np.std(rows.residual[:, j]))
-        columns = data.white(np.column_stack(waves), j)
-        deviations = np.full(len(waves), max(torque_left, 1e-200))
-        out.append(Nuisance(f"hum on {j}", {j: columns}, deviations))
-    return out
-
-
-def _refined(frequency: float, rows: SegmentedRuns, residual: Array) -> float:
-    """Return the frequency [Hz] of highest power near a spectral line ``frequency``.
-
-    The line comes from a short periodogram, which is accurate to about 0.1 Hz
-    (_NEAR_LINE). The power of one joint's residual (M,) over whole runs, summed over
-    the runs, is compared on a grid in that interval.
-    """
-    frequencies = frequency + np.linspace(-_NEAR_LINE, _NEAR_LINE, 2 * _NEAR_STEPS + 1)
-    power = np.zeros(len(frequencies))
-    for run in np.unique(rows.run):
-        is_in_run = rows.run == run
-        # One row of the discrete Fourier transform for each frequency.
-        waves = np.exp(-2j * np.pi * np.outer(frequencies, rows.t[is_in_run]))
-        power += np.abs(waves @ residual[is_in_run]) ** 2
-    return float(frequencies[np.argmax(power)])
-
-
 class Nuisances:
     """The nuisances of a search: small errors that its fits tolerate beside effects.
 
-    These are errors of effects' laws, and hums.
+    These are errors of effects' laws.
     """
 
     def __init__(self, data: WhiteData, bare: WhiteFit, rules: Rules) -> None:
@@ -178,34 +104,17 @@ class Nuisances:
         self._misfits: dict[str, list[tuple[int, Array, Array]]] = {}
 
     def with_law_misfits(self, terms: Sequence[ScoredEffect]) -> list[Term]:
-        """Return the effects, the hums, and the misfits of the effects' laws.
+        """Return the effects, and the misfits of their laws.
 
         Misfits are nuisances for what a law gets wrong. They are added for an effect if
         4 % (LAW_TOLERANCE) of its evidence is more than 6: an error of its law could
         then look like another effect.
         """
-        out: list[Term] = [*terms, *self.hums]
+        out: list[Term] = [*terms]
         for t in terms:
             if LAW_TOLERANCE * t.evidence > EVIDENCE_TO_DISTINGUISH:
                 out += self.law_misfits(t)
         return out
-
-    @cached_property
-    def hums(self) -> list[Nuisance]:
-        """Nuisances with the waves of the torque's spectral lines.
-
-        They are part of every fit, so that no shape constant of the model is
-        re-estimated to explain a hum.
-        """
-        return hums(self.data, self.frequencies)
-
-    @cached_property
-    def frequencies(self) -> dict[int, list[float]]:
-        """Frequencies [Hz] of hums, by joint (from 0).
-
-        A search that goes on with another model sets them to those of the first one.
-        """
-        return find_frequencies(self.data) if self.rules.hums_first else {}
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
         """Return one nuisance a joint: columns by which an effect's law may be wrong.

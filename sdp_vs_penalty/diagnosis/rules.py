@@ -18,8 +18,7 @@ class Rules:
     limited to what some 3000 rows can tell, since no law is exact. curve_laws : a curve
     may follow a law of the dictionary. curves_of_two : a curve may depend on two
     variables. second_veto : certain findings are judged once more on data left out,
-    without the weak ones. hums_first : lines of the torque's spectrum are part of every
-    fit.
+    without the weak ones.
     """
 
     joints_alike: bool = True
@@ -30,7 +29,6 @@ class Rules:
     curve_laws: bool = True
     curves_of_two: bool = True
     second_veto: bool = True
-    hums_first: bool = True
 
     @classmethod
     def names(cls) -> list[str]:

@@ -149,8 +149,8 @@ class Search:
     ) -> ScoredEffect:
         """Score a chosen effect again, in a fit with other effects and all nuisances.
 
-        Nuisances are columns of small errors that are tolerated: errors of friction
-        laws, and hums. The effect's list of rivals is carried over unchanged.
+        Nuisances are columns of small errors of friction laws that are tolerated. The
+        effect's list of rivals is carried over unchanged.
         """
         fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
         judged = self.score.evidence_of(fit, term.form, term.columns)
@@ -348,8 +348,8 @@ class Search:
         """Return the effect to add next, or None if no candidate has enough evidence.
 
         It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
-        are added to a fit with the effects chosen so far, with small tolerated errors
-        of these effects' laws, and with hums.
+        are added to a fit with the effects chosen so far and with small tolerated
+        errors of these effects' laws.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)

@@ -17,6 +17,7 @@ from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.robot import LinkSizes, odd_units
 
 PROBLEM = load_problem("two_link")
@@ -419,3 +420,30 @@ def test_a_torque_without_its_sign_is_a_magnitude():
     tau[:, 1] = np.abs(5.0 * np.cos(2.0 * RUN.t) + 1e-3)
     issues = find_bad_torque_channels(summary(replace(RUN, tau=tau)))
     assert "torque magnitude" in [issue.kind for issue in issues]
+
+
+def test_a_magnitude_whose_sign_friction_turns_fast_is_one():
+    """Between two samples it passes zero by more than the usual step."""
+    tau = RUN.tau.copy()
+    friction = np.tanh(RUN.dq[:, 1] / 0.3)
+    tau[:, 1] = np.abs(0.5 * np.cos(2.0 * RUN.t) + 4.0 * friction)
+    issues = find_bad_torque_channels(summary(replace(RUN, tau=tau)))
+    assert "torque magnitude" in [issue.kind for issue in issues]
+
+
+def test_an_order_that_makes_positions_possible_is_said_beside_their_range():
+    """The second joint's positions are far outside the first joint's range."""
+    q = RUN.q + np.array([0.0, 9.0])
+    joints = list(PROBLEM.robot.joints)
+    joints[0] = replace(joints[0], lower=-1.5, upper=1.5)
+    joints[1] = replace(joints[1], lower=8.0, upper=10.0)
+    problem = replace(PROBLEM, robot=replace(PROBLEM.robot, joints=tuple(joints)))
+    model = problem.model()
+    theta = problem.nominal(model)
+    theta[len(model.rigid_indices) :] = 0.5
+    ddq = np.gradient(RUN.dq, RUN.t, axis=0)
+    tau = model.torque(theta, Motion(RUN.t, q, RUN.dq, ddq))
+    log = Measurements(RUN.t, q[:, ::-1].copy(), tau)
+    (report,) = check(problem, log, thorough=False)
+    kinds_said = [f.kind for f in report.issues]
+    assert kinds_said[:2] == ["position range", "position order"]

@@ -169,6 +169,24 @@ def test_packets_that_froze_for_a_few_rows_are_no_rows_lost():
     np.testing.assert_array_equal(fixed.t, clean.t)
 
 
+def alone(n_places: int) -> Measurements:
+    """One joint of two moves; 8 rows are lost at so many places, the clock is even."""
+    run = motion(noise=0.0)
+    keep = np.ones(len(run.t), bool)
+    for k in np.linspace(700, 5000, n_places).astype(int):
+        keep[k : k + 8] = False
+    q = np.column_stack([run.q[keep, 0], np.full(keep.sum(), 0.2)])
+    return Measurements(run.t[: keep.sum()], q, run.tau[keep])
+
+
+def test_a_joint_that_moves_alone_shows_lost_rows_at_several_places():
+    assert found("lost rows", alone(6)) is not None
+
+
+def test_one_skip_of_a_joint_that_moves_alone_is_no_lost_row():
+    assert found("lost rows", alone(1)) is None
+
+
 @pytest.mark.parametrize("follows", [False, True])
 def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(follows):
     """A sine of .9 rad through a range of .7: the position stays there, or the range is

@@ -55,13 +55,7 @@ class Weight(Transformation):
         # clock.
         for share in (1.0, 0.8):
             yield now.with_entries("lacks", range(log.n), share)
-        # The weight that a wrist's last link holds is within the error of its
-        # friction's law: of one channel alone it has to be half (8 s of the real Panda,
-        # tests/test_docs.py::test_the_tutorial).
-        torque = log.data.torque(log.data.motion.t)  # (M, n)
-        weight = log.nominal(now, speed=0.0)  # (M, n)
-        is_half = _rms(weight) > 0.5 * _rms(torque)
-        for j in np.flatnonzero(is_half).tolist():
+        for j in log.revolute:
             yield now.with_entries("lacks", (j,), 1.0)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
