@@ -7,6 +7,7 @@ has to follow.
 
 import ast
 import importlib
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -55,6 +56,16 @@ ORDER = (
 DOOR = PACKAGE
 
 
+@cache
+def nodes(path: Path) -> list[ast.Call | ast.Import | ast.ImportFrom]:
+    """The calls and imports of a file, which is parsed once for all tests."""
+    return [
+        node
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Call | ast.Import | ast.ImportFrom)
+    ]
+
+
 def modules() -> dict[str, Path]:
     """Every module by its dotted name; a package by its own."""
     found = {}
@@ -67,7 +78,7 @@ def modules() -> dict[str, Path]:
 def imports(path: Path, known: dict[str, Path]) -> set[str]:
     """The package's own modules that a file imports, wherever in the file."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -117,7 +128,7 @@ BENCHMARKS = sorted((ROOT.parent / "results").rglob("*.py"))
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
 def test_what_a_benchmark_imports_of_the_package_is_there(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith(PACKAGE):
             home = importlib.import_module(str(node.module))
             for name in (alias.name for alias in node.names):
@@ -144,7 +155,7 @@ def test_every_error_has_a_remedy():
     without = []
     calls = 0
     for path in sorted(ROOT.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") in (
                 "InputError",
                 "Infeasible",
@@ -167,7 +178,7 @@ def test_every_text_is_read_in_an_encoding():
     """Where the locale is C, Python takes text for ASCII."""
     without = []
     for path in sorted(ROOT.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in nodes(path):
             if not isinstance(node, ast.Call):
                 continue
             name = getattr(node.func, "attr", "")

@@ -91,6 +91,12 @@ for j, axis in enumerate(axes):
         judged.signals.t, judged.signals.modelled[:, j], color="#0072b2", lw=1, ls="--"
     )
     axis.set_ylabel(f"joint {j + 1} [N m]")
-axes[0].legend(["by the position error", "modelled"], frameon=False, ncols=2)
+axes[0].legend(
+    ["by the position error", "modelled"],
+    frameon=False,
+    ncols=2,
+    loc="lower left",
+    bbox_to_anchor=(0.0, 1.0),
+)
 axes[-1].set_xlabel("time [s]")
 plt.show()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
+from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.shootout import runner
 
 setup = runner.Shootout(
@@ -43,9 +44,9 @@ runs.pivot(index="problem", columns="solver", values="class")
 
 # %%
 figure, axis = plt.subplots(figsize=(8, 4))
-for solver, part in runs.groupby("solver"):
+for colour, (solver, part) in zip(PALETTE, runs.groupby("solver"), strict=False):
     error = part["objective_error"].clip(lower=1e-16)
-    axis.loglog(part["seconds"], error, "o", ms=9, label=solver)
+    axis.loglog(part["seconds"], error, "o", ms=9, color=colour, label=solver)
 axis.axhline(1e-6, color="black", ls=":")
 axis.set(xlabel="time [s]", ylabel="relative error of the objective")
 axis.legend(frameon=False)

@@ -164,10 +164,10 @@ def headline() -> str:
         [
             (
                 "**Choose the SDP.** Accuracy is a tie: on motion left out no difference to"
-                " the SDP is significant. Consistent links, proof and time decide. Rows 2"
+                " the SDP is significant. Consistency, certificate and time decide. Rows 2"
                 " and 3 solve the same problem and find the same optimum, the SDP in"
                 f" 1/{times:.0f} of the time. The default (row 1) adds a weak prior that"
-                " decides where the torque says nothing; its proof covers fit and prior."
+                " decides where the torque says nothing; its certificate covers both."
                 " `--method penalty` chooses the penalty."
             ),
             markdown(["method", "links consistent", *names], rows),

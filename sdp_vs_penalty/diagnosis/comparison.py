@@ -482,7 +482,9 @@ def plot_errors(
             color="black",
             label="noise floor",
         )
-    axes.set(xlabel="joint", ylabel="RMSE [N m or N]")
+    # Logarithmic: one joint's large error would hide all others.
+    axes.set(xlabel="joint", ylabel="RMSE [N m or N]", yscale="log")
+    axes.set_xticks(np.arange(1, 1 + max(map(len, errors.values()))))
     axes.legend()
     return axes
 

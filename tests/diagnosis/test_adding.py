@@ -32,7 +32,9 @@ def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(name, axes, tmp_path)
         seed=7,
     )
     data = concatenate(made.runs[:3])
-    estimate = sdp.identify(problem, data, effects=made.truth["model_effects"])
+    estimate = sdp.identify(
+        problem, data, effects=made.truth["model_effects"], check=False
+    )
     bigger = sdp.add(reloaded(estimate, tmp_path), "joint_spring:2", data)
     before, after = sdp.compare({"before": estimate, "after": bigger}, made.runs[3])
     assert after.rmse[1] < 0.5 * before.rmse[1]
@@ -46,7 +48,7 @@ def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path):
     that."""
     problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
-    estimate = sdp.identify(problem, data, "ols")
+    estimate = sdp.identify(problem, data, "ols", check=False)
     assert estimate.certificate.worst > 0.0
     loaded = sdp.add(estimate, "payload", data)
     np.testing.assert_array_equal(loaded.theta[:-10], estimate.theta)
@@ -67,18 +69,20 @@ def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path):
     determined."""
     problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
-    loaded = sdp.add(sdp.identify(problem, data), "payload", data)
+    loaded = sdp.add(sdp.identify(problem, data, check=False), "payload", data)
     more = sdp.add(reloaded(loaded, tmp_path), "joint_spring:2", data)
     np.testing.assert_array_equal(more.theta[:-1], loaded.theta)
     assert [e.name for e in more.model.effects[-2:]] == ["payload", "joint_spring"]
-    mixed = sdp.add(sdp.identify(problem, data), "payload,joint_spring:2", data)
+    mixed = sdp.add(
+        sdp.identify(problem, data, check=False), "payload,joint_spring:2", data
+    )
     np.testing.assert_array_equal(mixed.theta[: -10 - 1], loaded.theta[:-10])
 
 
 def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypatch):
     """The defaults of a robot without published bounds are written into its model."""
     problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
-    estimate = sdp.identify(problem, small_run(problem), "ols")
+    estimate = sdp.identify(problem, small_run(problem), "ols", check=False)
     before = problem.constraints(estimate.model)
     monkeypatch.setattr("sdp_vs_penalty.problem.constants.DEFAULT_RADIUS", 9.0)
     monkeypatch.setattr(
@@ -113,7 +117,7 @@ def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
         tau + noise * np.random.default_rng(0).normal(size=tau.shape),
     )
     effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
-    before = sdp.identify(problem, data, "ols", effects=effects)
+    before = sdp.identify(problem, data, "ols", effects=effects, check=False)
     after = sdp.add(before, "stribeck_friction:2", data)
     assert after.model.sign_width[1] == pytest.approx(width, rel=0.1)
     found = after.uncertainty.standard[-1]
@@ -135,7 +139,7 @@ def run(scara_arm: sdp.Problem) -> sdp.Measurements:
 
 @pytest.fixture(scope="module")
 def estimate(run: sdp.Measurements, scara_arm: sdp.Problem) -> sdp.Estimate:
-    return sdp.identify(scara_arm, run, "ols", effects=EFFECTS)
+    return sdp.identify(scara_arm, run, "ols", effects=EFFECTS, check=False)
 
 
 @pytest.fixture(scope="module")

@@ -58,7 +58,7 @@ def diagnosed(law: Callable[[TrueMotion], Array]) -> Made:
         motion = draw_motion(world, k, rng)
         runs.append(log_run(world, motion, rng, [hidden.torque(world, motion)]).run)
     data = concatenate(runs[:2])
-    estimate = identify(load_problem(urdf_of("scara")), data, "ols")
+    estimate = identify(load_problem(urdf_of("scara")), data, "ols", check=False)
     return Made(
         estimate,
         data,

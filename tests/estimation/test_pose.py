@@ -95,7 +95,7 @@ def test_a_default_file_for_cbf_is_the_default_method(two_link, tmp_path):
     run = experiment(two_link).training_run(seed=2).window(0.0, 8.0)
     about = write_posed(two_link, run, tmp_path / "a.cbf")
     assert about["method"] == "lmi-sdp"
-    estimate = identify(two_link, run)
+    estimate = identify(two_link, run, check=False)
     found = (estimate.certificate.lower, estimate.certificate.upper)
     np.testing.assert_allclose(
         (about["lower"], about["upper"]),

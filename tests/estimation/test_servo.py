@@ -28,12 +28,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def found(arm: str) -> sdp.Estimate:
-    return sdp.identify(
-        arm,
-        log(),
-        effects=EFFECTS,
-        known={"m1": MASS},
-    )
+    return sdp.identify(arm, log(), effects=EFFECTS, known={"m1": MASS}, check=False)
 
 
 def value(estimate: sdp.Estimate, name: str) -> float:
@@ -75,11 +70,7 @@ def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path):
 def test_what_sets_the_scale(arm, known, load, times, said):
     loads = [(log(seed=5, load=load), load)] if load else []
     found = sdp.identify(
-        arm,
-        log(),
-        effects=EFFECTS,
-        known=known,
-        known_loads=loads,
+        arm, log(), effects=EFFECTS, known=known, known_loads=loads, check=False
     )
     assert found.details["servo"]["scale"].startswith(said)
     gain = value(found, "kp1")
@@ -109,6 +100,7 @@ def test_a_motor_constant_sets_the_scale(arm):
         sdp.Measurements.of(run.t, groups, ("run",)),
         effects=EFFECTS,
         known={"kt1": 2.5},
+        check=False,
     )
     assert found.details["servo"]["scale"] == "kt1 = 2.5"
     assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
@@ -127,10 +119,7 @@ def test_a_motor_constant_sets_the_scale(arm):
 
 def test_the_law_is_chosen_and_its_delay_found(arm):
     pid = sdp.identify(
-        arm,
-        log(ki=700.0, delay=0.03),
-        effects=EFFECTS,
-        known={"m1": MASS},
+        arm, log(ki=700.0, delay=0.03), effects=EFFECTS, known={"m1": MASS}, check=False
     )
     assert pid.details["servo"]["law"] == "PID"
     assert pid.details["servo"]["delay"] == pytest.approx(0.03, abs=2e-3)
@@ -142,10 +131,7 @@ def test_the_law_is_chosen_and_its_delay_found(arm):
     )
     assert float(ahead.free[0].rms[0]) < 3e-3
     loop = sdp.identify(
-        arm,
-        log(ki=1000.0, kh=80.0),
-        effects=EFFECTS,
-        known={"m1": MASS},
+        arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS}, check=False
     )
     assert loop.details["servo"]["law"] == "cascade"
     assert value(loop, "kh1") == pytest.approx(80.0, rel=0.05)
@@ -184,7 +170,7 @@ def test_neither_torque_nor_command_is_refused(arm):
         ("run",),
     )
     refusal(
-        lambda: sdp.identify(arm, silent, effects=EFFECTS),
+        lambda: sdp.identify(arm, silent, effects=EFFECTS, check=False),
         "neither torque nor commands",
     )
     with_torque = sdp.Measurements.of(
@@ -250,6 +236,7 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
         else (),
         instruments="command",
         proof=path,
+        check=False,
     ).save(tmp_path / "model.json")
     model = sdp.load_estimate(tmp_path / "model.json")
     holds, said = verify_proof_file(path, model, run)
@@ -331,7 +318,9 @@ def test_a_weighed_loads_interval_holds_the_gain(arm):
     """Positions to half a millimetre; the load's weight sets the scale."""
     run = log(5e-4, seed=1)
     loaded = log(5e-4, seed=5, load=1.5)
-    model = sdp.identify(arm, run, effects=EFFECTS, known_loads=[(loaded, 1.5)])
+    model = sdp.identify(
+        arm, run, effects=EFFECTS, known_loads=[(loaded, 1.5)], check=False
+    )
     (gain,) = [g for g in drive_gains(model) if g.name == "kp1"]
     assert gain.half_width < 0.1 * KP
     assert gain.value == pytest.approx(KP, abs=gain.half_width)

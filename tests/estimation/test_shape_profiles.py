@@ -23,7 +23,9 @@ from sdp_vs_penalty.signals import FilteredRuns
 def test_every_joint_gets_its_own_width_with_an_honest_spread(scara_arm):
     """In the units of each joint; the third axis slides."""
     widths = (0.02, 0.003, 0.001, 0.008)
-    estimate = identify(scara_arm, run_of_widths(scara_arm, widths, 16.0), "ols")
+    estimate = identify(
+        scara_arm, run_of_widths(scara_arm, widths, 16.0), "ols", check=False
+    )
     for found, truth in zip(estimate.details["shapes"], widths, strict=True):
         assert abs(found["after"] - truth) < 4.0 * found["std"]
         assert found["std"] < 0.2 * truth

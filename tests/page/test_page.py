@@ -61,11 +61,12 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 
 @pytest.fixture(scope="module")
 def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Three runs with a hidden effect and a test run, in two formats."""
+    """Three runs with a hidden effect and a shorter test run, in two formats."""
     folder = tmp_path_factory.mktemp("runs")
-    paths = [folder / name for name in ("run1.csv", "run2.npz", "run3.npz", "test.npz")]
+    seconds = {"run1.csv": 12.0, "run2.npz": 12.0, "run3.npz": 12.0, "test.npz": 6.0}
+    paths = [folder / name for name in seconds]
     for run, path in zip(hidden.runs, paths, strict=True):
-        save(run.window(0.0, 12.0), path)
+        save(run.window(0.0, seconds[path.name]), path)
     return paths
 
 

@@ -83,6 +83,7 @@ def studies() -> Iterator[dict[str, Study]]:
         patch.setitem(study.BUDGETS, "quick", effort)
         patch.setattr("sdp_vs_penalty.estimators.PenaltyPaper.runs", 2)
         patch.setattr(study, "METHODS", METHODS)
+        patch.setattr("sdp_vs_penalty.paper.tables.unseen._MOST_WINDOWS", 2)
         made: dict[str, Study] = {
             n: SimulatedStudy(load_problem(n)) for n in ("panda", "two_link")
         }
@@ -210,7 +211,10 @@ def test_a_figure_labels_units_and_is_written(number, studies, tmp_path):
     for axis in figure.axes:
         for label in (axis.get_xlabel(), axis.get_ylabel()) if axis.axison else ():
             assert not label or "[" in label, "a label without its unit"
-    png, pdf = save(figure, tmp_path / f"figure_{number}")
+    # With the PDF's own fonts: cutting fonts to the letters takes half of the time.
+    matplotlib = pytest.importorskip("matplotlib")
+    with matplotlib.rc_context({"pdf.use14corefonts": True}):
+        png, pdf = save(figure, tmp_path / f"figure_{number}")
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
 

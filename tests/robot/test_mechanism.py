@@ -99,6 +99,7 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
         problem,
         Measurements(t, q, tau),
         effects="rigid_body,viscous_friction",
+        check=False,
     )
     torque = estimate.model.torque(estimate.theta, Motion(t, q, dq, ddq))
     assert np.linalg.norm(torque - tau) < 0.01 * np.linalg.norm(tau)

@@ -45,6 +45,11 @@ _METHODS = (
     *("penalty", "penalty, joint prior", "lmi-sdp", "lmi-sdp-entropic"),
 )
 
+#: Lengths of the windows [s]; of the real motion's 13.3 s the longest leaves one to
+#: judge on.
+_LENGTHS = (1, 2, 4, 7, 9)
+#: Windows of each length.
+_MOST_WINDOWS = 6
 #: Rows to train on, and rows of other motion to judge on.
 _Window = tuple[Regression, Regression]
 
@@ -66,17 +71,13 @@ def data_needed(study: Study) -> Table:
     Table
         Rows of each data set, length and method; notes and headline.
     """
-    # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
-    # judge on), and how many of each.
-    lengths = (1, 2, 4, 7, 9)
-    most_windows = 6
     rows = list[Row]()
-    sources = [(study.simulated, _time_windows(study.simulated, most_windows))]
+    sources = [(study.simulated, _time_windows(study.simulated, _MOST_WINDOWS))]
     if study.measured is not None:
         real = study.measured
-        sources.append((real, _phase_windows(real, most_windows, 0.5 * min(lengths))))
+        sources.append((real, _phase_windows(real, _MOST_WINDOWS, 0.5 * min(_LENGTHS))))
     for data, windows_of in sources:
-        for length in lengths:
+        for length in _LENGTHS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             about = {
@@ -102,7 +103,7 @@ def data_needed(study: Study) -> Table:
     return Table(
         f"How much data each method needs: {study.problem.title}",
         rows,
-        notes("data", most=most_windows),
+        notes("data", most=_MOST_WINDOWS),
         f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion:"
         f" {', '.join(errors_in_words)}.",
         digits=3,
