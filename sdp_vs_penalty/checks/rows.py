@@ -141,10 +141,11 @@ def _frozen_measurements(glance: RunSummary) -> Rows:
     for first, end in spans(frozen):
         goes_on = [
             _velocity_goes_on(
-                glance.run.dq,
+                glance.run,
                 j,
                 first,
                 end - 1,
+                level=3.0 * lattice_step(glance.run.q[:, j]),
             )
             for j in moving_joints
         ]
@@ -419,7 +420,10 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
         if not np.any(distance > threshold):
             continue
         distance = np.abs(x - np.median(windows, axis=1))
-        is_far = distance > max(times_usual * np.quantile(distance, 0.9), threshold)
+        usual_distance = np.quantile(distance, 0.9)
+        # A joint that is held still trembles by a few steps of its encoder.
+        finest = 3.5 * lattice_step(x)
+        is_far = distance > max(times_usual * usual_distance, threshold, finest)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
         bad[name] = is_far & (is_far.mean() <= rare)
     what = "{rows} samples of {named} lie far from the samples on both sides."
@@ -598,7 +602,7 @@ def _stuck(
     for first, last in pauses:
         if x[first] in (x.min(), x.max()):
             continue  # clipped there
-        if is_position and _velocity_goes_on(glance.run.dq, j, first, last):
+        if is_position and _velocity_goes_on(glance.run, j, first, last, level):
             is_frozen = True
         elif last == len(x) - 1:
             # The run ends with this value: only a torque can be judged.
@@ -618,21 +622,28 @@ def _stuck(
 
 
 def _velocity_goes_on(
-    dq: Array | None,
+    run: Measurements,
     j: int,
     a: int,
     b: int,
+    level: float,
 ) -> bool:
     """Whether joint j's logged velocity shows that it moves from row a to b.
 
-    It does if the mean square velocity there is at least a tenth of that elsewhere.
+    It does if two things hold. The mean square velocity there is at least a tenth of
+    that elsewhere. And the velocity's integral leaves the position by more than ``level``
+    [rad, m]: a joint that is held still trembles by less than its encoder's resolution.
     False if no velocity was logged.
     """
-    if dq is None:
+    if run.dq is None:
         return False
-    square = dq[:, j] ** 2
+    velocity = run.dq[:, j]
+    square = velocity**2
     elsewhere = np.delete(square, slice(a, b + 1))
-    return bool(square[a : b + 1].mean() > 0.1 * elsewhere.mean())
+    is_fast = square[a : b + 1].mean() > 0.1 * elsewhere.mean()
+    steps = velocity[a:b] * np.diff(run.t[a : b + 1])
+    travel = np.ptp(np.concatenate([[0.0], np.cumsum(steps)]))
+    return bool(is_fast and travel > level)
 
 
 def _joint_goes_round(q: Array, a: int, b: int) -> bool:

@@ -368,9 +368,10 @@ class RepairSearch:
         Returns
         -------
         list of LogTransform
-            The likeliest first: of each fault the best size, MAX_FAULTS faults at most;
-            then up to MAX_FAULTS repairs that fit exactly as ``now`` does (signs alone
-            differ), which physics decides later.
+            The likeliest first: of each fault the best size, MAX_FAULTS faults at most,
+            ranked with physics where physics speaks against ``now``. Then up to
+            MAX_FAULTS repairs that fit exactly as ``now`` does (signs alone differ),
+            which physics decides later.
         """
         gains = self._gains_on_few_rows(self._one_fault_more(now), now)
         likeliest = sorted(gains, key=lambda repair: -round(gains[repair]))
@@ -381,7 +382,23 @@ class RepairSearch:
             names = frozenset(fault.name for fault in self.list_faults(repair))
             best_of_fault.setdefault(names, repair)
         best = [*best_of_fault.values()]
+        if self._taken_by_physics(now) > c.LOG_ODDS_OF_A_CLAIM:
+            # Friction drives a joint, or a mass is negative: what mends that may fit
+            # no better. A position's sign, say, stands behind a torque's otherwise.
+            best.sort(
+                key=lambda repair: -gains[repair] - self._physics_on_few_rows(repair)
+            )
         return list(dict.fromkeys(best[: c.MAX_FAULTS] + same_fit[: c.MAX_FAULTS]))
+
+    def _taken_by_physics(self, repair: LogTransform) -> float:
+        """Return by how much physics (friction takes power, masses are positive) lowers
+        the log-likelihood of a repair; from 0 on."""
+        return self.likelihood(self.log.fit(repair), repair) - self.posterior(repair)
+
+    def _physics_on_few_rows(self, repair: LogTransform) -> float:
+        """Return the log-probability of physics of a repair on a third of the rows."""
+        screen = self.log.on_third_of_rows
+        return screen.physics(screen.fit(repair), repair, self.independent_samples)
 
     def _one_fault_more(self, now: LogTransform) -> list[LogTransform]:
         """List the repairs, of all kinds of fault, that correct one more fault than
@@ -415,9 +432,7 @@ class RepairSearch:
         fits = self.log.on_third_of_rows.fit_all(repairs)
         fit_now = self.log.on_third_of_rows.fit(now)
         self._learn_samples(sorted(fits, key=lambda fit: fit.log_unexplained)[:1])
-        taken_by_physics = self.likelihood(self.log.fit(now), now)
-        taken_by_physics -= self.posterior(now)
-        smallest_gain = c.LOG_ODDS_OF_A_CLAIM - taken_by_physics
+        smallest_gain = c.LOG_ODDS_OF_A_CLAIM - self._taken_by_physics(now)
         before = self.likelihood(fit_now, now)
         likelihood_now = fit_now.log_likelihood(self.independent_samples)
         gains = {}

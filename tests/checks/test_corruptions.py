@@ -3,7 +3,7 @@ without harm."""
 
 import numpy as np
 import pytest
-from corruptions.arms import FIVE, Arm, simulated
+from corruptions.arms import FIVE, Arm, drawn, simulated
 from corruptions.bench import HARMFUL, run_case
 
 from sdp_vs_penalty import check
@@ -84,6 +84,17 @@ def test_what_was_done_is_named(name, arm):
             f.what for f in again.errors_and_warnings
         ]
         assert again.unexplained < 1.2 * clean.unexplained
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["torque gain joint 5 x 1.1", "link too long 0.1 m", "position sign joint 5"],
+)
+def test_what_several_joints_show_a_little_is_named(name):
+    """No joint's error falls by half: the arm's parameters spread it over the wrist."""
+    wrist = simulated("drawn702", drawn(702, 4, 7), 702)
+    known = {c.name: c for c in wrist.corruptions()}
+    assert run_case(wrist, known[name]).outcome == "named"
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0, 30.0])
