@@ -93,6 +93,10 @@ class ColumnCache:
         if len(self._arrays) > self.size:
             self._arrays.popitem(last=False)
 
+    def clear(self) -> None:
+        """Drop all arrays."""
+        self._arrays.clear()
+
 
 class Likelihood:
     """Fit arms to the rows of one log under any repair, of M rows and n joints.
@@ -180,6 +184,23 @@ class Likelihood:
             Of these rows.
         """
         return Likelihood(self.problem, self.data.select_rows(rows))
+
+    def clear_caches(self) -> None:
+        """Give back the memory of all cached columns and rows; what is needed again is
+        computed anew."""
+        self._columns.clear()
+        for function in (
+            self._rows,
+            self._raw,
+            self._basis,
+            self._basis_of_channels,
+            self._inertia_and_weight,
+            self._channels_at,
+        ):
+            function.cache_clear()
+        for name in ("on_third_of_rows", "with_all_laws"):
+            if (part := self.__dict__.pop(name, None)) is not None:
+                part.clear_caches()
 
     @cached_property
     def spare_share(self) -> float:
