@@ -141,10 +141,11 @@ def _frozen_measurements(glance: RunSummary) -> Rows:
     for first, end in spans(frozen):
         goes_on = [
             _velocity_goes_on(
-                glance.run.dq,
+                glance.run,
                 j,
                 first,
                 end - 1,
+                level=3.0 * lattice_step(glance.run.q[:, j]),
             )
             for j in moving_joints
         ]
@@ -419,13 +420,34 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
         if not np.any(distance > threshold):
             continue
         distance = np.abs(x - np.median(windows, axis=1))
-        is_far = distance > max(times_usual * np.quantile(distance, 0.9), threshold)
+        usual_distance = np.quantile(distance, 0.9)
+        # A joint that is held still trembles by a few steps of its encoder.
+        finest = 3.5 * lattice_step(x)
+        is_far = distance > max(times_usual * usual_distance, threshold, finest)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
+        if not name.startswith("q"):  # no impulse moves a joint to and fro
+            is_far &= _is_alone(distance)
         bad[name] = is_far & (is_far.mean() <= rare)
     what = "{rows} samples of {named} lie far from the samples on both sides."
     yield from glance.delete_rows(
         "spikes", bad, what, "certain: no joint moves like that"
     )
+
+
+#: A sample is alone if its neighbours lie less far than this share of its distance.
+_NEIGHBOUR_OF_SPIKE = 0.2
+
+
+def _is_alone(distance: Array) -> Rows:
+    """Return which samples (N,) lie far from both neighbours as well.
+
+    distance (N,) : from the median of the seven samples around each. A torn packet
+    spoils one row. A controller's impulse, such as at the start of a move, lasts for
+    some rows behind the filter of the drive.
+    """
+    padded = np.pad(distance, 1)
+    neighbours = np.maximum(padded[:-2], padded[2:])
+    return np.asarray(neighbours < _NEIGHBOUR_OF_SPIKE * distance)
 
 
 def _near_large_steps(x: Array, least: float) -> NDArray[np.intp]:
@@ -598,7 +620,7 @@ def _stuck(
     for first, last in pauses:
         if x[first] in (x.min(), x.max()):
             continue  # clipped there
-        if is_position and _velocity_goes_on(glance.run.dq, j, first, last):
+        if is_position and _velocity_goes_on(glance.run, j, first, last, level):
             is_frozen = True
         elif last == len(x) - 1:
             # The run ends with this value: only a torque can be judged.
@@ -618,21 +640,28 @@ def _stuck(
 
 
 def _velocity_goes_on(
-    dq: Array | None,
+    run: Measurements,
     j: int,
     a: int,
     b: int,
+    level: float,
 ) -> bool:
     """Whether joint j's logged velocity shows that it moves from row a to b.
 
-    It does if the mean square velocity there is at least a tenth of that elsewhere.
+    It does if two things hold. The mean square velocity there is at least a tenth of
+    that elsewhere. And the velocity's integral leaves the position by more than ``level``
+    [rad, m]: a joint that is held still trembles by less than its encoder's resolution.
     False if no velocity was logged.
     """
-    if dq is None:
+    if run.dq is None:
         return False
-    square = dq[:, j] ** 2
+    velocity = run.dq[:, j]
+    square = velocity**2
     elsewhere = np.delete(square, slice(a, b + 1))
-    return bool(square[a : b + 1].mean() > 0.1 * elsewhere.mean())
+    is_fast = square[a : b + 1].mean() > 0.1 * elsewhere.mean()
+    steps = velocity[a:b] * np.diff(run.t[a : b + 1])
+    travel = np.ptp(np.concatenate([[0.0], np.cumsum(steps)]))
+    return bool(is_fast and travel > level)
 
 
 def _joint_goes_round(q: Array, a: int, b: int) -> bool:

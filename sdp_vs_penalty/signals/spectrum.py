@@ -63,7 +63,11 @@ def highest_harmonic(run: Measurements) -> float:
 
 def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
     """Return the highest frequency [Hz] at which one of n signals has 1 % of its
-    largest amplitude in any stretch; signals : (N, n) for each stretch."""
+    largest amplitude in any stretch; signals : (N, n) for each stretch.
+
+    The reference is at least a hundredth of the largest amplitude of all signals: a
+    joint that is held still trembles at any frequency, and that is no motion.
+    """
     spectra = []
     frequencies = []
     for part, signal in zip(parts, signals, strict=True):
@@ -72,6 +76,7 @@ def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
         spectra.append(power / min(part.count, c.SAMPLES))
         frequencies.append(frequency)
     largest = np.max([spectrum.max(axis=0) for spectrum in spectra], axis=0)
+    largest = np.maximum(largest, _SMALLEST_POWER * largest.max())
     highest = 0.0
     for spectrum, frequency in zip(spectra, frequencies, strict=True):
         is_strong = np.any(spectrum > _SMALLEST_POWER * largest, axis=1)

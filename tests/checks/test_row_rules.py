@@ -398,3 +398,32 @@ def test_a_torque_is_not_frozen_while_the_arm_rests():
     q[rest] = q[rest.start]
     tau[rest] = tau[rest.start]
     assert found("frozen torque", replace(clean, q=q, tau=tau)) is None
+
+
+def with_a_held_joint() -> Measurements:
+    """Joint 2 is held: its servo lets it tremble by a few steps of the encoder, now and
+    then by a jerk; the logged velocity comes from a finer counter inside of the drive."""
+    run = motion(encoder=3.8e-4)
+    rng = np.random.default_rng(11)
+    n = len(run.t)
+    drift = np.cumsum(rng.normal(size=n)) / RATE
+    sag = 1.2e-3 * np.sin(3.0 * drift / np.std(drift))
+    jerks = np.zeros(n)
+    jerks[rng.choice(n - 3, 8, replace=False)] = 7.6e-4
+    q = run.q.copy()
+    dq = np.array(run.dq)
+    q[:, 1] = stepped(sag + jerks, 3.8e-4)
+    dq[:, 1] = np.gradient(sag, run.t) + 0.005 * rng.normal(size=n)
+    return replace(run, q=q, dq=dq)
+
+
+@pytest.mark.parametrize("kind", ["frozen position", "spikes"])
+def test_a_joint_that_is_held_still_is_neither_frozen_nor_spiky(kind):
+    assert found(kind, with_a_held_joint()) is None
+
+
+def test_a_frozen_position_beside_a_velocity_that_goes_on_is_named():
+    run = motion()
+    q = run.q.copy()
+    q[1000:1300, 1] = q[1000, 1]
+    assert found("frozen position", replace(run, q=q)) is not None

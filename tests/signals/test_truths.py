@@ -118,6 +118,14 @@ def test_noise_of_a_short_stretch_in_which_a_joint_rests_is_no_harmonic():
     assert spectrum.highest_harmonic(log(t, q[:, None])) == pytest.approx(1.0, abs=0.1)
 
 
+def test_the_trembling_of_a_joint_that_is_held_still_is_no_harmonic():
+    t = np.arange(0.0, 40.0, 0.01)
+    moving = np.sin(2.0 * np.pi * t)
+    trembling = 1e-3 * np.sign(np.sin(2.0 * np.pi * 0.4 * t))  # odd harmonics
+    run = log(t, np.column_stack([moving, trembling]))
+    assert spectrum.highest_harmonic(run) < 20.0
+
+
 def coloured(
     seed: int,
     ar: float,
