@@ -236,8 +236,7 @@ class Ladder:
         certain ones.
 
         Harm is a higher sum of the joints' log errors, or an error of one joint on one
-        part of the data left out (a recording of the test run, or a fold) that rises by
-        more than 5 %: beside the other effects, or with all of them.
+        recording left out that is above 1.05 times that without any effect.
 
         Parameters
         ----------

@@ -133,23 +133,28 @@ class HeldOut:
         n_rows = self._n_rows.sum(axis=0)
         return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
-    def errors_by_part(self, chosen: Sequence[int]) -> Array:
-        """Return the RMS errors (K, n) [N m or N] of each part of the data left out.
+    def errors_by_recording(self, chosen: Sequence[int]) -> Array:
+        """Return the RMS errors (R, n) [N m or N] of each of R recordings left out.
 
-        A part is a recording of the test run or, without one, a fold. ``chosen`` are
-        the numbers of the effects.
+        They are those of the test run or, without one, the searched recordings, of
+        which all folds are taken together. ``chosen`` are the numbers of the effects.
         """
-        squares = self._squares(chosen)
-        return np.asarray(np.sqrt(squares / np.maximum(self._n_rows, 1)))
+        n_splits = len(self.splits)
+        by_split = n_splits, -1, self.estimate.robot.n
+        squares = self._squares(chosen).reshape(by_split).sum(axis=0)
+        n_rows = self._n_rows.reshape(by_split).sum(axis=0)
+        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
     @cached_property
     def _n_rows(self) -> NDArray[np.int64]:
-        """(K, n) number of rows of each part of the data left out, joint by joint."""
+        """(K, n) number of rows left out, joint by joint: of each split its recordings
+        in order.
+        """
         return np.array([t.joint_rows() for s in self.splits for t in s.tests])
 
     def _squares(self, chosen: Sequence[int]) -> Array:
-        """Return the sums (K, n) of squared errors [(N m)^2 or N^2] of each part of the
-        data left out.
+        """Return the sums (K, n) of squared errors [(N m)^2 or N^2] on data left out: of
+        each split its recordings in order.
 
         Each choice of effects (their numbers) is computed once.
         """
@@ -159,7 +164,7 @@ class HeldOut:
         return self._known_squares[key]
 
     def _fitted_squares(self, chosen: Sequence[int]) -> Iterator[Array]:
-        """Yield the sums (n,) of squared errors of each part of the data left out.
+        """Yield the sums (n,) of squared errors of each split's recordings.
 
         The model with the chosen effects (their numbers) is fitted to a split's
         training rows, and judged on its test rows. Splits with the same effects are
@@ -263,14 +268,14 @@ class HeldOut:
         return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
 
     def drop_harmful_to_a_joint(self, accepted: Sequence[int]) -> list[int]:
-        """Drop effects that raise the error of one joint on one part of the data left
-        out by more than 5 % (MAX_JOINT_HARM).
+        """Drop effects that raise the error of one joint on one recording left out by
+        more than 5 % (MAX_JOINT_HARM).
 
-        A part is a recording of the test run or, without one, a fold. First an effect
-        is judged beside all others: the one that raises an error by most is dropped.
-        Then all of them are judged together, against the errors without any effect: for
-        the error that has risen by most, the effect whose removal lowers it most is
-        dropped, until no removal lowers it.
+        The recordings are those of the test run or, without one, the searched ones, of
+        which all folds are taken together. The effects are judged together, against the
+        errors without any effect: for the error that has risen by most, the effect whose
+        removal lowers it most is dropped, until no removal lowers it. Each effect may
+        raise errors that others lower by more: beside them even true effects do.
 
         Parameters
         ----------
@@ -284,35 +289,25 @@ class HeldOut:
         """
         accepted = list(accepted)
         while accepted:
-            rises = {k: self._largest_rise(accepted, k) for k in accepted}
-            worst = max(rises, key=rises.__getitem__)
-            if rises[worst] <= 1.0 + MAX_JOINT_HARM:
-                break
-            accepted.remove(worst)
-        while accepted:
-            rise = error_ratios(self.errors_by_part(()), self.errors_by_part(accepted))
+            rise = error_ratios(
+                self.errors_by_recording(()), self.errors_by_recording(accepted)
+            )
             if np.all(rise <= 1.0 + MAX_JOINT_HARM):
                 break
-            part_and_joint = np.unravel_index(np.argmax(rise), rise.shape)
-            # By effect: the error of this part and joint without it.
+            recording_and_joint = np.unravel_index(np.argmax(rise), rise.shape)
+            # By effect: the error of this recording and joint without it.
             error_without = {
-                k: self.errors_by_part(_without(accepted, k))[part_and_joint]
+                k: self.errors_by_recording(_without(accepted, k))[recording_and_joint]
                 for k in accepted
             }
             cause = min(error_without, key=error_without.__getitem__)
-            if error_without[cause] >= self.errors_by_part(accepted)[part_and_joint]:
+            if (
+                error_without[cause]
+                >= self.errors_by_recording(accepted)[recording_and_joint]
+            ):
                 break
             accepted.remove(cause)
         return accepted
-
-    def _largest_rise(self, accepted: Sequence[int], k: int) -> float:
-        """Return by which factor effect k raises an error at most, beside the others.
-
-        The errors are those of each joint on each part of the data left out.
-        ``accepted`` are the numbers of all effects of the fit, k among them.
-        """
-        without = self.errors_by_part(_without(accepted, k))
-        return float(np.max(error_ratios(without, self.errors_by_part(accepted))))
 
 
 def _without(accepted: Sequence[int], k: int) -> list[int]:
@@ -526,7 +521,10 @@ class HeldOutData:
             split = HeldOutSplit(
                 effects=effects_of_fold,
                 train=table.compressed(effects_of_fold, train_rows),
-                tests=(table.compressed(effects_of_fold, test_rows),),
+                tests=tuple(
+                    table.compressed(effects_of_fold, test_rows & its_rows)
+                    for its_rows in rows_by_run(table.rows)
+                ),
                 frozen=self.frozen,
             )
             splits.append(split)
