@@ -130,3 +130,7 @@ NO_DYNAMICS = (
     "clock against velocity",
     "units of the problem",
 )
+
+#: Mean square of the joints' weight torque that is rounding, as a share of the square of
+#: the arm's weight at one metre [m^2].
+NO_WEIGHT = 1e-10

@@ -136,6 +136,7 @@ class LoggerJudge:
         search = self._search()
         net = search.drop_unconfirmed(search.run())
         while self._repair_one_run(net):
+            search.log.clear_caches()
             search = self._search()
             net = search.drop_unconfirmed(search.run())
         self._report(search, net)
@@ -221,6 +222,8 @@ class LoggerJudge:
             of_repair = search.list_faults(repair)
             if len(of_repair) == 1 and of_repair[0].apply:
                 faults.append((of_repair[0], repair))
+        # A long run has many windows, each with a search of its own.
+        log.clear_caches()
         return faults
 
     def _try_to_repair(self, number: int, repair: LogTransform) -> bool:

@@ -29,6 +29,7 @@ from sdp_vs_penalty.checks.constants import (
     CENTRE_OF_MASS,
     MAX_INERTIA_LOG_ODDS,
     MAX_PHYSICS_LOG_ODDS,
+    NO_WEIGHT,
     PARTS,
 )
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
@@ -91,6 +92,10 @@ class ColumnCache:
         self._arrays[key] = columns
         if len(self._arrays) > self.size:
             self._arrays.popitem(last=False)
+
+    def clear(self) -> None:
+        """Drop all arrays."""
+        self._arrays.clear()
 
 
 class Likelihood:
@@ -179,6 +184,23 @@ class Likelihood:
             Of these rows.
         """
         return Likelihood(self.problem, self.data.select_rows(rows))
+
+    def clear_caches(self) -> None:
+        """Give back the memory of all cached columns and rows; what is needed again is
+        computed anew."""
+        self._columns.clear()
+        for function in (
+            self._rows,
+            self._raw,
+            self._basis,
+            self._basis_of_channels,
+            self._inertia_and_weight,
+            self._channels_at,
+        ):
+            function.cache_clear()
+        for name in ("on_third_of_rows", "with_all_laws"):
+            if (part := self.__dict__.pop(name, None)) is not None:
+                part.clear_caches()
 
     @cached_property
     def spare_share(self) -> float:
@@ -1008,7 +1030,8 @@ class Likelihood:
 
         They are -log Phi(-z), with z the expected product of the two weights over its
         standard deviation, if each centre of mass is off by CENTRE_OF_MASS [m]; at most
-        MAX_PHYSICS_LOG_ODDS. Upright joints, and masses near the axes, make z small.
+        MAX_PHYSICS_LOG_ODDS. Upright joints, and masses near the axes, make z small. Zero
+        for an arm whose axes are all upright: no joint carries weight.
         """
         model = self.data.shared
         if model is None or not len(model.rigid_indices):
@@ -1020,6 +1043,9 @@ class Likelihood:
         )  # (10 L,)
         links = self.problem.nominal_links
         expected = float(products @ links.ravel())
+        total_weight = float(np.linalg.norm(repair.gravity) * links[:, 0].sum())  # N
+        if expected <= NO_WEIGHT * weight.shape[1] * total_weight**2:
+            return 0.0  # what is left is rounding: all axes are upright
         by_first_moments = products.reshape(-1, 10)[:, 1:4]  # (L, 3)
         spreads = CENTRE_OF_MASS * links[:, :1] * by_first_moments
         spread = float(np.linalg.norm(spreads))

@@ -759,7 +759,8 @@ class RepairSearch:
             return False
         if 2.0 * spread > max(number.tolerance, number.widest):
             return False
-        far = max(number.search_radius, margin)
+        # A unit may be wrong by 100 where any factor about that fits alike.
+        far = max(number.search_radius, margin, 0.5 * abs(number.value))
         repairs = [number.repair_with(number.value + x) for x in (0.0, -far, far)]
         at_value, below, above = self.log.fit_all(repairs)
         samples = self.independent_samples

@@ -14,6 +14,7 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     EVIDENCE_TO_ADD,
+    HELD_TRAVEL,
     IMPLAUSIBLE_SIGMAS,
     SIGNIFICANT,
     UNCERTAIN,
@@ -160,6 +161,17 @@ def _is_implausible(x: Judged) -> bool:
     return bool(sigmas > IMPLAUSIBLE_SIGMAS)
 
 
+def _is_held(x: Judged) -> bool:
+    """Return whether all joints of a finding are held still in all runs.
+
+    A joint is held if its travel [rad or m] is less than HELD_TRAVEL. Its friction does
+    not slide then, and takes any torque between minus and plus its size.
+    """
+    rows = x.search.data.rows
+    joints = x.effect.robot.joints
+    return all(rows.seen(j).travel < HELD_TRAVEL[joints[j].kind] for j in x.joints)
+
+
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
@@ -170,6 +182,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "more_left": _leaves_more,
     "shared": _is_shared,
     "implausible": _is_implausible,
+    "held": _is_held,
     "looks_like": lambda x: bool(x.looks_like),
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
 }
@@ -179,8 +192,8 @@ def reasons_for_doubt(x: Judged) -> dict[str, str]:
     """List the reasons to doubt a finding; a finding without any is confident.
 
     Reasons about the finding itself: another effect fits as well; its size is
-    uncertain, not different from zero, or not plausible; its evidence is small; it
-    lowers no joint's error on data left out. Reasons about its surroundings: more
+    uncertain, not different from zero, or not plausible; its joint is held still; its
+    evidence is small; it lowers no joint's error on data left out. Reasons about its surroundings: more
     torque remains unexplained than it explains; other findings can explain most of its
     torque; another cause would look like it; a measured curve fits better.
 

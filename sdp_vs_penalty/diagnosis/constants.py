@@ -78,3 +78,7 @@ SIGNIFICANT = 0.5
 IMPLAUSIBLE_SIGMAS = 3.0
 #: Share by which findings together may raise a joint's error on data left out.
 MAX_JOINT_HARM = 0.05
+
+#: A joint that moves by less in all runs is held: friction yields before it slides, over
+#: up to some milliradians [rad], and on a slide over tenths of a millimetre [m].
+HELD_TRAVEL = {"revolute": 0.02, "prismatic": 0.002}

@@ -56,6 +56,7 @@ REASONS: Mapping[str, str] = {
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",
+    "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "looks_like": "another cause makes a similar torque",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
@@ -73,6 +74,7 @@ TORQUE_IS_OPEN = (
     "few_splits",
     "alone",
     "implausible",
+    "held",
     "curve",
     "at_end",
 )

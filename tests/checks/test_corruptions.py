@@ -97,6 +97,14 @@ def test_what_several_joints_show_a_little_is_named(name):
     assert run_case(wrist, known[name]).outcome == "named"
 
 
+def test_a_unit_is_named_where_any_factor_about_it_fits_alike():
+    """Two joints, little noise: factors from 15 to 160 leave the same."""
+    two = simulated("small2110", drawn(2110, 2, 3), 2110)
+    known = {c.name: c for c in two.corruptions()}
+    case = run_case(two, known["torque unit of one column joint 2 N cm"])
+    assert case.outcome == "named"
+
+
 @pytest.mark.parametrize("degrees", [0.0, 3.0, 30.0])
 def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
     x = 9.81 * np.sin(np.radians(degrees))

@@ -215,6 +215,19 @@ def test_friction_that_is_larger_than_all_inertia_is_no_other_unit(tmp_path):
     assert not report.errors_and_warnings
 
 
+def test_upright_axes_say_nothing_about_which_way_is_down(tmp_path):
+    """The weight that rounding leaves had a sign, and reversed the rows of a log."""
+    tilted = replace(
+        TURN, origin="0.3 0 0", axis="0 0.6 0.8", turn="0.6435011087932844 0 0"
+    )
+    urdf = write_urdf(tmp_path / "upright.urdf", "upright", (TURN, tilted))
+    problem = load_problem(urdf)
+    run = small_run(problem, seconds=8.0)
+    settings = problem.preprocessing.resolve(run)
+    log = Likelihood(problem, RegressionData.of(problem, run, settings))
+    assert log._make_weight_log_odds(log.as_logged.motion_part) == 0.0
+
+
 #: Torque by position and velocity, of unit size; hysteresis was called a filter of the
 #: channel.
 STRONG = {

@@ -207,6 +207,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "beta": 1.9,
         "plausible": None,
         "looks_like": "",
+        "travel": 1.0,
     }
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
@@ -215,6 +216,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
             parameters=[0],
             joints=(0,),
             resembles=(),
+            robot=SimpleNamespace(joints=[SimpleNamespace(kind="revolute")] * 2),
         )
         effect.plausible = (
             None if case.plausible is None else np.array([case.plausible])
@@ -242,7 +244,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         torque=np.full((5, 2), 2.0),
     )
     rows.blocks = lambda effect: [block]
-    rows.seen = lambda joint: None
+    rows.seen = lambda joint: SimpleNamespace(travel=case.travel)
     fit = lambda others, _: SimpleNamespace(  # noqa: E731
         energy=lambda _: case.beside if others else 10.0
     )
