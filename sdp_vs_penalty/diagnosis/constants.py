@@ -51,6 +51,9 @@ FOLDS = 5
 #: Share by which a held-out error has to fall or rise, less is minor; and of the
 #: squares of an event's window that its extent may leave out.
 MINOR = 0.01
+#: Fall of the sum of log errors by an effect that is not judged again while another one
+#: does harm; the last round judges all of them.
+SURE_HELP = 0.05
 
 # What is left.
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -225,16 +224,16 @@ def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
     of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. Such a
     rival has to explain the finding's torque, and not its own joint's.
     """
-    judge = partial(search.evidence_of, group.fit)
+    judge = search.judge_beside(group.fit)
     out = []
     for form in _promising(search, group, _acts_there):
-        rival = refine_constants(judge, judge(form))
+        rival = refine_constants(judge, judge.scored(form))
         if group.is_rival(rival):
             out.append(rival)
     if len(group.terms) > 1:
         return out
     for form in _promising(search, group, _acts_elsewhere):
-        rival = refine_constants(judge, judge(form))
+        rival = refine_constants(judge, judge.scored(form))
         if group.is_rival(rival) and _explains_the_same(search, group, rival):
             out.append(rival)
     return out

@@ -7,7 +7,7 @@ A candidate beside the model and the terms that were chosen scores
 with
 
 - the drop dD of the deviance D = sum_j N_j log V_j + RSS_j / V_j, where V_j =
-  max(RSS_j / N_j, noise) (:meth:`EvidenceScorer.deviance_drop`);
+  max(RSS_j / N_j, noise) (:attr:`_Trial.deviance_drop`);
 - the rows v that are worth one (:meth:`EvidenceScorer.rows_worth_one`);
 - k coefficients and s continuous shape constants
   (:meth:`EvidenceScorer.parameter_price`). As many coefficients count as the rows
@@ -42,6 +42,7 @@ from sdp_vs_penalty.diagnosis.constants import ABSORBED, COARSENING_ROWS
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key
 from sdp_vs_penalty.diagnosis.linear_fit import (
     DEPENDENT,
+    ColumnProducts,
     ScoredEffect,
     WhiteFit,
     WhiteFitter,
@@ -58,18 +59,23 @@ from sdp_vs_penalty.robot.arrays import Array
 class _Trial:
     """A candidate effect that is tried as an addition to a fit.
 
+    Its columns of torque T (n joints, M rows, k) are weighted, less what the fit
+    explains of them. All but the count of independent rows follows from products of
+    columns, without T itself.
+
     form : the candidate. fit : the fit that it is added to. fit_to_beat : the fit that
     it has to improve on; it is ``fit`` unless the candidate replaces the value of one
-    of the model's shape constants (``fit`` then lacks that effect's column). T (n
-    joints, M rows, k) : the candidate's columns of torque, weighted, less what ``fit``
-    explains of them. prior_std (k,) : prior standard deviations of the k coefficients
-    about zero.
+    of the model's shape constants (``fit`` then lacks that effect's column). products :
+    of the k weighted columns with ``fit``. is_visible (k,) : flags of the columns of
+    which the fit leaves more than 0.1 % (ABSORBED); T is zero in the others. prior_std
+    (k,) : prior standard deviations of the k coefficients about zero.
     """
 
     form: Candidate
     fit_to_beat: WhiteFit
     fit: WhiteFit
-    T: Array
+    products: ColumnProducts
+    is_visible: NDArray[np.bool_]
     prior_std: Array
 
     @property
@@ -77,11 +83,16 @@ class _Trial:
         """The number of the candidate's coefficients."""
         return self.form.n_coefficients
 
+    @property
+    def is_absorbed(self) -> bool:
+        """Whether the fit absorbs all of the candidate's columns."""
+        return not np.any(self.gram)
+
     @cached_property
     def gram(self) -> Array:
         """(k, k) the Gram matrix T'T of the columns T (n joints, M rows, k)."""
-        flat = self.T.reshape(-1, self.T.shape[2])
-        return np.asarray(flat.T @ flat)
+        is_visible = self.is_visible
+        return self.products.gram_left * np.outer(is_visible, is_visible)
 
     @cached_property
     def information(self) -> Array:
@@ -94,8 +105,7 @@ class _Trial:
     @cached_property
     def products_with_residual(self) -> Array:
         """(k,) the products T'r of the columns T with the fit's residual r."""
-        flat = self.T.reshape(-1, self.T.shape[2])
-        return np.asarray(flat.T @ self.fit.residual.ravel())
+        return self.products.with_residual * self.is_visible
 
     @property
     def nonnegative(self) -> NDArray[np.bool_]:
@@ -126,12 +136,35 @@ class _Trial:
         beta
             (k,) coefficients of the columns T.
         """
-        residual = self.fit.residual - self.T @ beta
-        # Rows are divided by their joint's level: the squares are scaled back.
-        rss = np.sum(residual**2, axis=1) * self.fit.level**2
+        rss = self.products.rss_with(beta * self.is_visible)
         deviance_after = self.fit.deviance(rss)
         prior = np.sum((beta / self.prior_std) ** 2)
         return float(self.fit.deviance(before.rss) - deviance_after - prior)
+
+    @property
+    def deviance_drop(self) -> float:
+        """The drop dD of the deviance that is due to the candidate.
+
+        dD = D(fit to beat) - D(fit with the candidate), where the deviance D is -2 log
+        L plus the squared coefficients in units of their prior deviations.
+        """
+        return self.deviance_drop_to(self.fit_to_beat, self.beta)
+
+    @cached_property
+    def freedom(self) -> float:
+        """The effective number of parameters k + s of the candidate.
+
+        k = trace((T'T + diag(prior_std^-2))^-1 T'T) for the columns T that the fit
+        leaves: a coefficient counts 1 if the rows determine it and 0 if only the prior
+        does. Coefficients that a sign constraint holds at zero do not count. s is the
+        number of the candidate's continuous shape constants.
+        """
+        is_held_at_zero = self.nonnegative & (self.beta == 0.0)
+        free = np.flatnonzero(~is_held_at_zero)
+        among_free = np.ix_(free, free)
+        information = with_ridge(self.information[among_free])
+        determined = np.linalg.solve(information, self.gram[among_free])
+        return float(np.trace(determined)) + self.form.n_constants
 
 
 class EvidenceScorer(WhiteFitter):
@@ -195,10 +228,43 @@ class EvidenceScorer(WhiteFitter):
         ScoredEffect
             The candidate with evidence, coefficients and explained squares.
         """
+        return self._score(self._trial(fit, form, columns), columns)
+
+    def deviance_drop_of(
+        self,
+        fit: WhiteFit,
+        form: Candidate,
+        columns: dict[int, Array],
+    ) -> float:
+        """Return the drop of the deviance by a candidate, minus infinity if the fit
+        absorbs it.
+
+        It takes a quarter of the time of the evidence, which also counts the
+        independent rows. The parameters are those of :meth:`evidence_of`.
+        """
+        trial = self._trial(fit, form, columns)
+        return -np.inf if trial.is_absorbed else trial.deviance_drop
+
+    def _trial(
+        self,
+        fit: WhiteFit,
+        form: Candidate,
+        columns: dict[int, Array],
+    ) -> _Trial:
+        """Prepare a candidate, with white columns (M, k) by joint, to be tried beside
+        a fit."""
         fit_without = self.without(fit, form)
-        T, prior_std = self.partial_out(fit_without, form, columns)
-        trial = _Trial(form, fit, fit_without, T, prior_std)
-        return self._score(trial, columns)
+        products = ColumnProducts.of(fit_without, fit_without.scaled(columns))
+        energy = np.diagonal(products.gram)
+        energy_left = np.diagonal(products.gram_left)
+        return _Trial(
+            form=form,
+            fit_to_beat=fit,
+            fit=fit_without,
+            products=products,
+            is_visible=energy_left > ABSORBED * energy,
+            prior_std=self.prior(fit_without, form.plausible, list(columns), energy),
+        )
 
     def _score(
         self,
@@ -215,9 +281,9 @@ class EvidenceScorer(WhiteFitter):
         Parameters
         ----------
         trial
-            The candidate with its columns T (n, M, k) of which the fit is subtracted.
+            The candidate, tried beside a fit.
         columns
-            Its white columns, (M, k) by joint from 0, before that subtraction.
+            Its white columns, (M, k) by joint from 0.
 
         Returns
         -------
@@ -228,9 +294,9 @@ class EvidenceScorer(WhiteFitter):
         fit = trial.fit
         k = trial.k
         without_evidence = ScoredEffect(form, columns, beta=np.zeros(k))
-        if not np.any(trial.gram):
+        if trial.is_absorbed:
             return without_evidence
-        T = trial.T
+        T = fit.residual_of(trial.products.columns) * trial.is_visible
         residual = fit.residual - T @ trial.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(trial.information)))
         torque = T @ trial.beta  # (n, M) of the candidate, weighted
@@ -240,7 +306,7 @@ class EvidenceScorer(WhiteFitter):
             T = trial.fit_to_beat.residual_of(trial.fit_to_beat.scaled(columns))
             energy = float(np.sum(T**2))
             # "not ... <" also refuses NaN.
-            if not DEPENDENT**2 * float(np.sum(trial.T**2)) < energy:
+            if not DEPENDENT**2 * float(np.trace(trial.gram)) < energy:
                 return without_evidence
             inverse = np.array([[1.0 / energy]])
             torque = T[:, :, 0]
@@ -258,43 +324,17 @@ class EvidenceScorer(WhiteFitter):
         # The price of parameters and of the choice. N / v is three at least, so that
         # the price of a parameter, log(N / v), stays above one.
         n_independent = max(rows_per_joint * len(columns) / v, 3.0)
-        freedom = self.freedom(trial)
-        price = self.parameter_price(freedom, n_independent)
+        price = self.parameter_price(trial.freedom, n_independent)
         price += self.selection_price(fit, form)
         return replace(
             without_evidence,
-            drop=self.deviance_drop(trial),
+            drop=trial.deviance_drop,
             rows_worth_one=v,
             price=price,
-            freedom=freedom,
+            freedom=trial.freedom,
             beta=trial.beta,
             squares=np.sum((torque * fit.level[:, None]) ** 2, axis=1),
         )
-
-    @staticmethod
-    def deviance_drop(trial: _Trial) -> float:
-        """Return the drop dD of the deviance that is due to the candidate.
-
-        dD = D(fit to beat) - D(fit with the candidate), where the deviance D is -2 log
-        L plus the squared coefficients in units of their prior deviations.
-        """
-        return trial.deviance_drop_to(trial.fit_to_beat, trial.beta)
-
-    @staticmethod
-    def freedom(trial: _Trial) -> float:
-        """Return the effective number of parameters k + s of a candidate.
-
-        k = trace((T'T + diag(prior_std^-2))^-1 T'T) for the columns T that the fit
-        leaves: a coefficient counts 1 if the rows determine it and 0 if only the prior
-        does. Coefficients that a sign constraint holds at zero do not count. s is the
-        number of the candidate's continuous shape constants.
-        """
-        is_held_at_zero = trial.nonnegative & (trial.beta == 0.0)
-        free = np.flatnonzero(~is_held_at_zero)
-        among_free = np.ix_(free, free)
-        information = with_ridge(trial.information[among_free])
-        determined = np.linalg.solve(information, trial.gram[among_free])
-        return float(np.trace(determined)) + trial.form.n_constants
 
     @staticmethod
     def parameter_price(freedom: float, n_independent: float) -> float:
@@ -324,10 +364,7 @@ class EvidenceScorer(WhiteFitter):
         twice the number of candidates of its effect; any other one with twice the
         number of all.
         """
-        key_of_column = fit.design.key_of_column
-        effects_in_fit = {
-            key_of_column[i] for i in fit.columns_kept if i in key_of_column
-        }
+        effects_in_fit = fit.keys_of_effects
         if not effects_in_fit or not self.rules.joints_alike:
             return float(self.n_candidates)
         name, joint = form.key

@@ -11,7 +11,7 @@ folds, the choice of effects and constants from all rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import groupby
@@ -20,7 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import MAX_JOINT_HARM, MINOR, THIRDS
+from sdp_vs_penalty.diagnosis.constants import (
+    MAX_JOINT_HARM,
+    MINOR,
+    SURE_HELP,
+    THIRDS,
+)
 from sdp_vs_penalty.diagnosis.white_rows import folds_of, model_columns, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -219,8 +224,9 @@ class HeldOut:
         """Drop effects that raise the error on data left out, the most harmful first.
 
         The harm of an effect is the sum over joints of log(error with it / error
-        without it), beside all others. After each drop the others are judged again. An
-        effect stays if it lowers the error on the second data, folds of the training
+        without it), beside all others. After each drop the others are judged again:
+        those that helped by much (SURE_HELP) only if no other one does harm. An effect
+        stays if it lowers the error on the second data, folds of the training
         motion, by 1 %: one motion alone does not decide.
 
         Parameters
@@ -239,13 +245,13 @@ class HeldOut:
         accepted = list(candidates)
         confirmed = set[int]()  # by the second data: they stay
         limit = -MINOR if needed else MINOR
+        sure = set[int]()  # they helped by much in the last round
         while accepted:
-            now = self.errors(accepted)
-            harms = {
-                k: harm(self.errors(_without(accepted, k)), now)
-                for k in accepted
-                if k not in confirmed
-            }
+            in_doubt = set(accepted) - confirmed
+            harms = self._harms(in_doubt - sure, accepted)
+            if max(harms.values(), default=-np.inf) < limit:
+                harms |= self._harms(in_doubt & sure, accepted)
+            sure.update(k for k, x in harms.items() if x < -SURE_HELP)
             worst = max(harms, key=harms.__getitem__, default=None)
             if worst is None or harms[worst] < limit:
                 break
@@ -254,6 +260,18 @@ class HeldOut:
             else:
                 accepted.remove(worst)
         return accepted
+
+    def _harms(self, judged: Set[int], accepted: Sequence[int]) -> dict[int, float]:
+        """Return the harm of each of the ``judged`` effects beside all accepted ones.
+
+        It is the sum over joints of log(error with it / error without it).
+        """
+        now = self.errors(accepted)
+        return {
+            k: harm(self.errors(_without(accepted, k)), now)
+            for k in accepted
+            if k in judged
+        }
 
     def _helps_elsewhere(self, k: int, accepted: Sequence[int]) -> bool:
         """Return whether effect k lowers the error on the second data by 1 % (MINOR).

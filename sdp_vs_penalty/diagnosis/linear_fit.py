@@ -98,6 +98,11 @@ class BasisProducts:
     y: Array
     computed: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
+    @cached_property
+    def with_torque(self) -> Array:
+        """(n, r) the products B'y of the model's columns and the torque."""
+        return np.asarray((self.basis.transpose(0, 2, 1) @ self.y[:, :, None])[:, :, 0])
+
     def with_batch(self, batch: Batch) -> list[tuple[Array, Array]]:
         """Return the products B'Z (r, F k) and Z'y (F k,), one pair a joint of a batch.
 
@@ -125,22 +130,38 @@ class ModelBasis(NamedTuple):
     columns_by_key: dict[Key | None, list[int]]
 
 
+class JointTerms(NamedTuple):
+    """The columns of terms (effects, nuisances) that act on one joint.
+
+    numbers (t,) : of these columns among the design's; columns (M + prior rows, t) :
+    scaled as the design's are.
+    """
+
+    numbers: NDArray[np.intp]
+    columns: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """White columns of the model and of some terms (effects or nuisances), with
     products.
 
-    A (n joints, M + prior rows, p) : columns of unit length, the model's first; y (n, M
-    + prior rows) : torque, 0 in prior rows; gram (n, p, p) : A'A; Ay (n, p) : A'y;
-    columns_of_model : numbers of the model's columns, by key of an effect with a shape
-    constant that might be re-estimated, all others under None; columns_by_text :
-    numbers of each term's columns, by its text; key_of_column : key of the effect that
-    a column belongs to; n_prior_rows (n,) : how many prior rows each joint counts. A
-    prior row says that the coefficient of a nuisance (a small tolerated error) is zero,
-    up to its standard deviation.
+    The design A (n joints, M + prior rows, p) has columns of unit length, the model's r
+    first. Most terms act on one joint: A is kept as the model's columns and, by joint,
+    those of the terms that act there.
+
+    basis_products : the model's columns with their products; terms_by_joint (n) : the
+    terms' columns; y (n, M + prior rows) : torque, 0 in prior rows; gram (n, p, p) :
+    A'A; Ay (n, p) : A'y; columns_of_model : numbers of the model's columns, by key of
+    an effect with a shape constant that might be re-estimated, all others under None;
+    columns_by_text : numbers of each term's columns, by its text; key_of_column : key
+    of the effect that a column belongs to; n_prior_rows (n,) : how many prior rows each
+    joint counts. A prior row says that the coefficient of a nuisance (a small tolerated
+    error) is zero, up to its standard deviation.
     """
 
-    A: Array
+    basis_products: BasisProducts
+    terms_by_joint: Sequence[JointTerms]
     y: Array
     gram: Array
     Ay: Array
@@ -148,8 +169,36 @@ class Design:
     columns_by_text: dict[str, list[int]]
     key_of_column: dict[int, Key]
     n_prior_rows: Array
-    basis_products: BasisProducts
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
+
+    @property
+    def n_columns(self) -> int:
+        """The number p of columns."""
+        return self.Ay.shape[1]
+
+    def times(self, coefficients: Array) -> Array:
+        """Return A C (n, M + prior rows, K) for coefficients C (p, K)."""
+        B = self.basis_products.basis
+        n, M, r = B.shape
+        out = np.zeros((n, self.y.shape[1], coefficients.shape[1]))
+        np.matmul(B, coefficients[:r], out=out[:, :M])
+        for j, terms in enumerate(self.terms_by_joint):
+            if len(terms.numbers):
+                out[j] += terms.columns @ coefficients[terms.numbers]
+        return out
+
+    def products_on(self, joint: int, z: Array) -> Array:
+        """Return A'Z (p, K) for columns Z on a joint (from 0).
+
+        Z has the M rows of the log, and may have the prior rows behind them.
+        """
+        out = np.zeros((self.n_columns, z.shape[1]))
+        B = self.basis_products.basis[joint]
+        M, r = B.shape
+        out[:r] = B.T @ z[:M]
+        terms = self.terms_by_joint[joint]
+        out[terms.numbers] = terms.columns[: len(z)].T @ z
+        return out
 
     def holds(self, terms: Sequence[Term]) -> bool:
         """Return whether the design has columns of all terms (effects, nuisances)."""
@@ -174,7 +223,6 @@ class Design:
         """
         M = batch.whitened_columns.shape[1]
         pairs_of_model = self.basis_products.with_batch(batch)
-        r = self.basis_products.basis.shape[2]
         pairs = []
         for j, Z, (BZ, Zy) in zip(
             batch.joints,
@@ -182,12 +230,10 @@ class Design:
             pairs_of_model,
             strict=True,
         ):
-            AZ = np.zeros((self.A.shape[2], Z.shape[1]))
-            AZ[:r] = BZ
-            # Only terms that act on this joint have columns other than zero.
-            columns_of_terms = self.A[j, :M, r:]
-            acts = columns_of_terms.any(axis=0)
-            AZ[r:][acts] = columns_of_terms[:, acts].T @ Z
+            AZ = np.zeros((self.n_columns, Z.shape[1]))
+            AZ[: len(BZ)] = BZ
+            terms = self.terms_by_joint[j]
+            AZ[terms.numbers] = terms.columns[:M].T @ Z
             pairs.append((AZ, Zy))
         return pairs
 
@@ -224,7 +270,20 @@ class WhiteFit:
     @cached_property
     def basis(self) -> Array:
         """(n, M, r) an orthonormal basis A W / level of the fit's weighted columns."""
-        return np.asarray(self.design.A @ self.whitener / self.level[:, None, None])
+        return self.design.times(self.whitener) / self.level[:, None, None]
+
+    @cached_property
+    def keys_of_effects(self) -> frozenset[Key]:
+        """Keys (effect name, joint) of the effects beside the model's."""
+        key_of_column = self.design.key_of_column
+        kept = (i for i in self.columns_kept if i in key_of_column)
+        return frozenset(key_of_column[i] for i in kept)
+
+    @cached_property
+    def design_with_residual(self) -> Array:
+        """(n, p) the products A'r / level of the weighted design and residual."""
+        weighted = self.design.Ay - self.design.gram @ self.theta
+        return np.asarray(weighted / self.level[:, None] ** 2)
 
     def deviance(self, rss: Array) -> Array:
         """Return the deviance -2 log L (...,) for sums of squared errors rss (..., n).
@@ -254,11 +313,10 @@ class WhiteFit:
         scaled
             Z, (M, k) by joint from 0, divided by the joint's level (:meth:`scaled`).
         """
-        A = self.design.A
+        design = self.design
         W = self.whitener
-        AZ = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
-        projection = A @ (W @ (W.T @ AZ)) / self.level[:, None, None]
-        remaining = -projection
+        AZ = sum(design.products_on(j, z / self.level[j]) for j, z in scaled.items())
+        remaining = design.times(W @ (W.T @ AZ)) / -self.level[:, None, None]
         for j, z in scaled.items():
             remaining[j, : len(z)] += z
         return np.asarray(remaining)
@@ -271,6 +329,87 @@ class WhiteFit:
         """
         remaining = self.residual_of(self.scaled(term.columns)) @ term.beta
         return float(np.sum(remaining**2))
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnProducts:
+    """Products of weighted columns Z, which may join a fit, with the fit's columns.
+
+    They give the squared error of the fit with Z without any work in rows. fit : the
+    fit; columns : Z, (M, K) by joint (from 0), divided by the joint's level;
+    with_design : A'Z (p, K) by joint, with the fit's weighted design A; grams : Z'Z (K,
+    K) by joint; with_residuals : Z'r (K,) by joint, with the fit's residual r.
+    """
+
+    fit: WhiteFit
+    columns: dict[int, Array]
+    with_design: dict[int, Array]
+    grams: dict[int, Array]
+    with_residuals: dict[int, Array]
+
+    @classmethod
+    def of(cls, fit: WhiteFit, columns: dict[int, Array]) -> ColumnProducts:
+        """Multiply weighted columns, (M, K) by joint (from 0), with those of a fit."""
+        return cls(
+            fit=fit,
+            columns=columns,
+            with_design={
+                j: fit.design.products_on(j, z / fit.level[j])
+                for j, z in columns.items()
+            },
+            grams={j: z.T @ z for j, z in columns.items()},
+            with_residuals={
+                j: fit.residual[j, : len(z)] @ z for j, z in columns.items()
+            },
+        )
+
+    @property
+    def n_columns(self) -> int:
+        """The number K of columns."""
+        return next(iter(self.columns.values())).shape[1]
+
+    @cached_property
+    def along_fit(self) -> Array:
+        """(r, K) the products Q'Z with the fit's r orthonormal columns Q."""
+        return np.asarray(self.fit.whitener.T @ sum(self.with_design.values()))
+
+    @cached_property
+    def gram(self) -> Array:
+        """(K, K) the Gram matrix Z'Z over all joints."""
+        return np.asarray(sum(self.grams.values()))
+
+    @cached_property
+    def gram_left(self) -> Array:
+        """(K, K) the Gram matrix of what the fit leaves of Z: Z'Z - (Q'Z)'Q'Z."""
+        return self.gram - self.along_fit.T @ self.along_fit
+
+    @cached_property
+    def with_residual(self) -> Array:
+        """(K,) the products Z'r over all joints, with the fit's residual r."""
+        return np.asarray(sum(self.with_residuals.values()))
+
+    def rss_with(self, beta: Array) -> Array:
+        """Return the squared errors (n,) of the joints once T beta joins the fit.
+
+        T = Z - Q Q'Z is what the fit leaves of Z. Errors are not weighted.
+
+        Parameters
+        ----------
+        beta
+            (K,) coefficients.
+        """
+        fit = self.fit
+        # T beta = Z beta - A d on each joint, with the weighted design A.
+        d = fit.whitener @ (self.along_fit @ beta)
+        squares = fit.rss / fit.level**2
+        squares = squares + 2.0 * fit.design_with_residual @ d
+        squares = squares + (fit.design.gram @ d) @ d / fit.level**2
+        for j, gram in self.grams.items():
+            along_design = float((self.with_design[j] @ beta) @ d)
+            along_residual = float(self.with_residuals[j] @ beta)
+            own_squares = float(beta @ gram @ beta)
+            squares[j] += own_squares - 2.0 * (along_residual + along_design)
+        return np.asarray(np.maximum(squares, 0.0) * fit.level**2)
 
 
 class WhiteFitter:
@@ -394,37 +533,38 @@ class WhiteFitter:
         return fit.fits_without[form.key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
-        """Assemble the columns A of the model and of the terms, with A'A and A'y.
+        """Assemble the design A of the model and of the terms, with A'A and A'y.
 
-        A is (n joints, M rows + prior rows, p columns): first the r columns of the
-        model's basis, then the columns of the terms (effects and nuisances), scaled to
-        unit length. The torque y is 0 in the prior rows.
+        The r columns of the model's basis come first, then those of the terms (effects
+        and nuisances), scaled to unit length. The torque y is 0 in the prior rows.
         """
         model = self._model_basis
         n, M, r = model.columns.shape
-        A, columns_by_text, n_prior_rows = self._columns_with_priors(terms)
-        p = A.shape[2]
+        blocks, columns_by_text, n_prior_rows = self._columns_with_priors(terms)
+        p = r + sum(_width(t) for t in terms)
+        # Scale the terms' columns to unit length over all joints; the model's have it.
+        energy = np.zeros(p)
+        for numbers, columns in blocks:
+            energy[numbers] += np.sum(columns**2, axis=0)
+        scale = 1.0 / nonzero_or_one(np.sqrt(energy))
         G = np.zeros((n, p, p))
         G[:, :r, :r] = model.gram
-        for j in range(n):
-            on_joint = [t for t in terms if j in t.columns]
-            columns_of_terms = [i for t in on_joint for i in columns_by_text[t.text]]
-            cross = A[j].T @ A[j][:, columns_of_terms]
-            G[j][:, columns_of_terms] = cross
-            G[j][columns_of_terms] = cross.T
-        # Scale the terms' columns to unit length over all joints; the model's have it.
-        energy = np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)
-        scale = np.ones(p)
-        scale[r:] = 1.0 / nonzero_or_one(np.sqrt(energy[r:]))
-        A[:, :, r:] *= scale[r:]
-        G *= scale[:, None] * scale
-        y = np.zeros(A.shape[:2])
+        Ay = np.zeros((n, p))
+        Ay[:, :r] = self._basis_products.with_torque
+        y = np.zeros((n, len(blocks[0].columns)))
         y[:, :M] = self.data.y
-        Ay = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
+        for j, (numbers, columns) in enumerate(blocks):
+            columns *= scale[numbers]
+            cross = model.columns[j].T @ columns[:M]
+            G[j][:r, numbers] = cross
+            G[j][numbers, :r] = cross.T
+            G[j][np.ix_(numbers, numbers)] = columns.T @ columns
+            Ay[j, numbers] = columns.T @ y[j]
         effects = [t for t in terms if isinstance(t, ScoredEffect)]
         key_of_column = {i: t.key for t in effects for i in columns_by_text[t.text]}
         return Design(
-            A=A,
+            basis_products=self._basis_products,
+            terms_by_joint=blocks,
             y=y,
             gram=G,
             Ay=Ay,
@@ -432,13 +572,12 @@ class WhiteFitter:
             columns_by_text=columns_by_text,
             key_of_column=key_of_column,
             n_prior_rows=n_prior_rows,
-            basis_products=self._basis_products,
         )
 
     def _columns_with_priors(
         self, terms: Sequence[Term]
-    ) -> tuple[Array, dict[str, list[int]], Array]:
-        """Stack the columns of the model and of the terms, and the priors of nuisances.
+    ) -> tuple[list[JointTerms], dict[str, list[int]], Array]:
+        """Stack the columns of the terms by joint, with the priors of nuisances.
 
         The coefficient a of a nuisance (a small tolerated error) has a prior N(0, d^2).
         It enters as a prior row a / d = 0 behind the M rows of the log, on each joint
@@ -447,37 +586,41 @@ class WhiteFitter:
 
         Returns
         -------
-        (n, M + rows, p) array
-            The columns, not scaled: the model's first, then those of each term.
+        list of JointTerms
+            For each joint the columns that act there, not scaled, on as many rows.
         dict of str to list of int
             The numbers of each term's columns, by the term's text.
         (n,) array
             How many prior rows each joint counts: 1 / m of each that m joints share.
         """
-        B = self._model_basis.columns
-        n, M, r = B.shape
+        n, M, r = self._model_basis.columns.shape
         n_prior_rows, n_rows_counted = _count_prior_rows(terms, n)
-        n_columns = r + sum(_width(t) for t in terms)
-        A = np.zeros((n, M + n_prior_rows.max(initial=0), n_columns))
-        A[:, :M, :r] = B
-        next_row = np.full(n, M)  # by joint: the first prior row that is not used yet
-        next_column = r
         columns_by_text = dict[str, list[int]]()
+        next_column = r
         for term in terms:
             width = _width(term)
-            first = next_column
+            columns_by_text[term.text] = list(range(next_column, next_column + width))
             next_column += width
-            its_columns = list(range(first, next_column))
-            columns_by_text[term.text] = its_columns
-            for j, z in term.columns.items():
-                A[j, :M, first:next_column] = z
+        n_rows = M + int(n_prior_rows.max(initial=0))
+        blocks = []
+        for j in range(n):
+            on_joint = [t for t in terms if j in t.columns]
+            numbers = [i for t in on_joint for i in columns_by_text[t.text]]
+            columns = np.zeros((n_rows, len(numbers)))
+            next_row = M  # the first prior row that is not used yet
+            next_place = 0
+            for term in on_joint:
+                width = _width(term)
+                columns[:M, next_place : next_place + width] = term.columns[j]
                 if isinstance(term, Nuisance):
                     # One prior row a column: entry 1 / (d sqrt(m)).
-                    rows = next_row[j] + np.arange(width)
-                    n_joints = len(term.columns)
-                    A[j, rows, its_columns] = 1.0 / term.deviations / n_joints**0.5
-                    next_row[j] += width
-        return A, columns_by_text, n_rows_counted
+                    steps = np.arange(width)
+                    entries = 1.0 / term.deviations / len(term.columns) ** 0.5
+                    columns[next_row + steps, next_place + steps] = entries
+                    next_row += width
+                next_place += width
+            blocks.append(JointTerms(np.array(numbers, np.intp), columns))
+        return blocks, columns_by_text, n_rows_counted
 
     def _fitted(
         self,
@@ -495,7 +638,7 @@ class WhiteFitter:
         Parameters
         ----------
         design
-            All columns A (n joints, rows, p) and the torque y (n, rows).
+            All columns and the torque.
         columns
             Numbers of the columns that take part.
         level
@@ -505,20 +648,24 @@ class WhiteFitter:
             most on three arms); one leaves the levels as they are.
         """
         columns_kept = np.array(columns, int)
-        G = design.gram.take(columns_kept, 1).take(columns_kept, 2)
-        Ay = design.Ay[:, columns_kept]
-        flat_gram = G.reshape(len(G), -1)
+        among_kept = np.ix_(columns_kept, columns_kept)
+        n, p = design.Ay.shape
+        # Of all columns: a selection from each joint's Gram matrix would cost more.
+        flat_gram = design.gram.reshape(n, -1)
+        all_theta = np.zeros(p)  # zero for columns that take no part
         squares_of_torque = np.sum(design.y**2, axis=1)
         n_rows = self.data.count + design.n_prior_rows
         for _ in range(rounds):
-            L = _triangle((level**-2.0 @ flat_gram).reshape(G.shape[1:]))
-            weighted_Ay = level**-2.0 @ Ay
-            theta = scipy.linalg.cho_solve(
+            weighted_gram = (level**-2.0 @ flat_gram).reshape(p, p)
+            weighted_Ay = level**-2.0 @ design.Ay
+            L = _triangle(weighted_gram[among_kept])
+            all_theta[columns_kept] = scipy.linalg.cho_solve(
                 (L, True),
-                weighted_Ay,
+                weighted_Ay[columns_kept],
                 check_finite=False,
             )
-            rss = squares_of_torque - 2.0 * Ay @ theta + (G @ theta) @ theta
+            rss = squares_of_torque - 2.0 * design.Ay @ all_theta
+            rss += (design.gram @ all_theta) @ all_theta
             rss = np.maximum(rss, 0.0)  # rounding may make it negative
             level_of_fit = level
             level = np.sqrt(np.maximum(rss / n_rows, self.floor))
@@ -531,15 +678,13 @@ class WhiteFitter:
             lower=True,
             check_finite=False,
         )
-        # Coefficients are zero for columns of the design that take no part.
-        p = design.A.shape[2]
         W = np.zeros((p, len(columns_kept)))
         W[columns_kept] = L_inverse.T
-        all_theta = np.zeros(p)
-        all_theta[columns_kept] = theta
-        residual = (design.y - design.A @ all_theta) / level_of_fit[:, None]
+        residual = design.y - design.times(all_theta[:, None])[:, :, 0]
+        residual /= level_of_fit[:, None]
         # The trace of the joint's block of the projection on the fit's columns.
-        covariance = L_inverse.T @ L_inverse
+        covariance = np.zeros((p, p))
+        covariance[among_kept] = L_inverse.T @ L_inverse
         rank_of_joint = flat_gram @ covariance.ravel() / level_of_fit**2
         return WhiteFit(
             design=design,

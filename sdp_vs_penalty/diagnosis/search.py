@@ -24,11 +24,15 @@ from sdp_vs_penalty.diagnosis.library import (
 )
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
-from sdp_vs_penalty.diagnosis.refine import refine_constants
+from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
+from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
+
+#: The candidates that fit about as well as a chosen effect.
+Rivals = tuple[ScoredEffect, ...]
 
 
 def search(
@@ -109,7 +113,15 @@ class Search:
             rules,
             like=None if like is None else like.score,
         )
-        self._columns: dict[str, dict[int, Array]] = {}
+        # White columns by the effect's text: those that depend on the model, and those
+        # that follow from the motion alone, which searches with other models share.
+        self._columns_of_model = dict[str, dict[int, Array]]()
+        self._columns_of_motion = dict[str, dict[int, Array]]()
+        if like is not None and like.data.noise is data.noise:
+            self._columns_of_motion = like._columns_of_motion
+        #: By a chosen effect's key: the effects on its joints when no exchange was
+        #: found for it, and its rivals then.
+        self._not_exchanged = dict[Key, tuple[frozenset[str], Rivals]]()
         self.terms: list[ScoredEffect] = []
         #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
@@ -130,9 +142,16 @@ class Search:
         they are kept.
         """
         text = form.effect.text
-        if text not in self._columns:
-            self._columns[text] = self.data.columns(form.effect)
-        return self._columns[text]
+        known = self._known_columns(form)
+        if text not in known:
+            known[text] = self.data.columns(form.effect)
+        return known[text]
+
+    def _known_columns(self, form: Candidate) -> dict[str, dict[int, Array]]:
+        """Return the store in which a candidate's white columns are kept, by text."""
+        if depends(form.effect):
+            return self._columns_of_model
+        return self._columns_of_motion
 
     def evidence_of(self, fit: WhiteFit, form: Candidate) -> ScoredEffect:
         """Score a candidate as an addition to a fit.
@@ -167,7 +186,16 @@ class Search:
         The evidence is that of adding the candidate to ``fit``. The optimisation begins
         at ``start``; the constants named in ``fixed`` keep their values.
         """
-        return refine_constants(partial(self.evidence_of, fit), start, fixed)
+        return refine_constants(self.judge_beside(fit), start, fixed)
+
+    def judge_beside(self, fit: WhiteFit) -> Judge:
+        """Return what scores candidates as additions to a fit."""
+
+        def drop(form: Candidate) -> float:
+            """Return the drop of the deviance by a candidate."""
+            return self.score.deviance_drop_of(fit, form, self.columns(form))
+
+        return Judge(partial(self.evidence_of, fit), drop)
 
     # Which candidates there are beside a fit.
 
@@ -268,7 +296,7 @@ class Search:
         ``columns`` are its white columns, (M, k) by joint, as its batch holds them;
         they are kept for later calls of :meth:`columns`.
         """
-        self._columns.setdefault(form.effect.text, columns)
+        self._known_columns(form).setdefault(form.effect.text, columns)
         return self.score.evidence_of(fit, form, columns)
 
     def simplest(self, ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
@@ -421,7 +449,8 @@ class Search:
         """Exchange one chosen effect for a better or simpler one.
 
         The effects ``terms`` are tried in order, and the first exchange that succeeds
-        ends the step.
+        ends the step. One for which no exchange was found is tried again only after the
+        effects on its joints have changed.
 
         Returns
         -------
@@ -434,11 +463,15 @@ class Search:
         for term in terms:
             others = [t for t in terms if t is not term]
             judged = self.beside(term, others)
-            candidates = self._candidates_to_replace(judged, others)
-            exchanged = self._exchange(judged, candidates, others)
-            if exchanged is not None:
-                return exchanged
-            rivals = self.equivalence_set(judged, candidates)
+            on_its_joints = frozenset(t.text for t in terms if t.joints & term.joints)
+            before, rivals = self._not_exchanged.get(term.key, (None, ()))
+            if before != on_its_joints:
+                candidates = self._candidates_to_replace(judged, others)
+                exchanged = self._exchange(judged, candidates, others)
+                if exchanged is not None:
+                    return exchanged
+                rivals = self.equivalence_set(judged, candidates)
+                self._not_exchanged[term.key] = on_its_joints, rivals
             with_rivals.append(replace(judged, rivals=rivals))
         self.terms = with_rivals
         return None

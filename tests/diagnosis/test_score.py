@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis import (
     LAW_TOLERANCE,
     Batch,
     Candidate,
+    ColumnProducts,
     CurveColumns,
     EvidenceScorer,
     Nuisance,
@@ -327,7 +328,19 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
     assert search.refused == {goes.key}
 
 
-def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch):
+def test_squared_errors_from_products_are_those_of_the_rows(two_link):
+    search = searched(two_link)
+    batch = search.library.batches[0]
+    scaled = search.fit.scaled(batch.columns(0))
+    products = ColumnProducts.of(search.fit, scaled)
+    beta = np.full(batch.forms[0].n_coefficients, 0.3)
+    residual = search.fit.residual - search.fit.residual_of(scaled) @ beta
+    of_rows = np.sum(residual**2, axis=1) * search.fit.level**2
+    np.testing.assert_allclose(products.rss_with(beta), of_rows, rtol=1e-6)
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch, stays):
     """The other one had left beside what is tolerated of a mounting, and the term with
     it."""
     search = searched(two_link)
@@ -341,9 +354,34 @@ def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch):
     other = replace(search.evidence_of(search.fit, forms[-1]), drop=1000000.0)
     monkeypatch.setattr(search, "score_jointly", lambda group, _: group)
     monkeypatch.setattr(search, "top_candidates", lambda *_, **__: [other])
-    for settled in ([], [other]):
-        monkeypatch.setattr(search, "drop_weak", lambda _, settled=settled: settled)
-        assert search.exchange_one([here]) == (settled or None)
+    monkeypatch.setattr(search, "drop_weak", lambda _: [other] if stays else [])
+    assert search.exchange_one([here]) == ([other] if stays else None)
+
+
+def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_changed(
+    two_link, monkeypatch
+):
+    search = searched(two_link)
+    scored = [
+        search.evidence_of(search.fit, f)
+        for b in search.library.batches
+        for f in b.forms[:2]
+        if not f.replaces_own_constant
+    ]
+    first, third, *_ = [t for t in scored if t.joints == {0}]
+    other = next(t for t in scored if t.joints == {1})
+    tried = []
+
+    def none_to_replace(term, others):
+        tried.append(term.key)
+        return []
+
+    monkeypatch.setattr(search, "_candidates_to_replace", none_to_replace)
+    search.exchange_one([first])
+    search.exchange_one([first, other])
+    assert tried == [first.key, other.key]
+    search.exchange_one([first, third])
+    assert tried == [first.key, other.key, first.key, third.key]
 
 
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
