@@ -67,6 +67,10 @@ _POSSIBLE_GAINS = (0.2, 5.0)
 _LARGEST_ZERO_SHIFT_RAD = 0.5
 #: Parameters of one rigid link: mass, first moments (3), inertia (6).
 _PARAMETERS_PER_LINK = 10
+#: Of these, Ixx, Iyy and Izz.
+_MOMENTS_OF_INERTIA = (4, 6, 9)
+#: No load is held farther from the last joint [m].
+_FARTHEST_LOAD = 2.0
 
 
 @dataclass(frozen=True)
@@ -457,6 +461,9 @@ class RunComparison:
         threshold = max(c.REQUIRED_SIGMAS * float(spread), usual)
         if abs(size) <= threshold or not _is_possible(log, difference, size):
             return None
+        n_numbers = difference.columns.shape[2]
+        if n_numbers == _PARAMETERS_PER_LINK and not is_a_body(arms[:, -n_numbers:]):
+            return None
         # A number has an interval that speaks for it as well: half as clear a
         # prediction is enough.
         return Cause(difference, gain, 2.0 * clearness, size)
@@ -624,6 +631,22 @@ class RunComparison:
         }
         what, remedy = _WORDS[difference.kind]
         return what.format(**entries), remedy.format(**entries)
+
+
+def is_a_body(loads: Array) -> bool:
+    """Whether a load, added or missing, may be a body: no moment of inertia is clearly
+    larger, in size, than that of its mass at _FARTHEST_LOAD.
+
+    loads (PARTS, 10) : parameters of the load from all parts but one. A motion that the
+    model explains badly looks like a load too, of any moments. Their signs say little:
+    rotors and friction share them.
+    """
+    mass = abs(float(np.mean(loads[:, 0])))
+    for k in _MOMENTS_OF_INERTIA:
+        value, spread = jackknifed(loads[:, k])
+        if abs(value) - c.REQUIRED_SIGMAS * spread > mass * _FARTHEST_LOAD**2:
+            return False
+    return True
 
 
 def _simplest(faults: Sequence[Cause], odds: float) -> Cause:

@@ -9,7 +9,7 @@ import pytest
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.checks import Issue, Report, check
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import RunComparison, RunLog
+from sdp_vs_penalty.checks.one_arm import RunComparison, RunLog, is_a_body
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.simulation import experiment
@@ -142,6 +142,14 @@ def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(
     assert issue.figures["size"] == pytest.approx(1.0, abs=0.2)
     assert "heavier load on its last link (+" in issue.what
     assert not explanations(empty_report)
+
+
+@pytest.mark.parametrize(("moment", "is_body"), [(0.3, True), (-5.0, False)])
+def test_what_no_body_can_be_is_no_load(moment, is_body):
+    """Ninety grams with a moment of inertia of five kg m^2, in eight estimates."""
+    scatter = 0.01 * np.random.default_rng(0).normal(size=(8, 10))
+    loads = np.array([0.09, 0.02, 0.0, 0.01, moment, 0.0, 0.0, 0.0, 0.0, 0.0]) + scatter
+    assert is_a_body(loads) is is_body
 
 
 def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
