@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_ADD,
     HELD_TRAVEL,
     IMPLAUSIBLE_SIGMAS,
+    SERIES,
     SIGNIFICANT,
     UNCERTAIN,
 )
@@ -172,6 +173,16 @@ def _is_held(x: Judged) -> bool:
     return all(rows.seen(j).travel < HELD_TRAVEL[joints[j].kind] for j in x.joints)
 
 
+def _is_of_a_series(x: Judged) -> bool:
+    """Return whether the same effect was found SERIES times or more on its joint.
+
+    Ripples of many orders are the Fourier series of any local torque, such as a bump at
+    one angle. Each is there, but none is what its name says.
+    """
+    alike = [t for t in x.search.terms if t.key == x.term.key]
+    return len(alike) >= SERIES
+
+
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
@@ -184,6 +195,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "implausible": _is_implausible,
     "held": _is_held,
     "looks_like": lambda x: bool(x.looks_like),
+    "series": _is_of_a_series,
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
 }
 

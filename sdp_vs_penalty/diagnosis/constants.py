@@ -85,3 +85,7 @@ MAX_JOINT_HARM = 0.05
 #: A joint that moves by less in all runs is held: friction yields before it slides, over
 #: up to some milliradians [rad], and on a slide over tenths of a millimetre [m].
 HELD_TRAVEL = {"revolute": 0.02, "prismatic": 0.002}
+
+#: Findings of one effect on one joint from which they are a series of a torque without a
+#: name: a gear has a ripple or two.
+SERIES = 3

@@ -58,6 +58,7 @@ REASONS: Mapping[str, str] = {
     "implausible": "its size is not plausible",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "looks_like": "another cause makes a similar torque",
+    "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
     "at_end": "it lies at the end of the range in which it was looked for",

@@ -208,6 +208,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "plausible": None,
         "looks_like": "",
         "travel": 1.0,
+        "of_its_kind": 2,
     }
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
@@ -249,7 +250,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         energy=lambda _: case.beside if others else 10.0
     )
     search = SimpleNamespace(
-        terms=[own, other],
+        terms=[own, other, *(term() for _ in range(case.of_its_kind - 2))],
         score=SimpleNamespace(fit=fit),
         fit=None,
     )
