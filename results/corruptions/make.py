@@ -9,8 +9,8 @@ HERE = Path(__file__).parent
 #: Real arms and drawn ones, each with how many cases make one, and which of these
 #: samples.
 SAMPLES = (
-    ("panda,tx40,emps,ur10e,ur10", "10", "7"),
-    ("drawn702,drawn703", "8", "3"),
+    ("panda,tx40,emps,ur10e,ur10", "10", "5"),
+    ("drawn702,drawn703", "8", "4"),
 )
 
 if __name__ == "__main__":
