@@ -128,13 +128,20 @@ def long_commands(inputs: Inputs) -> list[Figure]:
             [*PROGRAM, "identify", "panda", "--data", panda, "--out", panda_model]
         )
         ur10e, ur10e_model = _ur10e_model(inputs.data, Path(folder))
-        out = ["--jobs", "1", "--out", str(Path(folder, "out"))]
+
+        def into(name: str) -> list[str]:
+            return ["--jobs", "1", "--out", str(Path(folder, name))]
+
         verbs = {
-            "diagnose, the Panda's whole run": ["diagnose", panda_model, "--data", panda],
-            "diagnose, UR10e, two runs of 20 s": ["diagnose", ur10e_model, "--data", *ur10e],
-            "tables III IV VIII IX": ["tables", *out],
-            "figures": ["figures", *out],
-            "shootout --quick": ["shootout", "--quick", *out],
+            "diagnose, the Panda's whole run": [
+                "diagnose", panda_model, "--data", panda,
+            ],
+            "diagnose, UR10e, two runs of 20 s": [
+                "diagnose", ur10e_model, "--data", *ur10e,
+            ],
+            "tables III IV VIII IX": ["tables", *into("tables")],
+            "figures": ["figures", *into("figures")],
+            "shootout --quick": ["shootout", "--quick", *into("shootout")],
         }  # fmt: skip
         return _beside_import(verbs, 1)
 
@@ -147,7 +154,7 @@ def _ur10e_model(data: Path, folder: Path) -> tuple[list[str], str]:
     for name in UR10E_RUNS:
         run = next(run for key, run in runs.items() if key.endswith(name))
         file = folder / f"{name}.csv"
-        save(run.window(run.t[0], run.t[0] + UR10E_SECONDS), file)
+        save(run.window(0.0, UR10E_SECONDS), file)
         files.append(str(file))
     model = str(folder / "ur10e.json")
     run_process([*PROGRAM, "identify", "ur10e", "--data", *files, "--out", model])

@@ -72,6 +72,7 @@ def cells(figure: Figure) -> tuple[str, ...]:
     other, ratio, spread = "", "", ""
     if figure.other is not None:
         other = f"{figure.other:.3g}"
+    if figure.other is not None and figure.low is not None:
         ratio = f"{figure.other / figure.ours:.3g}"
     if figure.low is not None and figure.high is not None:
         spread = f"{figure.low:.3g} to {figure.high:.3g}"
