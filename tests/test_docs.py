@@ -411,10 +411,10 @@ def test_constraints_pin_exact_versions_and_name_no_host():
     assert not re.search(r"://|--", "\n".join(lines))
 
 
-# --- figures whose cell a comment names: 93.2<!--speed.md | one; two | seconds--> -------------------
+# --- figures whose cell a comment names: 93.2<!--speed.md :: one; two :: seconds--> -----------------
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
-MARK = re.compile(rf"({NUMBER})<!--([^|>]+)\|([^|>]+)\|([^>]+?)-->")
+MARK = re.compile(rf"({NUMBER})<!--([^|>]+?)::([^|>]+?)::([^|>]+?)-->")
 MARKED = [
     ROOT / "README.md",
     *sorted((ROOT / "results").glob("**/README.md")),
@@ -466,3 +466,10 @@ def wrong(text: str) -> list[str]:
 @pytest.mark.parametrize("page", MARKED, ids=lambda p: f"{p.parent.name}/{p.name}")
 def test_marked_figures_are_their_sources(page):
     assert not wrong(page.read_text())
+
+
+@pytest.mark.parametrize("page", MARKED, ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_no_comment_splits_a_cell_of_a_table(page):
+    """A pipe ends a cell even inside a comment."""
+    comments = re.findall(r"<!--.*?-->", page.read_text(), re.DOTALL)
+    assert not [comment for comment in comments if "|" in comment]
