@@ -119,11 +119,11 @@ def scripts(inputs: Inputs) -> list[Figure]:
         return identify(inputs.problem, run, check=check)
 
     def script(triangle: bool = True) -> object:
-        columns, tau = judge_rows(judge)
+        columns, tau = columns_from_text(judge)
         return cvxpy_script.solve(columns, tau, basis, triangle)
 
     def base() -> object:
-        return base_script.solve(*judge_rows(judge))
+        return base_script.solve(*columns_from_text(judge))
 
     error = cross_validate(inputs.problem, inputs.run).relative_error_percent
     with_check = partial(identified, check=True)
@@ -164,7 +164,7 @@ def scripts(inputs: Inputs) -> list[Figure]:
     return rows
 
 
-def judge_rows(judge: Judge) -> tuple[Array, Array]:
+def columns_from_text(judge: Judge) -> tuple[Array, Array]:
     """Columns (M, n, 13 n) and torque (M, n) of the script, from text."""
     rows = cvxpy_script.read_rows(judge.folder, judge.arm.nv)
     return cvxpy_script.columns(judge.arm, *rows.states), rows.tau

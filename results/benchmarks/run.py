@@ -69,12 +69,11 @@ def measure(part: str, inputs: parts.Inputs, busy: int) -> pandas.DataFrame:
 
 def cells(figure: Figure) -> tuple[str, ...]:
     """Return a figure's cells: what, ours, other, unit, ratio, spread, note."""
-    other, ratio, spread = "", "", ""
+    other = ratio = spread = ""
     if figure.other is not None:
         other = f"{figure.other:.3g}"
-    if figure.other is not None and figure.low is not None:
+    if figure.other is not None and figure.low is not None:  # of pairs
         ratio = f"{figure.other / figure.ours:.3g}"
-    if figure.low is not None and figure.high is not None:
         spread = f"{figure.low:.3g} to {figure.high:.3g}"
     return (
         figure.what,

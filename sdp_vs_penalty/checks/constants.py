@@ -27,6 +27,9 @@ MAX_INERTIA_LOG_ODDS = 12.0
 #: Centres of mass of a robot's description are right to so much [m]: what it says of the
 #: weight's sign is worth no more (tools' drawings, and what identified models differ by).
 CENTRE_OF_MASS = 0.02
+#: Mean square of the joints' weight torque that is rounding, as a share of the square of
+#: the arm's weight at one metre [m^2].
+NO_WEIGHT = 1e-10
 
 # -- the search ----------------------------------------------------------------------------------------
 #: Prior odds against any repair (natural logarithm): one log in some hundred has a given
@@ -130,7 +133,3 @@ NO_DYNAMICS = (
     "clock against velocity",
     "units of the problem",
 )
-
-#: Mean square of the joints' weight torque that is rounding, as a share of the square of
-#: the arm's weight at one metre [m^2].
-NO_WEIGHT = 1e-10

@@ -538,9 +538,6 @@ class Likelihood:
         columns are dependent has zeros in place of the missing vectors, so that all
         joints have k.
         """
-        if not events:
-            # Each channel takes its columns along to the joint that it belongs to.
-            return self._basis_of_channels()[list(order)]
         # Each channel takes its columns along to the joint that it belongs to.
         basis = self._basis_of_channels()[list(order)]
         if not events:

@@ -461,9 +461,10 @@ class RunComparison:
         threshold = max(c.REQUIRED_SIGMAS * float(spread), usual)
         if abs(size) <= threshold or not _is_possible(log, difference, size):
             return None
-        n_numbers = difference.columns.shape[2]
-        if n_numbers == _PARAMETERS_PER_LINK and not is_a_body(arms[:, -n_numbers:]):
-            return None
+        if difference.kind == "another load":
+            loads = arms[:, -_PARAMETERS_PER_LINK:]
+            if not is_a_body(loads):
+                return None
         # A number has an interval that speaks for it as well: half as clear a
         # prediction is enough.
         return Cause(difference, gain, 2.0 * clearness, size)

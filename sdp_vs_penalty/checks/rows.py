@@ -136,18 +136,17 @@ def _frozen_measurements(glance: RunSummary) -> Rows:
     """Return the rows (N,) in which no packet came: positions and torques repeat the
     row before for long, while a logged velocity shows that its joint moves on."""
     frozen = _frozen_packets(glance, glance.repeats_measured)
-    moving_joints = np.flatnonzero(glance.moving).tolist()
+    if not frozen.any():
+        return frozen
+    level_by_joint = {
+        j: _largest_step_of_resolution(glance.run.q[:, j])
+        for j in np.flatnonzero(glance.moving).tolist()
+    }
     parts = []
     for first, end in spans(frozen):
         goes_on = [
-            _velocity_goes_on(
-                glance.run,
-                j,
-                first,
-                end - 1,
-                level=3.0 * lattice_step(glance.run.q[:, j]),
-            )
-            for j in moving_joints
+            _velocity_goes_on(glance.run, j, first, end - 1, level)
+            for j, level in level_by_joint.items()
         ]
         if any(goes_on):
             parts.append((first, end))
@@ -614,7 +613,7 @@ def _stuck(
     if not pauses:
         return np.zeros(len(x), bool)
     steps = np.abs(np.diff(x))
-    level = 3.0 * lattice_step(x)  # a jump by less may be one of resolution
+    level = _largest_step_of_resolution(x)
     frozen_parts = []
     position = glance.run.q[:, j]
     for first, last in pauses:
@@ -637,6 +636,12 @@ def _stuck(
         if is_frozen:
             frozen_parts.append((first, last + 1))
     return mask_of(len(x), frozen_parts)
+
+
+def _largest_step_of_resolution(x: Array) -> float:
+    """Return three steps of a channel's resolution: a change of x (N,) by less may be
+    one of its counter."""
+    return 3.0 * lattice_step(x)
 
 
 def _velocity_goes_on(
@@ -680,7 +685,7 @@ def _arm_rests(glance: RunSummary, a: int, b: int) -> bool:
     """Whether no joint moves from row a to b by more than its resolution, or a
     thousandth of its range."""
     for q in glance.run.q[:, glance.moving].T:
-        finest = max(3.0 * lattice_step(q), 1e-3 * float(np.ptp(q)))
+        finest = max(_largest_step_of_resolution(q), 1e-3 * float(np.ptp(q)))
         if np.ptp(q[a : b + 1]) > finest:
             return False
     return True

@@ -11,7 +11,7 @@ __getattr__ = lazy_exports(
     **{
         "formats.columns": "columns_of",
         "formats.column_report": "ColumnReport ColumnRow describe_columns",
-        "formats.inferred_units": "settle unit_of_clock",
+        "formats.inferred_units": "decide_units unit_of_clock",
         "formats.loggers": "LOGGERS",
         "formats.recognition": "recognise recognised",
     },

@@ -307,9 +307,8 @@ class HeldOut:
         """
         accepted = list(accepted)
         while accepted:
-            rise = error_ratios(
-                self.errors_by_recording(()), self.errors_by_recording(accepted)
-            )
+            now = self.errors_by_recording(accepted)
+            rise = error_ratios(self.errors_by_recording(()), now)
             if np.all(rise <= 1.0 + MAX_JOINT_HARM):
                 break
             recording_and_joint = np.unravel_index(np.argmax(rise), rise.shape)
@@ -319,10 +318,7 @@ class HeldOut:
                 for k in accepted
             }
             cause = min(error_without, key=error_without.__getitem__)
-            if (
-                error_without[cause]
-                >= self.errors_by_recording(accepted)[recording_and_joint]
-            ):
+            if error_without[cause] >= now[recording_and_joint]:
                 break
             accepted.remove(cause)
         return accepted

@@ -681,5 +681,5 @@ def _jackknife_variance(estimates: Sequence[float]) -> float:
     """
     if len(estimates) < 2:
         return 0.0
-    _, std = jackknifed(np.array(estimates)[:, None])
-    return float(std[0] ** 2)
+    _, std = jackknifed(np.array(estimates))
+    return float(std**2)

@@ -14,7 +14,7 @@ import pytest
 from recorded import refusal
 from scipy.io import savemat
 
-from sdp_vs_penalty.data import Measurements, read_run, settle, unit_of_clock
+from sdp_vs_penalty.data import Measurements, decide_units, read_run, unit_of_clock
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
 
 JOINTS = ("base_yaw", "elbow", "wrist")
@@ -525,7 +525,7 @@ def test_a_clock_that_stands_still_counts_milliseconds():
 def test_degrees_that_show_late_are_degrees_in_every_row():
     q = np.linspace(0.0, 90.0, 200)[:, None]
     run = Measurements(np.arange(200.0), q, q)
-    settled, units = settle(run, {"q": "angle"}, {}, None)
+    settled, units = decide_units(run, {"q": "angle"}, {}, None)
     assert units["q"][0] == "deg"
     np.testing.assert_allclose(settled.q, np.radians(q))
 

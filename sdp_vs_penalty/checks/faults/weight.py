@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from functools import partial
 
-import numpy as np
-
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import (
@@ -17,7 +15,6 @@ from sdp_vs_penalty.checks.faults.fault import (
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
-from sdp_vs_penalty.robot.arrays import Array
 
 
 class Weight(Transformation):
@@ -76,11 +73,6 @@ class Weight(Transformation):
         """
         for joints, share in repair.list_nonzero("lacks"):
             yield _gravity_removed(log, repair, joints, share)
-
-
-def _rms(x: Array) -> Array:
-    """(n,) root mean square of each column of x (M, n)."""
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 def _gravity_removed(

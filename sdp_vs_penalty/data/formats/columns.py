@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.formats.inferred_units import settle
+from sdp_vs_penalty.data.formats.inferred_units import ROWS_JUDGED, decide_units
 from sdp_vs_penalty.data.formats.recognition import (
     AmbiguousColumnsError,
     CellTable,
@@ -53,10 +53,6 @@ _WHOLE = ("temp", "current", "voltage")
 _ROWS_SHOWN = 5
 #: No robot measures a larger number, and its square would overflow.
 _LARGEST_SQUARABLE = 1e100
-
-
-#: From so many rows of a long file its rate follows.
-_ROWS_FOR_RATE = 100_000
 
 
 @dataclass(frozen=True)
@@ -330,9 +326,9 @@ class Header:
             inferred.pop("t", None)
         rate = None
         if run.dq is not None and len(run.t) > 1:
-            first = slice(_ROWS_FOR_RATE)
+            first = slice(ROWS_JUDGED)
             rate = rate_from_velocities(run.q[first], run.dq[first])
-        run, units = settle(run, inferred, recognition.scale, rate)
+        run, units = decide_units(run, inferred, recognition.scale, rate)
         return run, recognition.with_units(units)
 
     def _finished(self, run: Measurements) -> Measurements:

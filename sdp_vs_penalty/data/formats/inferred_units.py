@@ -24,8 +24,8 @@ _TWO_TURNS = 4.0 * np.pi
 _SLOWEST_STEP = 0.1
 #: Geometric mean of a step in milliseconds and one in seconds, in seconds.
 _BETWEEN_MS_AND_S = 1000.0**0.5
-#: From so many rows the unit of a long file is judged.
-_ROWS = 100_000
+#: From so many rows the units and the rate of a long file are judged.
+ROWS_JUDGED = 100_000
 
 
 def unit_of_angles(values: Array) -> tuple[str, str]:
@@ -79,13 +79,15 @@ def unit_of_clock(stamps: Array, rate: float | None = None) -> tuple[str, str]:
     return unit, f"its steps are {median_step:.3g}"
 
 
-def settle(
+def decide_units(
     run: Measurements,
     inferred: Mapping[str, str],
     scale: Mapping[str, float],
     rate: float | None,
 ) -> tuple[Measurements, dict[str, tuple[str, str]]]:
-    """Decide by all rows of a run the units that its first cells suggested.
+    """Decide by the rows of a run the units that its first cells suggested.
+
+    Of a long run the first ROWS_JUDGED rows decide.
 
     Parameters
     ----------
@@ -110,11 +112,11 @@ def settle(
         group: scale.get(group, scale.get(f"{group}1", 1.0))
         for group in ("q", *inferred)
     }
-    angles = run.q[:_ROWS] / present["q"]
+    angles = run.q[:ROWS_JUDGED] / present["q"]
     units = dict[str, tuple[str, str]]()
     for group, kind in inferred.items():
         if kind == CLOCK:
-            units[group] = unit_of_clock(run.t[:_ROWS] / present[group], rate)
+            units[group] = unit_of_clock(run.t[:ROWS_JUDGED] / present[group], rate)
         else:  # commanded angles are in the unit of measured ones
             units[group] = unit_of_angles(angles)
         factor = UNITS[units[group][0]] / present[group]
