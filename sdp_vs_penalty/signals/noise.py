@@ -52,7 +52,7 @@ SPECTRUM = "spectrum"
 RESIDUAL = "residual"
 #: How well from the spectrum: .52 to 1.3 of the true floor in our own simulations, .9 to
 #: 7.5 of it in another author's. It is stated wherever the noise is.
-SPECTRUM_KNOWN = "rough: up to twice too small, or several times too large"
+SPECTRUM_KNOWN = "rough (up to twice too small, or several times too large)"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
 
