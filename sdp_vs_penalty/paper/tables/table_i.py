@@ -219,7 +219,7 @@ def _with_intervals(
     std = deviations[-3 * n :].reshape(3, n).T.copy()
     # Of phi_2, from that of its logarithm.
     std[:, 1] *= phi[:, 1]
-    half = scipy.stats.t.ppf(0.975, degrees) * std
+    half = scipy.special.stdtrit(degrees, 0.975) * std
     at_bound = phi[:, 1] > 0.99 * STEEPEST
     return SigmoidFit(x, phi, std, phi - half, phi + half, at_bound)
 
