@@ -266,7 +266,7 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     return filtered
 
 
-def autoregressive(poles: Array, inputs: Array) -> Array:
+def autoregressive(poles: ArrayLike, inputs: Array) -> Array:
     """Filter samples by 1 / poles: sum over m of poles_m y_(i - m) = inputs_i.
 
     The filter is at rest before the first sample. scipy.signal does the same, but takes
