@@ -42,7 +42,7 @@ from sdp_vs_penalty.diagnosis.causes import (
     from_reversal,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
-from sdp_vs_penalty.diagnosis.fast_hums import FullRate, Hum, fast_hums, full_rate
+from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.white_rows import (
     diagnosis_rows,
     folds_of,
@@ -60,7 +60,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.repetition import Repeat
 from sdp_vs_penalty.signals.segments import SegmentedRuns, window_subsample
 from sdp_vs_penalty.signals.standstill import STILL
 
@@ -86,6 +85,13 @@ MEANINGS = {
 
 #: Of a wave in JSON: how often a revolution, its amplitude, that over its surroundings.
 _ORDER = ("per_revolution", "amplitude", "over_surroundings")
+
+
+class Hum(NamedTuple):
+    """A hum of a joint's torque: its frequency [Hz] and amplitude [N m or N]."""
+
+    frequency: float
+    amplitude: float
 
 
 class FailingStretch(NamedTuple):
@@ -407,7 +413,7 @@ def where_it_fails(
     judge = _Judge(
         estimate=estimate,
         rows=rows,
-        runs=searched.runs(),
+        searched=searched,
         states=States.of(rows),
         folds=folds,
         keep=np.asarray(rows.keep.all(axis=1), bool),
@@ -430,14 +436,14 @@ def where_it_fails(
 class _Judge:
     """All that joints' failures are judged by.
 
-    rows : filtered; runs : the recordings; states : motion and torque of every row;
+    rows : filtered; searched : the recordings; states : motion and torque of every row;
     folds (M,) : by phase of the motion; keep (M,) : rows that count; repeats : whether
     repetition shows the noise.
     """
 
     estimate: Estimate
     rows: SegmentedRuns
-    runs: Sequence[Measurements]
+    searched: Measurements
     states: States
     folds: NDArray[np.intp]
     keep: NDArray[np.bool_]
@@ -472,10 +478,10 @@ class _Judge:
         explainable = None
         if floor is not None and self.repeats and rmse > 0.0:
             explainable = max(0.0, 1.0 - (floor / rmse) ** 2)
-        series = full_rate(self.runs, self.rows, j)
+        series = _full_rate(self.runs, self.rows, j)
         orders = self.orders(j, series)
         waves_per_turn = [order for order, _, _ in orders]
-        hums = fast_hums(series, self.rows, self.repeated_rows)
+        hums = self.hums_by_joint.get(j, ())
         shares = self.shares(JointError(j, error, waves_per_turn))
         shares = shares.with_fast_hum(_energy_of(hums) / max(rmse**2, 1e-300))
         velocity = self.states.dq[:, j]
@@ -505,7 +511,7 @@ class _Judge:
     def orders(
         self,
         j: int,
-        series: Sequence[FullRate],
+        series: Sequence[_FullRate],
     ) -> tuple[tuple[int, float, float], ...]:
         """Find the waves per turn in the residual of joint j (from 0).
 
@@ -550,9 +556,23 @@ class _Judge:
         return CauseShares(of_error, beyond_model, errors.refit_share)
 
     @cached_property
-    def repeated_rows(self) -> tuple[Repeat, ...]:
-        """The rows whose motion repeats; none if repetition does not show the noise."""
-        return self.rows.repeats() if self.repeats else ()
+    def runs(self) -> Sequence[Measurements]:
+        """The recordings, one by one."""
+        return self.searched.runs()
+
+    @cached_property
+    def hums_by_joint(self) -> dict[int, tuple[Hum, ...]]:
+        """The hums above the cut-off of the filters, by joint (from 0).
+
+        Of the runs in which a joint hums the largest amplitude counts.
+        """
+        out = dict[int, tuple[Hum, ...]]()
+        for event in find_hums_above(self.searched, self.rows.cutoff):
+            hum = Hum(float(event.frequency or 0.0), float(event.amplitude or 0.0))
+            known = out.get(event.joint - 1, ())
+            largest = max([hum, *known], key=lambda h: h.amplitude)
+            out[event.joint - 1] = (largest,)
+        return out
 
     @cached_property
     def refit(self) -> Refit:
@@ -595,8 +615,49 @@ def _reversal_lift(
     return float(np.sqrt(ratio))
 
 
+class _FullRate(NamedTuple):
+    """One joint in one segment at the rate of the log, before the filters.
+
+    angle (N,) : position [rad or m]; residual (N,) : measured minus
+    modelled torque [N m or N].
+    """
+
+    angle: Array
+    residual: Array
+
+
+def _full_rate(
+    runs: Sequence[Measurements],
+    rows: SegmentedRuns,
+    joint: int,
+) -> list[_FullRate]:
+    """Return a joint's angle and residual at the rate of the log, for each segment.
+
+    The modelled torque is interpolated linearly from the filtered motion.
+
+    Parameters
+    ----------
+    runs
+        The recordings.
+    rows
+        The filtered rows of these recordings, with the torque of a model.
+    joint
+        The joint (from 0).
+    """
+    out = []
+    for segment in rows.segments:
+        run = runs[segment.run]
+        motion = segment.motion
+        is_inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
+        t = run.t[is_inside]
+        modelled = np.interp(t, motion.t, motion.modelled[:, joint])
+        angle = run.q[is_inside, joint]
+        out.append(_FullRate(angle, run.tau[is_inside, joint] - modelled))
+    return out
+
+
 def _orders(
-    full: Sequence[FullRate],
+    full: Sequence[_FullRate],
     bins: int = 4096,
 ) -> tuple[tuple[int, float, float], ...]:
     """Find waves per turn in residuals, by their amplitude over that of neighbouring
@@ -620,7 +681,7 @@ def _orders(
     spectrum = np.zeros(bins, complex)
     count = 0
     turn = 2.0 * np.pi
-    for _, q, error in full:
+    for q, error in full:
         # Slow changes in time are removed: the moving mean over 101 samples (or over all
         # of a short segment).
         width = min(101, len(error))

@@ -394,6 +394,18 @@ def test_interval_contains_the_truth_and_is_certified(two_link):
     assert intervals.slack < 1e-6
 
 
+def test_a_direction_that_was_solved_for_is_read(two_link, monkeypatch):
+    real = published_links(two_link, "p_real")
+    feasible = links_slice(two_link, real)
+    slope = np.random.default_rng(0).normal(size=20)
+    first = feasible.minimum(slope)
+    monkeypatch.delattr(Slice, "_solve")
+    again = feasible.minimum(3.0 * slope)
+    assert again.value == pytest.approx(3.0 * first.value)
+    assert again.bound <= again.value
+    assert again.bound == pytest.approx(3.0 * first.bound)
+
+
 def test_a_slice_without_interior_is_refused(two_link):
     impossible = published_links(two_link, "p_real")
     impossible[
