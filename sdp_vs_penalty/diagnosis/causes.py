@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import spectral_lines
+from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -34,6 +36,9 @@ LOAD = "load"
 TIME = "time"
 HUM = "hum"
 OTHER_JOINTS = "other joints"
+MODELLED_TORQUE = "modelled torque"
+TORQUE_RATE = "torque rate"
+TORQUE_CURVATURE = "torque curvature"
 
 #: Seconds around a velocity reversal over which an error follows it.
 FOLLOWS = 0.4
@@ -46,12 +51,15 @@ _HATS = 9
 _TURNS = (1, 2, 3, 4)
 #: What a share counts that functions of other joints explain.
 _OTHERS_COUNT = 0.75
-#: Share of a column's energy below which the model makes it itself.
-_ABSORBED = 1e-3
+#: Share of a column's energy below which the model makes it itself; rounding and
+#: interpolation leave less.
+_ABSORBED = 1e-6
 #: Ridges that are tried, over the mean energy of a column.
 _RIDGES = np.array([1e-3, 1e-2, 1e-1])
 #: Shares that differ by less are of causes that data do not tell apart.
 _SAME_SHARE = 0.02
+#: Causes with a single column: the simplest, where several explain the same.
+_SINGLE_COLUMNS = (MODELLED_TORQUE, TORQUE_RATE, TORQUE_CURVATURE)
 #: Powers of time: a drift goes on where it was not seen, hat_functions do not.
 _TIME_POWERS = (1, 2, 3)
 
@@ -59,7 +67,11 @@ _TIME_POWERS = (1, 2, 3)
 @dataclass(frozen=True)
 class States:
     """The state at every row: filtered position q, velocity dq, acceleration ddq and
-    torque, (M, n) each in SI units, and time t (M,) in s.
+    measured torque, (M, n) each in SI units, and time t (M,) in s.
+
+    modelled (M, n) : torque of the model; torque_rate (M, n) : its derivative by time;
+    torque_curvature (M, n) : second derivative of the torque that the gears transmit,
+    which is the modelled torque without friction.
     """
 
     rows: SegmentedRuns
@@ -68,6 +80,9 @@ class States:
     ddq: Array
     torque: Array
     t: Array
+    modelled: Array
+    torque_rate: Array
+    torque_curvature: Array
 
     @classmethod
     def of(cls, rows: SegmentedRuns) -> States:
@@ -77,9 +92,14 @@ class States:
         Each array is (M, n): segments below each other, a column for each joint.
         """
 
-        def filtered(name: str) -> Array:
-            """Return a low-passed signal (M, n) of all segments."""
-            parts = [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
+        def filtered(name: str, derivatives: int = 0) -> Array:
+            """Return a low-passed signal (M, n) of all segments, or a derivative."""
+            parts = []
+            for segment in rows.segments:
+                signal = getattr(segment.motion, name)
+                for _ in range(derivatives):
+                    signal = np.gradient(signal, segment.motion.t, axis=0)
+                parts.append(segment.low_pass @ signal)
             return np.concatenate(parts)
 
         return cls(
@@ -89,6 +109,9 @@ class States:
             ddq=filtered("ddq"),
             torque=filtered("torque"),
             t=rows.t,
+            modelled=filtered("modelled"),
+            torque_rate=filtered("modelled", derivatives=1),
+            torque_curvature=filtered("link_torque", derivatives=2),
         )
 
     def others(self, joint: int) -> list[int]:
@@ -384,6 +407,34 @@ def _other_joint_columns(states: States, joint_error: JointError) -> list[Array]
     return out
 
 
+def _modelled_torque_columns(states: States, joint_error: JointError) -> Array:
+    """Return the column (M, 1) for the cause "modelled torque": the model's torque on
+    the joint.
+
+    The error is a multiple of it if the gain of the torque channel is wrong.
+    """
+    return states.modelled[:, [joint_error.joint]]
+
+
+def _torque_rate_columns(states: States, joint_error: JointError) -> Array:
+    """Return the column (M, 1) for the cause "torque rate": the derivative of the
+    model's torque by time.
+
+    A torque tau that is logged later by d is tau - d dtau/dt to first order.
+    """
+    return states.torque_rate[:, [joint_error.joint]]
+
+
+def _torque_curvature_columns(states: States, joint_error: JointError) -> Array:
+    """Return the column (M, 1) for the cause "torque curvature": the second derivative
+    of the torque that the gear transmits.
+
+    A gear of stiffness k that yields by tau / k under the torque tau accelerates the
+    link by -(d^2 tau / dt^2) / k beside what the motor's encoder shows.
+    """
+    return states.torque_curvature[:, [joint_error.joint]]
+
+
 #: By cause its columns (M, k), or several sets of them of which the best counts, in the
 #: order of a heat map's rows.
 CAUSE_COLUMNS: Mapping[str, Callable[[States, JointError], Array | list[Array]]] = {
@@ -401,6 +452,9 @@ CAUSE_COLUMNS: Mapping[str, Callable[[States, JointError], Array | list[Array]]]
     TIME: _time_columns,
     HUM: _hum_columns,
     OTHER_JOINTS: _other_joint_columns,
+    MODELLED_TORQUE: _modelled_torque_columns,
+    TORQUE_RATE: _torque_rate_columns,
+    TORQUE_CURVATURE: _torque_curvature_columns,
 }
 
 
@@ -423,8 +477,9 @@ class CauseShares:
     def equivalent_causes(self) -> list[str]:
         """The causes that these data do not tell from the likeliest one.
 
-        Their shares beyond the model are within _SAME_SHARE (2 %) of its share. The one
-        that explains most of the whole error comes first.
+        Their shares beyond the model are within _SAME_SHARE (2 %) of its share. Causes
+        with a single column come first, then the one that explains most of the whole
+        error.
         """
         # The likeliest cause explains most beyond the model; causes in other joints
         # have lower weights, since they are many.
@@ -436,7 +491,13 @@ class CauseShares:
             share = self.beyond_model[name]
             if name != best and share > 0.0 and share >= smallest_share:
                 tied.append(name)
-        return sorted(tied, key=lambda name: -self._weight(name, self.of_error))
+        return sorted(
+            tied,
+            key=lambda name: (
+                name not in _SINGLE_COLUMNS,
+                -self._weight(name, self.of_error),
+            ),
+        )
 
     @cached_property
     def ranking(self) -> list[str]:
@@ -456,6 +517,25 @@ class CauseShares:
         )
         return [*first, *others]
 
+    def with_fast_hum(self, energy: float) -> CauseShares:
+        """Return the shares of an error that also has hums above the filters' cut-off.
+
+        energy : mean square of these hums over that of the error without them [-].
+        """
+        rest = 1.0 / (1.0 + energy)
+
+        def mixed(shares: Mapping[str, float]) -> dict[str, float]:
+            """Return shares of the error with the hums."""
+            out = {name: share * rest for name, share in shares.items()}
+            out[HUM] += 1.0 - rest
+            return out
+
+        return CauseShares(
+            of_error=mixed(self.of_error),
+            beyond_model=mixed(self.beyond_model),
+            refit_share=self.refit_share * rest,
+        )
+
     @property
     def names(self) -> list[str]:
         """Names of the causes, such as "velocity", in the order of heat maps' rows."""
@@ -472,24 +552,70 @@ class CauseShares:
 
 
 @dataclass(frozen=True)
-class SplitError:
-    """One joint's error (M,), split into the part that the model's own columns could
-    make and the part that they could not.
+class Refit:
+    """Parameters of the model, fitted to the errors of all n joints at once.
 
-    basis (M, r) : orthonormal basis of the model's columns on this joint; fold (M,) :
-    fold of each row, for shares on data left out.
+    All arrays are scaled joint by joint, so that each joint's error has an RMS of 1.
+    scale (n,) : RMS error of each joint [N m or N]; basis (n, M, r) : orthonormal basis
+    of the model's columns over all joints and rows together; remainder (n, M) : errors
+    that no parameters of the model could make.
+
+    All joints are fitted together because they share parameters: the columns of one
+    joint alone can make any multiple of its torque.
+    """
+
+    scale: Array
+    basis: Array
+    remainder: Array
+
+    @classmethod
+    def of(cls, columns: Array, error: Array) -> Refit:
+        """Fit the model's columns (n, M, p) to errors (n, M) [N m or N] of n joints."""
+        scale = nonzero_or_one(np.sqrt(np.mean(error**2, axis=1)))
+        n, n_rows, n_parameters = columns.shape
+        scaled_columns = columns / scale[:, None, None]
+        basis = orthonormal(scaled_columns.reshape(n * n_rows, n_parameters))
+        scaled_error = (error / scale[:, None]).ravel()
+        remainder = scaled_error - basis @ (basis.T @ scaled_error)
+        return cls(
+            scale=scale,
+            basis=basis.reshape(n, n_rows, basis.shape[1]),
+            remainder=remainder.reshape(n, n_rows),
+        )
+
+
+@dataclass(frozen=True)
+class SplitError:
+    """One joint's error (M,), and the part of it (M,) that no other parameters of the
+    model could make.
+
+    basis (M, r) : this joint's rows of a basis of the model's columns
+    (:class:`Refit`); fold (M,) : fold of each row, for shares on data left out.
     """
 
     error: Array
+    beyond_model: Array
     basis: Array
     fold: NDArray[np.intp]
 
-    @cached_property
-    def beyond_model(self) -> Array:
-        """(M,) the part of the error that no other parameters of the model could
-        make.
+    @classmethod
+    def of_joint(
+        cls,
+        joint: int,
+        error: Array,
+        refit: Refit,
+        fold: NDArray[np.intp],
+    ) -> Self:
+        """Split the error (M,) [N m or N] of a joint (from 0) by a refit.
+
+        fold (M,) : fold of each row.
         """
-        return self._without_model(self.error)
+        return cls(
+            error=error / refit.scale[joint],
+            beyond_model=refit.remainder[joint],
+            basis=refit.basis[joint],
+            fold=fold,
+        )
 
     @property
     def refit_share(self) -> float:
@@ -536,8 +662,8 @@ class SplitError:
         return max(of_error, beyond_as_share_of_error), of_beyond
 
     def _without_model(self, columns: Array) -> Array:
-        """Return columns (M, ...) minus their projection on the model's columns: x - B
-        B' x, with B the orthonormal ``basis`` (M, r).
+        """Return columns (M, ...) of this joint minus what a refit of the model makes
+        of them: x - B B' x, with this joint's rows B (M, r) of the ``basis``.
         """
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 

@@ -19,7 +19,7 @@ from sdp_vs_penalty.diagnosis.confidence import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
-from sdp_vs_penalty.diagnosis.events import find_events
+from sdp_vs_penalty.diagnosis.events import Event, find_events
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
 from sdp_vs_penalty.diagnosis.findings import (
     REASONS,
@@ -30,6 +30,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     format_size,
 )
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
+from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import (
@@ -57,7 +58,7 @@ class Conclusion:
     with one finding added after the other; gain_errors (n, e) : a factor G of the
     covariance G G' of the torque channels' relative gains; new_motion_share : share (0
     to 1) of the test run's motion that is new, None if unknown; seed : seed of the
-    random draws of a curve's band.
+    random draws of a curve's band; hums : those of the logged torque above the band.
     """
 
     explanation: Explanation
@@ -67,6 +68,7 @@ class Conclusion:
     gain_errors: Array
     new_motion_share: float | None
     seed: int
+    hums: Sequence[Event] = ()
 
     @property
     def search(self) -> Search:
@@ -116,7 +118,8 @@ class Conclusion:
             effects=tuple(findings),
             noise_floor=noise.floor,
             invisible=invisible_effects(self.search),
-            events=tuple(happened),
+            events=tuple(sorted([*happened, *self.hums], key=Event.order)),
+            notices=find_notices(self.search, self.explanation.estimate),
             noise_source=noise.source,
             unexplained=remaining.in_sample_excess_variance,
             held_out_rmse=self.ladder.errors[-1],

@@ -20,6 +20,7 @@ from sdp_vs_penalty.diagnosis.explanation import (
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData
+from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
@@ -165,6 +166,10 @@ def diagnose_runs(
         gain_errors=gain_errors(runs.estimate, gain_uncertainty),
         new_motion_share=runs.new_motion_share,
         seed=seed,
+        hums=find_hums_above(
+            runs.searched,
+            finished_search.data.rows.cutoff,
+        ),
     )
     diagnosis = conclusion.diagnosis()
     if runs.subsample_remark:

@@ -25,6 +25,7 @@ from sdp_vs_penalty.signals.coloured_noise import (
     RARE,
     local_excess,
     lone_windows,
+    noise_profile,
     robust_scale,
 )
 from sdp_vs_penalty.signals.constants import SAME_PHASE
@@ -44,7 +45,8 @@ _LARGE = 2.0
 @dataclass(frozen=True)
 class Event(JsonRecord):
     """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local"
-    for an isolated disturbance, or "hum"; frequency [Hz] : of a hum.
+    for an isolated disturbance, or "hum"; frequency [Hz] and amplitude [N m or N] : of
+    a hum.
     """
 
     joint: int
@@ -52,6 +54,13 @@ class Event(JsonRecord):
     t_end: float
     what: str = "local"
     frequency: float | None = None
+    amplitude: float | None = None
+
+    def order(self) -> tuple[float, int]:
+        """Return what events are sorted by: the time at which they begin, then the
+        joint.
+        """
+        return self.t_start, self.joint
 
 
 def find_events(
@@ -90,7 +99,7 @@ def find_events(
             begin = float(rows.t[core[0]])
             end = float(rows.t[core[-1]])
             out.append(Event(j + 1, begin, end))
-    return sorted(out, key=lambda e: (e.t_start, e.joint))
+    return sorted(out, key=Event.order)
 
 
 def _groups_in_time(
@@ -179,7 +188,12 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         # The noise may be larger than estimated. A scale from the median corrects that,
         # and is not changed by an event.
         is_known = white[:, j] != 0.0
-        steady = white[:, j] / max(robust_scale(white[is_known, j]), 1.0)
+        # Errors of timing grow with the rate of the torque: the corner of a trapezoid
+        # move has the largest rate of a log, and is no event.
+        rates = data.rates[j]
+        swells = noise_profile(white[:, j], rates, rates)
+        even = white[:, j] / swells
+        steady = even / max(robust_scale(even[is_known]), 1.0)
         degrees = float(noise.degrees[j])
         is_outlier = local_excess(
             steady,
@@ -192,16 +206,11 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
             # A push of a second stands out of the torque in N m rather than out of the
             # whitened one, in which slow changes are small.
-            torque = residual[:, j] * is_known
+            torque = residual[:, j] * is_known / swells
             # Alone among the windows of its state of motion, in N m or whitened; or far
             # above all windows while the joint moves fast.
             lone = _lone_rows(data, torque, j, slow)
-            lone |= _lone_rows(
-                data,
-                white[:, j],
-                j,
-                slow,
-            )
+            lone |= _lone_rows(data, even, j, slow)
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
             is_outlier &= lone
             # Repetitions also differ while a joint is slow, by friction.
@@ -356,20 +365,64 @@ def find_hums(data: WhiteData, residual: Array) -> list[Event]:
         Each from the begin to the end of a run; frequency [Hz] is that of the lowest
         line.
     """
+    rows = data.rows
     out = []
     for j, lines in hum_lines(data, residual).items():
-        for segment in data.rows.segments:
+        for segment in rows.segments:
             begin = float(segment.t[0])
             end = float(segment.t[-1])
+            is_known = (rows.t >= begin) & (rows.t <= end) & (residual[:, j] != 0.0)
+            t = rows.t[is_known]
+            # One step of the segment's spectrum.
+            step = 1.0 / max(end - begin, 1e-9)
+            frequency = refined_line(t, residual[is_known, j], lines[0], step)
+            phasor = line_phasor(t, residual[is_known, j], frequency)
             hum = Event(
                 j + 1,
                 begin,
                 end,
                 what="hum",
-                frequency=lines[0],
+                frequency=frequency,
+                amplitude=abs(phasor),
             )
             out.append(hum)
     return out
+
+
+def refined_line(t: Array, series: Array, line: float, step: float) -> float:
+    """Return the frequency [Hz] near a spectral line at which a series has most power.
+
+    Parameters
+    ----------
+    t
+        (N,) time [s].
+    series
+        (N,) values.
+    line
+        Frequency of the line [Hz].
+    step
+        How far from it is looked [Hz], in steps of a twentieth.
+    """
+    frequencies = line + step * np.linspace(-1.0, 1.0, 41)
+    waves = np.exp(-2j * np.pi * frequencies[:, None] * t)
+    return float(frequencies[np.argmax(np.abs(waves @ series))])
+
+
+def line_phasor(t: Array, series: Array, frequency: float) -> complex:
+    """Return amplitude and phase of a sine wave in a series, as a complex number.
+
+    Parameters
+    ----------
+    t
+        (N,) time [s].
+    series
+        (N,) values.
+    frequency
+        Frequency of the wave [Hz].
+    """
+    if not len(t):
+        return 0j
+    return complex(2.0 * np.mean(series * np.exp(-2j * np.pi * frequency * t)))
 
 
 def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:

@@ -14,6 +14,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
+from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.effects import (
     FittedEffect,
     effect_name,
@@ -433,7 +434,8 @@ class Diagnosis(Record, JsonRecord):
     as functions of one variable or two; remarks : sentences; frozen : whether the
     model's parameters were kept, and are kept by :func:`add`; new_motion_share : of the
     test run's rows, those whose motion is not in the runs that were searched; remains :
-    what repeats and is unknown; torque_units (n,) : of the joints.
+    what repeats and is unknown; torque_units (n,) : of the joints; notices : facts that
+    the model's own parameters hold, such as a load that its file does not know.
     """
 
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
@@ -454,6 +456,7 @@ class Diagnosis(Record, JsonRecord):
     curves: tuple[Curve, ...] = ()
     remains: tuple[Remaining, ...] = ()
     torque_units: tuple[str, ...] = ()
+    notices: tuple[Notice, ...] = ()
 
     def torque_unit(self, joint: int) -> str:
         """Unit of the torque of a joint (from 1); "N m or N" where files of older
@@ -672,17 +675,33 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def headline(self) -> str:
-        """One or two sentences: what is missing, how well the noise is known, and the
-        number of isolated disturbances.
+        """A few sentences: what is missing, what the model has taken in, hums, how well
+        the noise is known, and the number of isolated disturbances.
         """
-        text = self._missing
+        sentences = [self._missing]
+        if self.notices:
+            noticed = "; ".join(notice.sentence for notice in self.notices)
+            sentences.append(f"Taken in by the model: {noticed}.")
+        if self.hums:
+            hums = formatting.words([_hum_in_words(self, hum) for hum in self.hums])
+            sentences.append(f"The torque hums: {hums}.")
         if self.noise_source == SPECTRUM:
-            text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
-        where = sorted({e.joint for e in self.events})
-        if where:
-            events = formatting.count(len(self.events), "isolated disturbance")
-            text += f" Also {events} on {formatting.joints(where)}."
-        return text
+            sentences.append(f"The noise is {SPECTRUM_KNOWN}: no motion repeats.")
+        disturbances = [e for e in self.events if e.what != "hum"]
+        if disturbances:
+            where = formatting.joints(sorted({e.joint for e in disturbances}))
+            count = formatting.count(len(disturbances), "isolated disturbance")
+            sentences.append(f"Also {count} on {where}.")
+        return " ".join(sentences)
+
+    @property
+    def hums(self) -> list[Event]:
+        """The hums, one for each joint and frequency (to a hundredth)."""
+        hums = dict[tuple[int, str], Event]()
+        for event in self.events:
+            if event.frequency is not None:
+                hums.setdefault((event.joint, f"{event.frequency:.2g}"), event)
+        return list(hums.values())
 
     @property
     def _missing(self) -> str:
@@ -895,6 +914,14 @@ class Diagnosis(Record, JsonRecord):
             finding["number"] = k
         out["facts"] = self.facts_to_dict()
         return out
+
+
+def _hum_in_words(diagnosis: Diagnosis, hum: Event) -> str:
+    """Write a hum as "23.7 Hz (0.28 N m) on joint 3"."""
+    amount = ""
+    if hum.amplitude is not None:
+        amount = f" ({hum.amplitude:.2g} {diagnosis.torque_unit(hum.joint)})"
+    return f"{hum.frequency:.3g} Hz{amount} on joint {hum.joint}"
 
 
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:

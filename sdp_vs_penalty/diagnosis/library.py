@@ -93,6 +93,15 @@ class Candidate:
         """
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
+    def generalises(self, other: Candidate) -> bool:
+        """Return whether another candidate is this one with parameters at zero.
+
+        An effect declares which effects it generalises: a spring that stiffens, for
+        example, generalises a linear one. It acts on a common joint, or on the robot.
+        """
+        is_there = not set(self.effect.joints).isdisjoint(other.effect.joints)
+        return is_there and other.key[0] in self.effect.generalises
+
     def with_shape(self, **shape: float) -> Candidate:
         """Return the candidate with other values of some shape constants (SI units).
 

@@ -29,16 +29,20 @@ from sdp_vs_penalty.diagnosis.causes import (
     CAUSE_COLUMNS,
     FAST,
     HIGH_SPEED,
+    MODELLED_TORQUE,
     REVERSAL,
     STANDSTILL,
+    TORQUE_CURVATURE,
+    TORQUE_RATE,
     CauseShares,
     JointError,
+    Refit,
     SplitError,
     States,
     from_reversal,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
-from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
+from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.white_rows import (
     diagnosis_rows,
     folds_of,
@@ -56,7 +60,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, window_subsample
+from sdp_vs_penalty.signals.segments import SegmentedRuns, window_subsample
 from sdp_vs_penalty.signals.standstill import STILL
 
 if TYPE_CHECKING:
@@ -72,8 +76,22 @@ NEAR = 0.15
 _AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
 
 
+#: What a cause means that cannot be seen in a log, by its name.
+MEANINGS = {
+    MODELLED_TORQUE: "A wrong gain of the torque channel makes such an error.",
+    TORQUE_RATE: "A torque channel that is late makes such an error.",
+    TORQUE_CURVATURE: "A gear that yields, or has play, makes such an error.",
+}
+
 #: Of a wave in JSON: how often a revolution, its amplitude, that over its surroundings.
 _ORDER = ("per_revolution", "amplitude", "over_surroundings")
+
+
+class Hum(NamedTuple):
+    """A hum of a joint's torque: its frequency [Hz] and amplitude [N m or N]."""
+
+    frequency: float
+    amplitude: float
 
 
 class FailingStretch(NamedTuple):
@@ -98,7 +116,10 @@ class JointFailure(JsonRecord):
     are ranked by it; shares_of_error : the same of the whole residual; reversal_lift :
     RMS within 0.15 s of velocity reversals over that elsewhere; orders : waves per
     revolution, amplitude [N m], and amplitude over its surroundings, the most
-    conspicuous first; stretches : where the error is large, with the cause seen there.
+    conspicuous first; stretches : where the error is large, with the cause seen there;
+    hums : above the cut-off of the filters, the largest first; rmse is without them,
+    the shares are with them; torque : RMS measured torque [N m or N], None in older
+    files.
     """
 
     joint: int
@@ -111,6 +132,13 @@ class JointFailure(JsonRecord):
     stretches: tuple[FailingStretch, ...] = ()
     shares_of_error: dict[str, float] = field(default_factory=dict)
     refit_share: float = 0.0
+    hums: tuple[Hum, ...] = ()
+    torque: float | None = None
+
+    @property
+    def total_error(self) -> float:
+        """RMS error with the hums that the filters take out [N m or N]."""
+        return float(np.sqrt(self.rmse**2 + _energy_of(self.hums)))
 
     @property
     def causes(self) -> CauseShares:
@@ -148,9 +176,11 @@ class JointFailure(JsonRecord):
         """Return plain JSON of all fields; the joint counts from 1.
 
         A wave is {"per_revolution": 2, "amplitude": 0.1, "over_surroundings": 5.0}, a
-        stretch {"run": name, "start": s, "stop": s, "cause": name}.
+        stretch {"run": name, "start": s, "stop": s, "cause": name}, a hum {"frequency":
+        Hz, "amplitude": N m or N}.
         """
         return super().to_dict() | {
+            "hums": [hum._asdict() for hum in self.hums],
             "orders": [dict(zip(_ORDER, one, strict=True)) for one in self.orders],
             "stretches": [s._asdict() for s in self.stretches],
         }
@@ -173,7 +203,14 @@ class JointFailure(JsonRecord):
             stretches=tuple(FailingStretch(**one) for one in data["stretches"]),
             shares_of_error=dict(data.get("shares_of_error", {})),
             refit_share=float(data.get("refit_share", 0.0)),
+            hums=tuple(Hum(**one) for one in data.get("hums", ())),
+            torque=data.get("torque"),
         )
+
+
+def _energy_of(hums: Iterable[Hum]) -> float:
+    """Return the mean square of the torque of hums [(N m)^2 or N^2]."""
+    return 0.5 * sum(hum.amplitude**2 for hum in hums)
 
 
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
@@ -235,6 +272,13 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."
         )
+    if strongest and strongest[0][0] in MEANINGS:
+        out.append(MEANINGS[strongest[0][0]])
+    if failure.hums:
+        hums = words(
+            [f"{f:.3g} Hz ({a:.2g} {plain_unit(unit)})" for f, a in failure.hums[:3]]
+        )
+        out.append(f"It hums at {hums}, which the filters take out.")
     if failure.orders:
         waves = ", ".join(
             f"{k} ({a:.2g} {plain_unit(unit)}, {r:.0f}x)" for k, a, r in failure.orders
@@ -274,9 +318,11 @@ class Failures(Record, list[JointFailure]):
     def worst_first(self) -> list[JointFailure]:
         """The joints sorted by RMS error over noise floor, the largest first.
 
-        A joint whose noise floor is unknown counts with its RMS error alone.
+        Errors are divided by the joints' RMS torques where a noise floor is unknown.
         """
-        above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
+        is_known = all(failure.noise_floor for failure in self)
+        usual = [f.noise_floor if is_known else f.torque for f in self]
+        above = [f.total_error / (x or 1.0) for f, x in zip(self, usual, strict=True)]
         return [self[int(k)] for k in np.argsort(above)[::-1]]
 
     def to_dict(self) -> dict[str, Any]:
@@ -367,7 +413,7 @@ def where_it_fails(
     judge = _Judge(
         estimate=estimate,
         rows=rows,
-        runs=searched.runs(),
+        searched=searched,
         states=States.of(rows),
         folds=folds,
         keep=np.asarray(rows.keep.all(axis=1), bool),
@@ -390,14 +436,14 @@ def where_it_fails(
 class _Judge:
     """All that joints' failures are judged by.
 
-    rows : filtered; runs : the recordings; states : motion and torque of every row;
+    rows : filtered; searched : the recordings; states : motion and torque of every row;
     folds (M,) : by phase of the motion; keep (M,) : rows that count; repeats : whether
     repetition shows the noise.
     """
 
     estimate: Estimate
     rows: SegmentedRuns
-    runs: Sequence[Measurements]
+    searched: Measurements
     states: States
     folds: NDArray[np.intp]
     keep: NDArray[np.bool_]
@@ -432,9 +478,12 @@ class _Judge:
         explainable = None
         if floor is not None and self.repeats and rmse > 0.0:
             explainable = max(0.0, 1.0 - (floor / rmse) ** 2)
-        orders = self.orders(j)
+        series = _full_rate(self.runs, self.rows, j)
+        orders = self.orders(j, series)
         waves_per_turn = [order for order, _, _ in orders]
+        hums = self.hums_by_joint.get(j, ())
         shares = self.shares(JointError(j, error, waves_per_turn))
+        shares = shares.with_fast_hum(_energy_of(hums) / max(rmse**2, 1e-300))
         velocity = self.states.dq[:, j]
         still = self.rows.still[:, j]
         return JointFailure(
@@ -447,6 +496,8 @@ class _Judge:
             refit_share=shares.refit_share,
             reversal_lift=_reversal_lift(velocity, error, self.rows, keep),
             orders=orders,
+            hums=hums,
+            torque=float(np.sqrt(np.mean(self.states.torque[keep, j] ** 2))),
             stretches=failing_stretches(
                 error,
                 floor,
@@ -457,8 +508,19 @@ class _Judge:
             ),
         )
 
-    def orders(self, j: int) -> tuple[tuple[int, float, float], ...]:
+    def orders(
+        self,
+        j: int,
+        series: Sequence[_FullRate],
+    ) -> tuple[tuple[int, float, float], ...]:
         """Find the waves per turn in the residual of joint j (from 0).
+
+        Parameters
+        ----------
+        j
+            The joint.
+        series
+            Its angle and residual at the rate of the log, for each segment.
 
         Returns
         -------
@@ -468,8 +530,7 @@ class _Judge:
         """
         if self.estimate.robot.joints[j].kind != "revolute":
             return ()
-        segments = self.rows.segments
-        return _orders([_full_rate(self.runs[s.run], s, j) for s in segments])
+        return _orders(series)
 
     def shares(self, error: JointError) -> CauseShares:
         """Compute the share of a joint's error that each cause explains on data left
@@ -479,10 +540,11 @@ class _Judge:
         some folds of the rows, and judged on the others.
         """
         keep = self.keep
-        errors = SplitError(
-            error=error.error[keep],
-            basis=orthonormal(self.model_columns[error.joint][keep]),
-            fold=self.folds[keep],
+        errors = SplitError.of_joint(
+            error.joint,
+            error.error[keep],
+            self.refit,
+            self.folds[keep],
         )
         of_error = dict[str, float]()
         beyond_model = dict[str, float]()
@@ -494,9 +556,32 @@ class _Judge:
         return CauseShares(of_error, beyond_model, errors.refit_share)
 
     @cached_property
-    def model_columns(self) -> Array:
-        """(n, M, p) filtered regressor of the model's p parameters, joint by joint."""
-        return model_columns(self.rows, self.estimate)
+    def runs(self) -> Sequence[Measurements]:
+        """The recordings, one by one."""
+        return self.searched.runs()
+
+    @cached_property
+    def hums_by_joint(self) -> dict[int, tuple[Hum, ...]]:
+        """The hums above the cut-off of the filters, by joint (from 0).
+
+        Of the runs in which a joint hums the largest amplitude counts.
+        """
+        out = dict[int, tuple[Hum, ...]]()
+        for event in find_hums_above(self.searched, self.rows.cutoff):
+            hum = Hum(float(event.frequency or 0.0), float(event.amplitude or 0.0))
+            known = out.get(event.joint - 1, ())
+            largest = max([hum, *known], key=lambda h: h.amplitude)
+            out[event.joint - 1] = (largest,)
+        return out
+
+    @cached_property
+    def refit(self) -> Refit:
+        """The model's parameters, fitted to what the model leaves of all joints'
+        torques.
+        """
+        error = self.rows.residual[self.keep]
+        columns = model_columns(self.rows, self.estimate)
+        return Refit.of(columns[:, self.keep], (error - error.mean(axis=0)).T)
 
 
 def _reversal_lift(
@@ -530,45 +615,50 @@ def _reversal_lift(
     return float(np.sqrt(ratio))
 
 
-def _full_rate(
-    run: Measurements,
-    segment: Segment,
-    j: int,
-) -> tuple[Array, Array, float]:
-    """Return one joint's angle and residual at the rate of the log, before the filters.
+class _FullRate(NamedTuple):
+    """One joint in one segment at the rate of the log, before the filters.
 
-    The filters hide fast waves per turn. The modelled torque is interpolated linearly
-    from the filtered motion to the log's times.
+    angle (N,) : position [rad or m]; residual (N,) : measured minus
+    modelled torque [N m or N].
+    """
+
+    angle: Array
+    residual: Array
+
+
+def _full_rate(
+    runs: Sequence[Measurements],
+    rows: SegmentedRuns,
+    joint: int,
+) -> list[_FullRate]:
+    """Return a joint's angle and residual at the rate of the log, for each segment.
+
+    The modelled torque is interpolated linearly from the filtered motion.
 
     Parameters
     ----------
-    run
-        The log.
-    segment
-        The uninterrupted piece of it.
-    j
+    runs
+        The recordings.
+    rows
+        The filtered rows of these recordings, with the torque of a model.
+    joint
         The joint (from 0).
-
-    Returns
-    -------
-    (N,) array
-        Angle [rad].
-    (N,) array
-        Measured minus modelled torque [N m].
-    float
-        Sampling rate [Hz].
     """
-    motion = segment.motion
-    is_inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
-    modelled = np.interp(run.t[is_inside], motion.t, motion.modelled[:, j])
-    angle = run.q[is_inside, j]
-    residual = run.tau[is_inside, j] - modelled
-    rate = 1.0 / float(np.median(np.diff(run.t)))
-    return angle, residual, rate
+    out = []
+    for segment in rows.segments:
+        run = runs[segment.run]
+        motion = segment.motion
+        is_inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
+        t = run.t[is_inside]
+        modelled = np.interp(t, motion.t, motion.modelled[:, joint])
+        angle = run.q[is_inside, joint]
+        out.append(_FullRate(angle, run.tau[is_inside, joint] - modelled))
+    return out
 
 
 def _orders(
-    full: list[tuple[Array, Array, float]], bins: int = 4096
+    full: Sequence[_FullRate],
+    bins: int = 4096,
 ) -> tuple[tuple[int, float, float], ...]:
     """Find waves per turn in residuals, by their amplitude over that of neighbouring
     orders.
@@ -579,7 +669,7 @@ def _orders(
     Parameters
     ----------
     full
-        Angle (N,) [rad], residual (N,) [N m] and rate [Hz] of each segment.
+        The joint's angle and residual at the rate of the log, for each segment.
     bins
         Bins of one revolution; orders up to an eighth of it are looked at.
 
@@ -591,7 +681,7 @@ def _orders(
     spectrum = np.zeros(bins, complex)
     count = 0
     turn = 2.0 * np.pi
-    for q, error, _ in full:
+    for q, error in full:
         # Slow changes in time are removed: the moving mean over 101 samples (or over all
         # of a short segment).
         width = min(101, len(error))

@@ -18,6 +18,7 @@ from sdp_vs_penalty.render import charts as plots
 from sdp_vs_penalty.render.charts import POINTS, Curves, Figure
 from sdp_vs_penalty.render.pieces import shades
 from sdp_vs_penalty.render.words import cause_of
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def torque_chart(
@@ -282,6 +283,9 @@ SIGNALS = {
     "dq": "velocity",
     "ddq": "acceleration",
     "torque": "measured torque",
+    "modelled": "modelled torque",
+    "torque_rate": "rate of the modelled torque",
+    "torque_curvature": "second derivative of the modelled torque",
     "t": "time",
 }
 
@@ -319,7 +323,7 @@ def residual_chart(
     last = reads[-1]
     t = last["t"] - last["t"][0]
     cut = _rows_of_span(t, span)
-    x = np.asarray(t if signal == "t" else last[signal][:, joint])[cut]
+    x = _signal(last, signal, joint)[cut]
     errors = [(r["torque"][:, joint] - r["modelled"][:, joint])[cut] for r in reads]
     rows = plots.spread_rows(len(x))
     plot = Figure()
@@ -357,6 +361,17 @@ def residual_chart(
     return ready(plot, 320)
 
 
+def _signal(read: Mapping[str, Any], signal: str, joint: int) -> Array:
+    """Return a signal (M,) of a run, one of SIGNALS, for a joint (from 0)."""
+    t = read["t"] - read["t"][0]
+    if signal == "t":
+        return np.asarray(t)
+    if signal in read:
+        return np.asarray(read[signal][:, joint])
+    rate = np.gradient(read["modelled"][:, joint], t)
+    return np.asarray(rate if signal == "torque_rate" else np.gradient(rate, t))
+
+
 def _rows_of_span(t: Any, span: tuple[float, float] | None) -> slice:
     """Return the rows within a time span [s]; all rows if fewer than two lie in it."""
     if span is None:
@@ -376,6 +391,9 @@ def _unit_of(signal: str, unit: str) -> str:
         "dq": f"{position}/s",
         "ddq": f"{position}/s^2",
         "torque": unit,
+        "modelled": unit,
+        "torque_rate": f"{unit}/s",
+        "torque_curvature": f"{unit}/s^2",
         "t": "s",
     }
     return units[signal]

@@ -19,6 +19,9 @@ SHOWN_BY = {
     "reversal": "dq",
     "standstill": "dq",
     "waves per turn": "q",
+    "modelled torque": "modelled",
+    "torque rate": "torque_rate",
+    "torque curvature": "torque_curvature",
 }
 
 

@@ -11,6 +11,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -59,13 +60,18 @@ def errata(problem: Problem) -> list[Erratum]:
     """
     if problem.folder is None or not (problem.folder / "errata.toml").is_file():
         return []
-    entries = tomllib.loads(
-        (problem.folder / "errata.toml").read_text(encoding="utf-8")
-    )["erratum"]
-    return [
-        Erratum(problem=problem.name, **e)
-        for e in sorted(entries, key=lambda e: e["number"])
-    ]
+    text = (problem.folder / "errata.toml").read_text(encoding="utf-8")
+    entries = sorted(_parsed_errata(text), key=lambda entry: entry["number"])
+    return [Erratum(problem=problem.name, **entry) for entry in entries]
+
+
+@lru_cache(maxsize=8)
+def _parsed_errata(text: str) -> list[dict[str, Any]]:
+    """Return the fields of each erratum in the text of an errata.toml.
+
+    Parsed once: every cell of a published table asks for the errata.
+    """
+    return list(tomllib.loads(text)["erratum"])
 
 
 def published_cell(

@@ -24,10 +24,13 @@ from sdp_vs_penalty.diagnosis.causes import (
     BY_DIRECTION,
     HIGH_SPEED,
     LOAD,
+    MODELLED_TORQUE,
     POSE,
     POSITION,
     REVERSAL,
     STANDSTILL,
+    TORQUE_CURVATURE,
+    TORQUE_RATE,
     TURN,
     VELOCITY,
     WAVES,
@@ -606,10 +609,27 @@ def cause_axis(
     if cause == ACCELERATION:
         x = np.gradient(signals.dq[:, j], signals.t)
         return CauseAxis(x, ones, f"acceleration [{position_unit}/s^2]")
-    if cause == LOAD:
-        unit = "N" if position_unit == "m" else "N m"
-        return CauseAxis(signals.modelled[:, j], ones, f"modelled torque [{unit}]")
+    torque = signals.modelled[:, j]
+    unit = "N" if position_unit == "m" else "N m"
+    if cause in (LOAD, MODELLED_TORQUE):
+        return CauseAxis(torque, ones, f"modelled torque [{unit}]")
+    if cause in (TORQUE_RATE, TORQUE_CURVATURE):
+        return _axis_of_torque_change(signals.t, torque, cause, unit)
     return CauseAxis(signals.t - signals.t[0], ones, "time [s]")
+
+
+def _axis_of_torque_change(t: Array, torque: Array, cause: str, unit: str) -> CauseAxis:
+    """Return the first or second derivative by time of a modelled torque (M,) as an
+    abscissa.
+
+    The cause is TORQUE_RATE or TORQUE_CURVATURE; ``unit`` is that of the torque.
+    """
+    rate = np.gradient(torque, t)
+    ones = np.ones(len(t))
+    if cause == TORQUE_RATE:
+        return CauseAxis(rate, ones, f"rate of the modelled torque [{unit}/s]")
+    label = f"second derivative of the modelled torque [{unit}/s^2]"
+    return CauseAxis(np.gradient(rate, t), ones, label)
 
 
 def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:

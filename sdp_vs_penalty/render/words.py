@@ -12,12 +12,15 @@ from sdp_vs_penalty.diagnosis.causes import (
     HIGH_SPEED,
     HUM,
     LOAD,
+    MODELLED_TORQUE,
     OTHER_JOINTS,
     POSE,
     POSITION,
     REVERSAL,
     STANDSTILL,
     TIME,
+    TORQUE_CURVATURE,
+    TORQUE_RATE,
     TURN,
     VELOCITY,
     WAVES,
@@ -342,6 +345,9 @@ _WHEN = {
     LOAD: "by an amount that depends on its load",
     TIME: "by an amount that changes over time",
     OTHER_JOINTS: "most of all when other joints move",
+    MODELLED_TORQUE: "in proportion to the modelled torque",
+    TORQUE_RATE: "in proportion to the rate of the torque",
+    TORQUE_CURVATURE: "in proportion to the second derivative of the torque",
 }
 
 

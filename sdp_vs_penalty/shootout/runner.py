@@ -8,7 +8,9 @@ builds the instance, forks for each run, which ends by itself, the clock, its me
 a signal, and judges the numbers that come back.
 """
 
+import bisect
 import contextlib
+import csv
 import io
 import json
 import math
@@ -17,14 +19,14 @@ import platform
 import resource
 import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import product
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas
@@ -69,10 +71,6 @@ COLUMNS: dict[str, type] = (
 )
 #: What makes a run the same run.
 KEY = ["problem", "hash", "solver", "settings"]
-_ORDER = {
-    "by": ["group", "problem", "solver", "accuracy"],
-    "ascending": [True, True, True, False],
-}
 
 
 class Results:
@@ -88,14 +86,20 @@ class Results:
         Raises InputError if the folder holds other files but no runs.csv.
         """
         self.path = folder / "runs.csv"
-        self.runs = _frame([])
+        self._runs: list[_WrittenRun] = []
         if self.path.exists():
-            self.runs = _read(self.path)
+            rows = _read(self.path).to_dict("records")
+            self._runs = sorted(_WrittenRun.of(row) for row in rows)
             return
         harmless = (".", "references.json")
         if any(not path.name.startswith(harmless) for path in folder.glob("*")):
             what = "holds other files and no runs.csv"
             raise InputError(what, "give --out an empty or a new folder", folder)
+
+    @property
+    def runs(self) -> pandas.DataFrame:
+        """All runs, with the columns of runs.csv."""
+        return _frame([run.row for run in self._runs])
 
     def add(self, rows: list[Row]) -> None:
         """Add runs, and write them to the disk at once.
@@ -105,10 +109,9 @@ class Results:
         rows : list of dict
             Rows of runs.csv.
         """
-        frames = [_frame(rows)]
-        if len(self.runs):  # pandas warns of empty frames
-            frames.insert(0, self.runs)
-        self._write(pandas.concat(frames, ignore_index=True))
+        for row in rows:
+            bisect.insort(self._runs, _WrittenRun.of(row))
+        self._write()
 
     def drop_outdated(self, current: dict[str, str]) -> int:
         """Drop the runs of instances that have changed since, as their hash tells.
@@ -123,18 +126,45 @@ class Results:
         int
             Number of runs dropped.
         """
-        before = len(self.runs)
-        current_hash = self.runs["problem"].map(current)  # NaN: another problem
-        is_current = current_hash.isna() | (current_hash == self.runs["hash"])
-        self._write(self.runs[is_current])
-        return before - len(self.runs)
+        before = len(self._runs)
+        self._runs = [
+            run
+            for run in self._runs
+            if current.get(run.row["problem"], run.row["hash"]) == run.row["hash"]
+        ]
+        self._write()
+        return before - len(self._runs)
 
-    def _write(self, runs: pandas.DataFrame) -> None:
-        """Sort all runs, and rewrite runs.csv atomically: a crash leaves the old file
-        whole.
-        """
-        self.runs = runs.sort_values(**_ORDER, ignore_index=True)
-        write_text(self.path, self.runs.to_csv(index=False, lineterminator="\n"))
+    def _write(self) -> None:
+        """Rewrite runs.csv atomically: a crash leaves the old file whole."""
+        head = _line(COLUMNS)
+        write_text(self.path, head + "".join(run.line for run in self._runs))
+
+
+@dataclass(frozen=True, order=True)
+class _WrittenRun:
+    """A run, and its line of runs.csv; runs are in the order of the file.
+
+    order : group, problem, solver, and loose accuracies before tight ones.
+    """
+
+    order: tuple[str, str, str, float]
+    line: str
+    row: Row = field(compare=False)
+
+    @classmethod
+    def of(cls, row: Row) -> Self:
+        """Return the run of a row that has the cells of all columns."""
+        cells = {name: kind(row[name]) for name, kind in COLUMNS.items()}
+        order = (cells["group"], cells["problem"], cells["solver"], -cells["accuracy"])
+        return cls(order, _line(cells.values()), cells)
+
+
+def _line(cells: Iterable[object]) -> str:
+    """Return cells as a line of a CSV file."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()
 
 
 def _frame(rows: list[Row]) -> pandas.DataFrame:
@@ -309,9 +339,11 @@ def run_one(
         kind, outcome, seconds = "timeout", "", task.time_limit
     else:
         kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
+    if kind == "timeout":  # what the clock showed is no processor time
+        seconds = task.time_limit
     if kind == "ended":
         answer, seconds = outcome
-        if seconds > task.time_limit:  # limits of the system are whole seconds
+        if seconds > task.time_limit:  # a program's limit is whole seconds
             kind = "timeout"
             outcome = f"took {seconds:.2g} s of processor time"
     if kind == "ended":
@@ -346,8 +378,13 @@ def _processor() -> float:
 
 
 #: Of a quick shootout: the accuracies asked for, and processor time of each run [s].
+#: Solvers that get its small problems right need less than .4 s there, or seconds.
 QUICK_ACCURACIES = (1e-6,)
-QUICK_TIME_LIMIT = 1.0
+QUICK_TIME_LIMIT = 0.5
+#: Longest time on the clock of a run, over its processor time: machines are shared.
+#: Short runs may wait so many seconds.
+CLOCK_FACTOR = 4.0
+CLOCK_AT_LEAST = 3.0
 
 
 @dataclass(frozen=True)
@@ -677,7 +714,7 @@ def in_child(
     work : callable
         The work; its result must be picklable.
     limit : float
-        Processor time [s]; the clock may show four times as much, because machines are
+        Processor time [s]; the clock may show more (CLOCK_FACTOR), because machines are
         shared.
     memory : float
         Memory [GB] beyond what the parent process already uses.
@@ -700,7 +737,7 @@ def in_child(
     answer = None
     # The pipe's end alone does not tell that the child has ended: a child of another
     # thread may hold it open.
-    latest_end = start + 4.0 * limit
+    latest_end = start + max(CLOCK_FACTOR * limit, CLOCK_AT_LEAST)
     while not ended and not reader.poll(0.05) and time.monotonic() < latest_end:
         ended, status = os.waitpid(child, os.WNOHANG)
     seconds = time.monotonic() - start
@@ -717,7 +754,7 @@ def in_child(
     if answer is None:
         number = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
         answer = "crash", f"ended by signal {number}" if number else ""
-        if number == signal.SIGXCPU:
+        if number in (signal.SIGXCPU, signal.SIGPROF):
             answer = "timeout", f"stopped after {limit:g} s of processor time"
     return *answer, seconds
 
@@ -754,8 +791,11 @@ def _child(
         os.dup2(silence, 1)
         os.dup2(silence, 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        # The timer ends this process at its limit. Programs that it runs have no timer,
+        # but a limit of whole seconds: the kernel warns by SIGXCPU, and kills two later.
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_PROF, limit)
         used = resource.getrusage(resource.RUSAGE_SELF)
-        # The kernel counts whole seconds. It warns by SIGXCPU, and kills two later.
         whole_seconds = math.ceil(used.ru_utime + used.ru_stime + limit)
         resource.setrlimit(resource.RLIMIT_CPU, (whole_seconds, whole_seconds + 2))
         try:  # Linux tells how much address space is in use

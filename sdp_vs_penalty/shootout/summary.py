@@ -189,6 +189,8 @@ def _panels(
     inches. The same drawing gives the same bytes: names of elements have a fixed salt,
     and the file has no date.
     """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
         figure, (axes,) = plt.subplots(
             1,
@@ -196,9 +198,11 @@ def _panels(
             figsize=(3.2 * count + legend_width, height),
             sharey=True,
             squeeze=False,
-            layout="constrained",
+            dpi=72,  # of SVG: the layout is that of the file
         )
         yield figure, axes
+        # A figure that has a layout engine would be laid out and drawn twice.
+        ConstrainedLayoutEngine().execute(figure)
         with writing(path) as file:
             figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)

@@ -295,6 +295,7 @@ class Sdpa(Solver):
     name = "sdpa"
     extra = "solvers"
     requires = "package", "sdpap"
+    distribution = "sdpa-python"
     cones = frozenset({"nonnegative", "psd"})
     order = KINDS
     full_matrices = True

@@ -11,8 +11,8 @@ import shutil
 import subprocess
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
-from functools import cache
 from importlib import metadata
 from typing import Any, ClassVar
 
@@ -38,14 +38,6 @@ SDPA_CLAIMS = {
     **dict.fromkeys(("pdFEAS", "pFEAS", "dFEAS"), "inaccurate"),
     **dict.fromkeys(("pFEAS_dINF", "pUNBD"), "unbounded"),
 }
-
-
-@cache
-def _distributions() -> Mapping[str, list[str]]:
-    """Return the distributions that install each package; cached, as the search takes
-    0.5 s.
-    """
-    return metadata.packages_distributions()
 
 
 def flat(values: Any, size: int) -> Array:
@@ -74,18 +66,20 @@ class Solver(ABC):
     extra : what installs it, an extra of this package or words (None: the core
     installation); requires : the ("package", module) or ("program", command) without
     which it is absent; system_package : Debian's name of a program, where it is not the
-    command's. cones : what it takes; what it lacks is rewritten. order : of the kinds
-    of cones, where it wants one; full_matrices : whether a psd cone's rows are all
-    entries of the matrix instead of svec's. default_options : options by the names of
-    its documentation; status_meaning : what its status claims (of a Solution; else
-    "failed");
-    finest : the finest accuracy that a loop around it may ask for.
+    command's; distribution : of the package, where it is not the module's name.
+
+    cones : what it takes; what it lacks is rewritten. order : of the kinds of cones,
+    where it wants one; full_matrices : whether a psd cone's rows are all entries of the
+    matrix instead of svec's. default_options : options by the names of its
+    documentation; status_meaning : what its status claims (of a Solution; else
+    "failed"); finest : the finest accuracy that a loop around it may ask for.
     """
 
     name: ClassVar[str]
     extra: ClassVar[str | None] = None
     requires: tuple[str, str]
     system_package: ClassVar[str] = ""
+    distribution: ClassVar[str] = ""
     cones: ClassVar[frozenset[str]] = EVERYTHING
     order: ClassVar[tuple[str, ...]] = ()
     full_matrices: ClassVar[bool] = False
@@ -263,7 +257,9 @@ class Solver(ABC):
         """Return the installed version of the package or program, "" if unknown."""
         kind, what = self.requires
         if kind == "package":
-            return metadata.version(_distributions().get(what, [what])[0])
+            with suppress(metadata.PackageNotFoundError):
+                return metadata.version(self.distribution or what)
+            return ""
         command = ["dpkg-query", "-W", "-f", "${Version}", self.system_package or what]
         try:
             done = subprocess.run(

@@ -602,7 +602,10 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
 def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
     def term(name: str, lead: float) -> Any:
         J = 50.0 + EVIDENCE_TO_DISTINGUISH * lead
-        form = SimpleNamespace(replaces_own_constant=name == "own")
+        form = SimpleNamespace(
+            replaces_own_constant=name == "own",
+            generalises=lambda other: name == "general",
+        )
         return SimpleNamespace(
             key=(name, 0),
             form=form,
@@ -612,5 +615,12 @@ def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
 
     mine = term("mine", 0.0)
     near = term("near", -0.9)
-    far = term("far", -1.1)
-    assert Search.equivalence_set(mine, [mine, near, far, term("own", 0.9)]) == (near,)
+    others = [
+        term("far", -1.1),
+        term("own", 0.9),
+        term("general", 0.9),
+        term("impossible", 0.9),
+    ]
+    search = SimpleNamespace(is_impossible=lambda t: t.key[0] == "impossible")
+    candidates = [mine, near, *others]
+    assert Search.equivalence_set(search, mine, candidates) == (near,)

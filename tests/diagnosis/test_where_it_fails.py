@@ -8,11 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from point_mass_arm import PointMassArm, arm_problem
+from point_mass_arm import (
+    COULOMB,
+    VISCOUS,
+    PointMassArm,
+    Trajectory,
+    arm_problem,
+    delayed,
+    scaled,
+)
 
-from sdp_vs_penalty import Problem, identify, where_it_fails
+from sdp_vs_penalty import Measurements, Problem, identify, where_it_fails
 from sdp_vs_penalty.diagnosis import (
     CauseShares,
+    Failures,
     JointFailure,
     dependences,
     held_out_share,
@@ -81,9 +90,16 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 def worst_joint(problem: Problem, arm: PointMassArm, seed: int) -> JointFailure:
     """The joint with most error over its noise, on a run of this seed."""
     run = arm.run(1, periods=2)
+    judged = run if seed == 1 else arm.run(seed, periods=2)
+    return worst_of_runs(problem, run, judged)
+
+
+def worst_of_runs(
+    problem: Problem, run: Measurements, judged: Measurements
+) -> JointFailure:
+    """The joint with most error over its noise, of a model of the first run."""
     effects = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
     model = identify(problem, run, "ols", effects=effects, check=False)
-    judged = run if seed == 1 else arm.run(seed, periods=2)
     return where_it_fails(model, judged).worst_first[0]
 
 
@@ -107,6 +123,61 @@ def test_the_joint_and_the_cause_are_named(problem, kind):
         9,
     )
     assert (worst.joint, dependences(worst)[0][0]) == (joint, cause)
+
+
+#: What the torque channels do, the joint whose channel does it, and its cause.
+CHANNELS = {
+    "late": (delayed(np.array([0.0, 0.01, 0.0])), 2, "torque rate"),
+    "wrong gain": (scaled((1.0, 1.0, 1.2)), 3, "modelled torque"),
+}
+
+
+@pytest.mark.parametrize("kind", CHANNELS)
+def test_what_a_channel_does_is_a_cause(problem, kind):
+    """Judged on the run of the identification, to which the model was fitted."""
+    channel, joint, cause = CHANNELS[kind]
+    run = PointMassArm(channel=channel).run(1, periods=2)
+    worst = worst_of_runs(problem, run, run)
+    assert (worst.joint, dependences(worst)[0][0]) == (joint, cause)
+
+
+def test_a_gear_that_yields_is_seen_in_the_curvature_of_its_torque(problem):
+    """The encoder is on the motor: it shows the link's angle plus torque / stiffness.
+
+    Friction of the motor does not pass through the gear."""
+    stiffness = np.array([400.0, np.inf, np.inf])
+    noise = 0.03 * np.random.default_rng(5).normal(size=(4000, 3))
+    t = np.arange(4000) / 200.0
+    trajectory = Trajectory.draw(2)
+    links = PointMassArm().torque(trajectory, t) - friction(trajectory.at(t), t)
+    q = trajectory.at(t) + links / stiffness
+    run = Measurements(t, q + 1e-5 * noise, links + friction(q, t) + noise)
+    worst = worst_of_runs(problem, run, run)
+    assert (worst.joint, dependences(worst)[0][0]) == (1, "torque curvature")
+
+
+def friction(q: Array, t: Array) -> Array:
+    """Friction of the arm's motors at angles (N, 3)."""
+    dq = np.gradient(q, t, axis=0)
+    return VISCOUS * dq + COULOMB * PointMassArm().direction(q, dq)
+
+
+def test_a_hum_above_the_filters_is_the_cause(problem):
+    humming = on(2, lambda t, q, dq: 0.4 * np.sin(2 * np.pi * 31.34 * t))
+    worst = worst_joint(problem, PointMassArm(extra=humming), 1)
+    assert (worst.joint, dependences(worst)[0][0]) == (2, "hum")
+    [(frequency, amplitude)] = worst.hums
+    assert frequency == pytest.approx(31.34, abs=0.01)
+    assert amplitude == pytest.approx(0.4, rel=0.1)
+    assert JointFailure.from_dict(worst.to_dict()).hums == worst.hums
+
+
+def test_joints_without_a_noise_floor_are_ranked_by_their_torques():
+    def failure(joint: int, rmse: float, torque: float) -> JointFailure:
+        return JointFailure(joint, rmse, None, None, {}, 1.0, (), torque=torque)
+
+    failures = Failures([failure(1, 2.0, 100.0), failure(2, 0.5, 1.0)], ["N m", "N m"])
+    assert failures.worst_first[0].joint == 2
 
 
 @pytest.mark.long

@@ -53,29 +53,18 @@ def simulated_picks(
 ) -> SimulatedPicks:
     """Of a problem's arm, with friction and noise of the simulator's own."""
     clean = hidden_runs(problem, [], seed=seed)
-    small = hidden_runs(
-        problem,
-        [("payload", [])],
-        "strong",
-        seed,
-        1,
-        clean.world,
-    )
+    load = [("payload", [])]
+    small = hidden_runs(problem, load, "strong", seed, 1, clean.world)
     level = LEVELS["strong"] * mass / small.truth["effects"][0]["size"]
-    heavy = hidden_runs(
-        problem,
-        [("payload", [])],
-        level,
-        seed,
-        world=clean.world,
-    )
+    heavy = hidden_runs(problem, load, level, seed, world=clean.world)
     (truth,) = heavy.truth["effects"]
     frame = problem.robot.tree[-1].link_frame  # the truth is in the joint's frame
     com = np.linalg.solve(frame, [*truth["com"], 1.0])[:3]
+    *training, calibration, bare = clean.runs
     return SimulatedPicks(
-        identify(problem, list(clean.runs[:2]), check=False),
-        thinned(clean.runs[2], rate),
-        thinned(clean.runs[3], rate),
+        identify(problem, training, check=False),
+        thinned(calibration, rate),
+        thinned(bare, rate),
         thinned(heavy.runs[3], rate),
         truth["size"],
         com,

@@ -62,7 +62,7 @@ def test_the_node_of_the_page_publishes_the_payload(panda, tmp_path, monkeypatch
     names: dict[str, type] = {"__name__": "node"}
     exec(compile(code, "online.md", "exec"), names)
     node = names["PayloadNode"]()
-    run = arm.stream(2.0).window(0.0, 4.0)
+    run = arm.stream(2.0).window(0.5, 3.0)
     for t, q, tau in zip(run.t, run.q[:, ::-1], run.tau[:, ::-1], strict=True):
         stamp = SimpleNamespace(sec=int(t), nanosec=round(1e9 * (t % 1.0)))
         node.take(

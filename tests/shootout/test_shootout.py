@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -299,6 +300,18 @@ def test_a_run_ends_in_its_own_process(work, limit, kind, said):
     assert found == kind
     assert re.search(said, words.decode() if isinstance(words, bytes) else words)
     assert seconds < 5.0
+
+
+def test_a_run_that_spins_is_stopped_at_its_processor_time():
+    before = _seconds_of_children()
+    kind, *_ = runner.in_child(_spin, limit=0.2, memory=1.0)
+    assert kind == "timeout"
+    assert _seconds_of_children() - before < 0.6  # limits of the system: whole seconds
+
+
+def _seconds_of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def test_seconds_are_processor_time(two_link, proved, best):

@@ -30,7 +30,7 @@ def verb(
     --solvers a,b,...: Solvers; default: all that are installed.
     --problems a,b,...: Groups or names of instances, see --list; default: all.
     --accuracy 1e-4,1e-8: Accuracies to ask for; default: 1e-4,1e-6,1e-8.
-    --time-limit SECONDS: Processor time of each run; default: 60, quick 1.
+    --time-limit SECONDS: Processor time of each run; default: 60, quick 0.5.
     --memory GB: Memory of each run.
     --quick: A few instances, one accuracy, every solver by itself.
     --out: Folder; runs that it holds are not repeated.

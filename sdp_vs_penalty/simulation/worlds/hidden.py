@@ -523,6 +523,28 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
+def _belt(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a belt between a joint (from 0) and the next one, or the last two.
+
+    It stores size (q_j - r q_i)^2 / 2 with a ratio r that is drawn.
+    """
+    if world.arm.n < 2:
+        raise InputError(
+            "effect elastic_coupling needs a robot with two joints or more",
+            "leave it out",
+        )
+    first = min(joint, world.arm.n - 2)
+    ratio = float(rng.uniform(0.5, 1.5))
+    pull = np.zeros(world.arm.n)
+    pull[first : first + 2] = -ratio, 1.0
+
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
+        return np.outer(size * (motion.q @ pull), pull)
+
+    return Hidden((first, first + 1), change, -ratio)
+
+
 def _warming(world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that fades as the gears warm up, with time
     constant T.
@@ -1009,6 +1031,11 @@ _stiction = partial(
 )
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
+#: Springs that no class of the challenge draws.
+SPRINGS: Mapping[str, Maker] = {
+    "stiffening_spring": plain(lambda world, joint, motion: motion.q[:, joint] ** 3),
+    "elastic_coupling": _belt,
+}
 #: What a diagnosis meets as a nuisance.
 NUISANCE: Mapping[str, Maker] = {
     "kinematic_error": _misplaced,

@@ -1,0 +1,136 @@
+"""Hums of a torque channel above the band of the motion: spectral lines of the logged
+torque that keep their phase from the begin of a run to its end.
+
+The filter of a diagnosis removes them with all else above its cut-off. So they are
+looked for in the torque as it was logged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.events import Event, refined_line, spectral_lines
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.runs import Stretch, split_at_gaps
+
+#: Parts of a run in which a hum has to have one amplitude and one phase.
+_PARTS = 8
+#: Length of the mean of the parts' phasors over their RMS length, from which a line
+#: keeps its phase. A ripple that a joint passes at changing speed reaches 0.4.
+_COHERENT = 0.9
+#: Times the largest line within _NEAR [Hz] that the power of a hum has to reach. The
+#: harmonics of a motion that repeats stand side by side.
+_ALONE = 5.0
+_NEAR = 2.0
+#: Share of the torque's variance above the band from which a hum is reported.
+_LARGE_SHARE = 0.1
+#: A run shorter than this [s] shows no phase that is kept.
+_SHORTEST = 4.0
+
+
+def find_hums_above(measurements: Measurements, cutoff: float) -> list[Event]:
+    """List the hums of the logged torque above a frequency.
+
+    A hum is a line of the torque's spectrum that stands alone, keeps amplitude and
+    phase over the run, and makes a tenth of the variance above the band.
+
+    Parameters
+    ----------
+    measurements
+        The runs, with torque.
+    cutoff
+        Upper end [Hz] of the band that the model is judged in.
+
+    Returns
+    -------
+    list of Event
+        One for each joint and run: the largest hum, with its amplitude.
+    """
+    out = []
+    for run in measurements.runs():
+        stretches = split_at_gaps(run)
+        if not stretches:
+            continue
+        longest = max(stretches, key=lambda s: s.count)
+        for joint in range(run.n):
+            hum = _largest_hum(longest, joint, cutoff)
+            if hum is not None:
+                out.append(hum)
+    return out
+
+
+def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
+    """Return the largest hum of a joint (from 0) in a stretch without gaps, or None."""
+    t = run.t
+    rate = (len(t) - 1) / (t[-1] - t[0])
+    if t[-1] - t[0] < _SHORTEST or 2.0 * cutoff >= rate:
+        return None
+    torque = run.tau[:, joint]
+    window = np.hanning(len(t))
+    power = np.abs(np.fft.rfft((torque - torque.mean()) * window)) ** 2
+    frequency = np.fft.rfftfreq(len(t), 1.0 / rate)
+    above = power * (frequency > cutoff)
+    lines = spectral_lines([torque], rate, run.tau.shape[1], lowest=cutoff)
+    largest = 0.0
+    hum = None
+    for line in lines:
+        near = np.abs(frequency - line) < 2.5 * frequency[1]
+        energy = float(np.sum(above[near]))
+        neighbours = (np.abs(frequency - line) < _NEAR) & ~near
+        rival = float(above[neighbours].max(initial=0.0))
+        is_alone = above[near].max() > _ALONE * rival
+        if not is_alone or energy < max(largest, _LARGE_SHARE * float(above.sum())):
+            continue
+        exact = refined_line(t, torque * window, line, frequency[1])
+        phasor = _steady_phasor(t, torque, exact)
+        if phasor is not None:
+            largest = energy
+            hum = Event(
+                joint + 1,
+                float(t[0]),
+                float(t[-1]),
+                what="hum",
+                frequency=exact,
+                amplitude=abs(phasor),
+            )
+    return hum
+
+
+def _steady_phasor(t: Array, torque: Array, frequency: float) -> complex | None:
+    """Return amplitude and phase of a line as a complex number [N m or N].
+
+    None if the parts of the run do not agree on it.
+
+    Parameters
+    ----------
+    t
+        (N,) time [s].
+    torque
+        (N,) torque of a joint.
+    frequency
+        Frequency of the line [Hz].
+    """
+    phasors = np.array(
+        [
+            _phasor(t[rows], torque[rows], frequency)
+            for rows in np.array_split(np.arange(len(t)), _PARTS)
+        ]
+    )
+    mean = complex(phasors.mean())
+    rms = float(nonzero_or_one(np.sqrt(np.mean(np.abs(phasors) ** 2))))
+    return mean if abs(mean) > _COHERENT * rms else None
+
+
+def _phasor(t: Array, torque: Array, frequency: float) -> complex:
+    """Fit a sine wave to torque (N,), beside a parabola: amplitude and phase as a
+    complex number."""
+    angle = 2.0 * np.pi * frequency * t
+    place = np.linspace(-1.0, 1.0, len(t))
+    window = np.hanning(len(t))
+    columns = np.column_stack(
+        [np.cos(angle), np.sin(angle), np.ones_like(place), place, place**2]
+    )
+    weighted = columns * window[:, None]
+    fit = np.linalg.lstsq(weighted, torque * window, rcond=None)[0]
+    return complex(fit[0], -fit[1])

@@ -1,0 +1,371 @@
+"""Notices: facts about the machine that the model's parameters have taken in.
+
+Two are looked for: a load that the robot's file does not know, and a constant offset,
+which friction of unequal sides makes as well. Neither is a missing effect, since the
+model explains its torque. Both are estimated from the same white rows as the findings,
+and beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData
+from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.regression.evidence import cluster_sums
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.inertia import inertia_matrix
+
+#: Tolerance of a robot's file, as relative standard deviations: of a mass; of a centre
+#: of mass, over the link's radius of gyration about its joint; of an inertia.
+_FILE_MASS = 0.2
+_FILE_CENTRE = 0.2
+_FILE_INERTIA = 0.3
+#: Mean square error of the other links, in units of that tolerance, up to which the
+#: file describes them.
+_FILE_DESCRIBES = 4.0
+#: Prior standard deviations (10,) of a load's parameters, over the arm's mass: it is at
+#: most as heavy as the arm, and within a metre of its joint.
+_LOAD_REACH = np.array([1.0, *(0.5,) * 3, *(0.25,) * 6])
+#: Chi-squared with four degrees of freedom from which a load is reported: a chance of
+#: one in a million.
+_LOAD_SURPRISE = 33.4
+#: Standard deviations from zero from which a load's mass is stated.
+_MASS_IS_KNOWN = 2.0
+#: Standard deviations from zero from which an offset is reported, and its share of the
+#: joint's Coulomb friction.
+_OFFSET_IS_CLEAR = 5.0
+_OFFSET_IS_LARGE = 0.2
+#: Effects whose torque has a constant part of its own (a spring's rest position).
+_WITH_A_CONSTANT = {
+    "joint_spring",
+    "stiffening_spring",
+    "elastic_coupling",
+    "drift_offset",
+    "external_wrench",
+    "asymmetric_coulomb_friction",
+    "torque_offset",
+}
+#: Share of a unit column's square that keeps the normal equations regular.
+_LEAST_PRECISION = 1e-9
+
+
+@dataclass(frozen=True)
+class Notice(JsonRecord):
+    """A fact about the machine that the model's own parameters hold.
+
+    kind : "load" or "offset"; joint : from 1; size and std : its estimate and standard
+    deviation in ``unit``; sentence : what it means, for the user.
+    """
+
+    kind: str
+    joint: int
+    size: float
+    std: float
+    unit: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class FitWithPriors:
+    """The model's parameters, estimated beside the findings and with priors.
+
+    theta (p,) : parameters of the model; covariance (p, p) : their covariance, from
+    noise, model errors and priors; nominal (p,) : means of the priors; deviations (p,)
+    : standard deviations of the priors, infinite without one.
+    """
+
+    theta: Array
+    covariance: Array
+    nominal: Array
+    deviations: Array
+
+    @property
+    def std(self) -> Array:
+        """(p,) standard deviations of the parameters."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+
+
+def find_notices(search: Search, estimate: Estimate) -> tuple[Notice, ...]:
+    """List what the model has taken in: a load beyond the robot's file, and offsets.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    estimate
+        The model.
+
+    Returns
+    -------
+    tuple of Notice
+        Empty for a model that is held fixed, since its parameters take nothing in.
+    """
+    if search.data.frozen or not len(estimate.model.rigid_indices):
+        return ()
+    load = load_beyond_file(search, estimate)
+    offsets = offsets_beside_friction(search, estimate)
+    return tuple(offsets if load is None else [load, *offsets])
+
+
+def load_beyond_file(search: Search, estimate: Estimate) -> Notice | None:
+    """Compare the last link with the robot's file; return a notice of a load, or None.
+
+    The last link's parameters are estimated without its file, beside other links that
+    are as right as files are (a fifth). Noise and the file's tolerance may explain the
+    difference of mass and first moment: a chi-squared with four degrees of freedom
+    tells. No load is reported where the other links do not fit their file either, or
+    where no file states the masses.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    estimate
+        The model.
+
+    Returns
+    -------
+    Notice or None
+        Its size is the mass [kg] beyond the file; where the data do not show a mass,
+        the length of the first moment [kg m].
+    """
+    links = estimate.problem.nominal_links
+    rigid = estimate.model.rigid_indices
+    is_stated = not estimate.problem.guessed_links.any() and np.all(links[:, 0] > 0.0)
+    if len(rigid) != links.size or not is_stated:
+        return None
+    tolerances = file_deviations(links)
+    loose = links[:, 0].sum() * _LOAD_REACH
+    deviations = np.full(len(estimate.theta), np.inf)
+    deviations[rigid] = np.vstack([tolerances[:-1], loose]).ravel()
+    nominal = np.zeros(len(estimate.theta))
+    nominal[rigid] = links.ravel()
+    fit = fit_with_priors(search, nominal, deviations)
+    if not _describes(fit, rigid[:-10]):
+        return None
+    place = rigid[-10:-6]  # mass and first moment of the last link
+    excess = fit.theta[place] - links[-1, :4]
+    covariance = fit.covariance[np.ix_(place, place)] + np.diag(tolerances[-1, :4] ** 2)
+    surprise = float(excess @ np.linalg.solve(covariance, excess))
+    if surprise < _LOAD_SURPRISE:
+        return None
+    mass = float(excess[0])
+    std_of_mass = float(np.sqrt(covariance[0, 0]))
+    if abs(mass) > _MASS_IS_KNOWN * std_of_mass:
+        return _notice_of_mass(len(links), mass, std_of_mass)
+    moment = float(np.linalg.norm(excess[1:]))
+    direction = excess[1:] / max(moment, 1e-300)
+    std = float(np.sqrt(direction @ covariance[1:, 1:] @ direction))
+    return _notice_of_moment(len(links), moment, std)
+
+
+def _notice_of_mass(joint: int, mass: float, std: float) -> Notice:
+    """Say how much more (or less) mass [kg] the arm carries beyond a joint (from 1)."""
+    amount = f"{abs(mass):.2g} ± {NORMAL_95 * std:.1g} kg"
+    if mass > 0.0:
+        text = (
+            f"beyond joint {joint} the arm carries {amount} more than its file says: a"
+            " payload, or a last link that the file has wrong by more than a fifth"
+        )
+    else:
+        text = (
+            f"beyond joint {joint} the arm carries {amount} less than its file says: a"
+            " tool that is not there, or a last link that the file has wrong by more"
+            " than a fifth"
+        )
+    return Notice("load", joint, mass, std, "kg", text)
+
+
+def _notice_of_moment(joint: int, moment: float, std: float) -> Notice:
+    """Say by how much the last link's first moment [kg m] differs from the file."""
+    text = (
+        f"the first moment (mass times centre) of what joint {joint} carries differs"
+        f" from its file by {moment:.2g} ± {NORMAL_95 * std:.1g} kg m: a payload, or a"
+        " last link that the file has wrong by more than a fifth; the data do not show"
+        " its mass"
+    )
+    return Notice("load", joint, moment, std, "kg*m", text)
+
+
+def file_deviations(links: Array) -> Array:
+    """Return standard deviations (links, 10) of parameters as a robot's file states
+    them.
+
+    A mass is right to a fifth. A centre of mass is right to a fifth of the link's
+    radius of gyration about its joint. An inertia is right to three tenths, and errs
+    with the centre as well.
+
+    Parameters
+    ----------
+    links
+        (links, 10) nominal parameters: m [kg], m c [kg m], inertia about the joint [kg
+        m^2].
+    """
+    out = np.empty_like(links)
+    for k, link in enumerate(links):
+        moments = np.linalg.eigvalsh(inertia_matrix(link[4:]))
+        # The trace of an inertia is twice the second moment of the mass.
+        radius = np.sqrt(max(float(moments.sum()) / 2.0, 0.0) / max(link[0], 1e-12))
+        error_of_moment = link[0] * _FILE_CENTRE * radius
+        out[k, 0] = _FILE_MASS * link[0]
+        out[k, 1:4] = np.hypot(_FILE_MASS * link[1:4], error_of_moment)
+        out[k, 4:] = np.hypot(
+            _FILE_INERTIA * moments.max(), 2.0 * radius * error_of_moment
+        )
+    return np.maximum(out, 1e-9)
+
+
+def _describes(fit: FitWithPriors, places: NDArray[np.intp]) -> bool:
+    """Return whether a file describes links as well as its tolerance says.
+
+    The squares of their deviations, in units of the tolerance, are compared with those
+    expected: one for each parameter that the data determine.
+
+    Parameters
+    ----------
+    fit
+        The estimate beside the file.
+    places
+        Indices of the links' parameters in theta.
+    """
+    if not len(places):
+        return True
+    deviations = fit.deviations[places]
+    squares = ((fit.theta[places] - fit.nominal[places]) / deviations) ** 2
+    from_data = 1.0 - np.minimum((fit.std[places] / deviations) ** 2, 1.0)
+    return bool(squares.sum() < _FILE_DESCRIBES * max(float(from_data.sum()), 1.0))
+
+
+def offsets_beside_friction(search: Search, estimate: Estimate) -> list[Notice]:
+    """List the joints whose constant offset is clear, and large beside Coulomb friction.
+
+    An offset on a joint that moves both ways is the same torque as Coulomb friction
+    that differs by direction. Left out are sliding joints, whose offset holds a weight,
+    and joints with a finding that has a constant part of its own, such as the rest
+    position of a spring.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    estimate
+        The model.
+    """
+    p = len(estimate.theta)
+    fit = fit_with_priors(search, np.zeros(p), np.full(p, np.inf))
+    friction = np.zeros(estimate.robot.n)
+    for index, parameter in enumerate(estimate.model.parameters):
+        if parameter.effect == "coulomb_friction":
+            friction[parameter.joint - 1] = fit.theta[index]
+    explained = {
+        joint
+        for term in search.terms
+        if _may_be_constant(search, term)
+        for joint in term.joints
+    }
+    out = []
+    for index, parameter in enumerate(estimate.model.parameters):
+        joint = parameter.joint - 1
+        if parameter.effect != "torque_offset" or joint in explained:
+            continue
+        offset = float(fit.theta[index])
+        std = float(fit.std[index])
+        is_clear = abs(offset) > _OFFSET_IS_CLEAR * std
+        is_large = abs(offset) > _OFFSET_IS_LARGE * friction[joint] > 0.0
+        turns = estimate.robot.joints[joint].kind != "prismatic"
+        if is_clear and is_large and turns:
+            out.append(_notice_of_offset(joint + 1, offset, std, parameter.unit))
+    return out
+
+
+def _may_be_constant(search: Search, term: ScoredEffect) -> bool:
+    """Return whether a finding has a constant part, or may stand for a slow curve.
+
+    Less than one wave of a ripple, for example, looks like any torque that changes
+    slowly with the angle.
+    """
+    effect = term.form.effect
+    coverage = search.data.rows.seen(effect.joints[0])
+    return term.key[0] in _WITH_A_CONSTANT or bool(effect.looks_like(0.0, coverage))
+
+
+def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notice:
+    """Say what a constant offset of a joint (from 1) may be."""
+    text = (
+        f"joint {joint} has a constant offset of"
+        f" {offset:.3g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}: while it moves, the"
+        " same as Coulomb friction that differs by direction"
+    )
+    return Notice("offset", joint, offset, std, unit, text)
+
+
+def fit_with_priors(search: Search, nominal: Array, deviations: Array) -> FitWithPriors:
+    """Estimate all parameters of the model beside the findings, with priors.
+
+    The estimate is (A + P)^-1 (Z'y + P t0), for white columns Z of the model and the
+    findings, divided by each joint's residual; A = Z'Z, prior precision P and prior
+    mean t0. Its covariance is (A + P)^-1 (S + P) (A + P)^-1: S sums the scores Z'r over
+    clusters of rows that err together.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    nominal
+        (p,) prior means of the model's parameters.
+    deviations
+        (p,) prior standard deviations; infinite: no prior.
+
+    Returns
+    -------
+    FitWithPriors
+        Estimate and covariance of the model's p parameters.
+    """
+    data = search.data
+    p = data.X.shape[2]
+    level = search.score.fit(search.terms, search.fit).level
+    columns = [_columns_on(data, search.terms, j) / level[j] for j in range(data.n)]
+    torque = data.y / level[:, None]
+    gram = sum(z.T @ z for z in columns)
+    # Unit columns: parameters of all units are compared by the torque that they make.
+    scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    precision = np.zeros(len(scale))
+    precision[:p] = (deviations * scale[:p]) ** -2.0
+    mean = np.zeros(len(scale))
+    mean[:p] = nominal * scale[:p]
+    A = gram / np.outer(scale, scale) + np.diag(precision + _LEAST_PRECISION)
+    inverse = np.linalg.inv(A)
+    along_torque = sum(z.T @ y for z, y in zip(columns, torque, strict=True)) / scale
+    theta = inverse @ (along_torque + precision * mean)
+    scores = np.zeros((data.y.shape[1], len(scale)))
+    for z, y in zip(columns, torque, strict=True):
+        residual = y - z @ (theta / scale)
+        scores += z * residual[:, None] / scale
+    middles = [sums.T @ sums for sums in cluster_sums(data.clusters, scores)]
+    largest = max(middles, key=lambda middle: float(np.trace(middle)))
+    covariance = inverse @ (largest + np.diag(precision)) @ inverse
+    return FitWithPriors(
+        theta=(theta / scale)[:p],
+        covariance=(covariance / np.outer(scale, scale))[:p, :p],
+        nominal=nominal,
+        deviations=deviations,
+    )
+
+
+def _columns_on(data: WhiteData, terms: Sequence[ScoredEffect], joint: int) -> Array:
+    """Return the white columns (M, p + k) of the model and all findings on a joint."""
+    M = data.X.shape[1]
+    findings = [
+        t.columns.get(joint, np.zeros((M, t.form.n_coefficients))) for t in terms
+    ]
+    return np.hstack([data.X[joint], *findings])

@@ -1,0 +1,104 @@
+"""What the model takes in is said: a load beyond its file, an offset, a hum of the
+torque above its band.
+
+The logs are of an arm that shares no code with the library (point_mass_arm).
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from point_mass_arm import MASSES, PointMassArm, arm_problem
+
+from sdp_vs_penalty import Measurements, Problem, identify
+from sdp_vs_penalty.diagnosis import (
+    Event,
+    Library,
+    Notice,
+    Search,
+    find_hums_above,
+    find_notices,
+)
+from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
+
+EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
+Array = np.ndarray
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    return arm_problem(Path(tmp_path_factory.mktemp("arm")))
+
+
+def notices(problem: Problem, arm: PointMassArm) -> tuple[Notice, ...]:
+    """What a model without findings has taken in."""
+    run = arm.run(1)
+    model = identify(problem, run, "ols", effects=EFFECTS, check=False)
+    search = Search(DiagnosisRuns(model, run, None).white_data, Library())
+    search.terms = []
+    search.fit = search.score.fit([])
+    return find_notices(search, model)
+
+
+def loaded(mass: float) -> PointMassArm:
+    return PointMassArm(masses=(*MASSES, (2, (0.3, 0.05, 0.0), mass)))
+
+
+def test_a_load_beyond_the_file_is_weighed(problem):
+    (notice,) = notices(problem, loaded(4.0))
+    assert (notice.kind, notice.joint) == ("load", 3)
+    assert abs(notice.size - 4.0) < 1.96 * notice.std
+
+
+def test_links_within_a_fifth_of_their_file_are_no_load(problem):
+    assert not notices(problem, loaded(0.5))
+
+
+def with_offset(torque: float) -> PointMassArm:
+    """Joint 2 has Coulomb friction of 1.2 N m, and a constant torque."""
+    return PointMassArm(extra=lambda t, q, dq: 0.0 * q + [0.0, torque, 0.0])
+
+
+def test_an_offset_large_beside_friction_is_noticed(problem):
+    (notice,) = notices(problem, with_offset(0.6))
+    assert (notice.kind, notice.joint) == ("offset", 2)
+    assert abs(notice.size - 0.6) < 1.96 * notice.std
+
+
+def test_an_offset_small_beside_friction_is_not(problem):
+    assert not notices(problem, with_offset(0.1))
+
+
+t = np.arange(4000) / 200.0
+angle = 2.0 * np.sin(2.0 * np.pi * 0.3 * t)
+
+
+def logged(torque: Array) -> list[Event]:
+    """The hums above 10 Hz of a joint whose torque has noise of 0.1 N m."""
+    noise = 0.1 * np.random.default_rng(0).normal(size=len(t))
+    slow = 5.0 * np.cos(angle) + np.tanh(np.gradient(angle, t) / 0.05)
+    columns = [x[:, None] for x in (angle, torque + slow + noise)]
+    return find_hums_above(Measurements(t, *columns), 10.0)
+
+
+def test_a_hum_has_its_frequency_and_amplitude():
+    (hum,) = logged(0.3 * np.sin(2.0 * np.pi * 31.4 * t + 1.0))
+    assert hum.frequency == pytest.approx(31.4, abs=0.01)
+    assert hum.amplitude == pytest.approx(0.3, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "torque",
+    [
+        pytest.param(lambda: 0.3 * np.sin(40.0 * angle), id="a ripple over the angle"),
+        pytest.param(lambda: np.where(t < 3.0, np.sin(200.0 * t), 0.0), id="a burst"),
+        pytest.param(
+            lambda: 3.0 * np.sign(np.sin(5.0 * t)), id="friction at reversals"
+        ),
+        pytest.param(lambda: 0.0 * t, id="noise"),
+        pytest.param(lambda: 0.02 * np.sin(200.0 * t), id="a twentieth of the noise"),
+    ],
+)
+def test_what_keeps_no_phase_or_is_small_is_no_hum(torque: Callable[[], Array]):
+    assert not logged(torque())
