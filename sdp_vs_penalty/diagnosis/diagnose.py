@@ -166,7 +166,10 @@ def diagnose_runs(
         gain_errors=gain_errors(runs.estimate, gain_uncertainty),
         new_motion_share=runs.new_motion_share,
         seed=seed,
-        hums=find_hums_above(runs.searched, runs.rows.cutoff),
+        hums=find_hums_above(
+            runs.searched,
+            finished_search.data.rows.cutoff,
+        ),
     )
     diagnosis = conclusion.diagnosis()
     if runs.subsample_remark:

@@ -197,10 +197,9 @@ def _judge_group(
     fit = search.score.fit(terms_beside, full)
     judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
     fit_with_terms = search.score.fit([*terms_beside, *terms], full)
-    # The residual with the terms, in the same weights as that without them.
-    reweighted = fit_with_terms.level / fit.level
-    residual_after = fit_with_terms.residual * reweighted[:, None]
-    squares = float(np.sum(fit.residual**2) - np.sum(residual_after**2))
+    # Squared errors in the weights of the fit without the terms.
+    fall = (fit.rss - fit_with_terms.rss) / fit.level**2
+    squares = float(np.sum(fall))
     deviance_drop = judged[0].drop
     if len(terms) > 1:
         deviance_after = fit.deviance(fit_with_terms.rss)
@@ -225,16 +224,26 @@ def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
     rival has to explain the finding's torque, and not its own joint's.
     """
     judge = search.judge_beside(group.fit)
+    is_possible = not any(search.is_impossible(t) for t in group.terms)
+
+    def is_less_possible(rival: ScoredEffect) -> bool:
+        """Return whether a rival alone makes more torque than was measured, and the
+        group does not.
+        """
+        return is_possible and search.is_impossible(rival)
+
     out = []
     for form in _promising(search, group, _acts_there):
         rival = refine_constants(judge, judge.scored(form))
-        if group.is_rival(rival):
+        if group.is_rival(rival) and not is_less_possible(rival):
             out.append(rival)
     if len(group.terms) > 1:
         return out
     for form in _promising(search, group, _acts_elsewhere):
         rival = refine_constants(judge, judge.scored(form))
-        if group.is_rival(rival) and _explains_the_same(search, group, rival):
+        if is_less_possible(rival) or not group.is_rival(rival):
+            continue
+        if _explains_the_same(search, group, rival):
             out.append(rival)
     return out
 
@@ -303,14 +312,17 @@ def _list_possible_replacements(
 ) -> list[int]:
     """List the numbers, within the batch, of candidates that may replace the group.
 
-    A candidate may if it is not among the findings, and may be added to the model with
-    the other findings.
+    A candidate may if it is not among the findings, may be added to the model with the
+    other findings, and does not merely generalise the only finding of the group.
     """
     present = {t.key for t in search.terms}
     picked = [t.form for t in group.others]
     is_allowed = may_join(batch.forms, picked, search.data.estimate.model)
+    single = [t.form for t in group.terms] if len(group.terms) == 1 else []
     return [
         f
         for f, form in enumerate(batch.forms)
-        if is_allowed[f] and form.key not in present
+        if is_allowed[f]
+        and form.key not in present
+        and not any(form.generalises(finding) for finding in single)
     ]

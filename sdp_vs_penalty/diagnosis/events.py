@@ -25,6 +25,7 @@ from sdp_vs_penalty.signals.coloured_noise import (
     RARE,
     local_excess,
     lone_windows,
+    noise_profile,
     robust_scale,
 )
 from sdp_vs_penalty.signals.constants import SAME_PHASE
@@ -187,7 +188,12 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         # The noise may be larger than estimated. A scale from the median corrects that,
         # and is not changed by an event.
         is_known = white[:, j] != 0.0
-        steady = white[:, j] / max(robust_scale(white[is_known, j]), 1.0)
+        # Errors of timing grow with the rate of the torque: the corner of a trapezoid
+        # move has the largest rate of a log, and is no event.
+        rates = data.rates[j]
+        swells = noise_profile(white[:, j], rates, rates)
+        even = white[:, j] / swells
+        steady = even / max(robust_scale(even[is_known]), 1.0)
         degrees = float(noise.degrees[j])
         is_outlier = local_excess(
             steady,
@@ -200,16 +206,11 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
             # A push of a second stands out of the torque in N m rather than out of the
             # whitened one, in which slow changes are small.
-            torque = residual[:, j] * is_known
+            torque = residual[:, j] * is_known / swells
             # Alone among the windows of its state of motion, in N m or whitened; or far
             # above all windows while the joint moves fast.
             lone = _lone_rows(data, torque, j, slow)
-            lone |= _lone_rows(
-                data,
-                white[:, j],
-                j,
-                slow,
-            )
+            lone |= _lone_rows(data, even, j, slow)
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
             is_outlier &= lone
             # Repetitions also differ while a joint is slow, by friction.

@@ -93,6 +93,15 @@ class Candidate:
         """
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
+    def generalises(self, other: Candidate) -> bool:
+        """Return whether another candidate is this one with parameters at zero.
+
+        An effect declares which effects it generalises: a spring that stiffens, for
+        example, generalises a linear one. It acts on a common joint, or on the robot.
+        """
+        is_there = not set(self.effect.joints).isdisjoint(other.effect.joints)
+        return is_there and other.key[0] in self.effect.generalises
+
     def with_shape(self, **shape: float) -> Candidate:
         """Return the candidate with other values of some shape constants (SI units).
 
@@ -268,11 +277,13 @@ def may_join(
 class Nuisance:
     """A small error that a fit tolerates, such as that of an inexact friction law.
 
-    Its coefficients have a prior, so that it can explain a little torque only. columns
-    : white, (M, k) by joint (from 0); deviations (k,) : prior standard deviations of
-    the coefficients about zero; text : its name, which identifies it.
+    Its coefficients have a prior, so that it can explain a little torque only. text :
+    its name, which identifies it; joint (from 0) : the joint that it acts on; columns
+    (M, k) : white; deviations (k,) : prior standard deviations of the coefficients
+    about zero.
     """
 
     text: str
-    columns: dict[int, Array]
+    joint: int
+    columns: Array
     deviations: Array

@@ -49,6 +49,7 @@ _OFFSET_IS_LARGE = 0.2
 _WITH_A_CONSTANT = {
     "joint_spring",
     "stiffening_spring",
+    "elastic_coupling",
     "drift_offset",
     "external_wrench",
     "asymmetric_coulomb_friction",
@@ -269,7 +270,7 @@ def offsets_beside_friction(search: Search, estimate: Estimate) -> list[Notice]:
     explained = {
         joint
         for term in search.terms
-        if term.key[0] in _WITH_A_CONSTANT
+        if _may_be_constant(search, term)
         for joint in term.joints
     }
     out = []
@@ -285,6 +286,17 @@ def offsets_beside_friction(search: Search, estimate: Estimate) -> list[Notice]:
         if is_clear and is_large and turns:
             out.append(_notice_of_offset(joint + 1, offset, std, parameter.unit))
     return out
+
+
+def _may_be_constant(search: Search, term: ScoredEffect) -> bool:
+    """Return whether a finding has a constant part, or may stand for a slow curve.
+
+    Less than one wave of a ripple, for example, looks like any torque that changes
+    slowly with the angle.
+    """
+    effect = term.form.effect
+    coverage = search.data.rows.seen(effect.joints[0])
+    return term.key[0] in _WITH_A_CONSTANT or bool(effect.looks_like(0.0, coverage))
 
 
 def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notice:

@@ -9,7 +9,13 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import plausible_sizes
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.inertia import inertia_matrix
+
+#: Least mass [kg] and radius [m] that a link is taken to have.
+_LEAST_MASS = 0.1
+_LEAST_RADIUS = 0.05
 
 
 def least_squares_refit(
@@ -20,7 +26,9 @@ def least_squares_refit(
 
     Each joint's rows are divided by the RMS of its residual, which is updated three
     times. Plausible sizes of the parameters are priors. Combinations of parameters that
-    the rows do not determine keep the model's values.
+    the rows do not determine keep the model's values, and the links' parameters change
+    by no more than a link's size where the rows hardly determine them: a tilted base
+    shows moments of links that upright gravity does not.
 
     Parameters
     ----------
@@ -47,8 +55,14 @@ def least_squares_refit(
         first[: data.raw.shape[2]] = data.estimate.theta
     if not p:
         return first, torque
-    # Rows of the prior: theta / plausible size = 0.
-    prior = np.diag(1.0 / plausible_sizes((*own_effects, *effects)))
+    # Rows of the prior: theta / plausible size = 0, and links = those of the model.
+    precision = 1.0 / plausible_sizes((*own_effects, *effects))
+    prior_target = -precision * first
+    if not data.frozen:
+        links = data.estimate.model.rigid_indices
+        precision[links] = 1.0 / link_sizes(data.estimate).ravel()
+        prior_target[links] = 0.0
+    prior = np.diag(precision)
     # Steps are taken from the model's values: what no row determines stays there.
     triangles = []
     for j in range(n):
@@ -61,13 +75,36 @@ def least_squares_refit(
             triangles,
             level,
             prior,
-            -prior @ first,
+            prior_target,
         )
         squares = np.array([_squared_error(x, step) for x in triangles])
         variance = squares / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(variance, smallest_variance))
     theta = first + step
     return theta, np.asarray(torque - (columns @ theta).T)
+
+
+def link_sizes(estimate: Estimate) -> Array:
+    """Return how large the parameters of each link are, by the robot's file.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+
+    Returns
+    -------
+    (links, 10) array
+        Mass [kg], and that mass times the radius of gyration about the joint [kg m] and
+        its square [kg m^2].
+    """
+    links = estimate.problem.nominal_links
+    mass = np.maximum(links[:, 0], _LEAST_MASS)
+    # The trace of an inertia is twice the second moment of the mass.
+    second = np.trace(inertia_matrix(links[:, 4:]), axis1=1, axis2=2) / 2.0
+    radius = np.sqrt(np.maximum(second / mass, _LEAST_RADIUS**2))
+    sizes = [mass, *(mass * radius,) * 3, *(mass * radius**2,) * 6]
+    return np.column_stack(sizes)
 
 
 def _compress_rows(columns: Array, target: Array) -> Array:

@@ -26,7 +26,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
-from sdp_vs_penalty.diagnosis.white_rows import WhiteData
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData, exceeds_measured_torque
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
@@ -305,8 +305,9 @@ class Search:
         "About as good" is within J = 6 (odds of 20 to 1) plus 4 % of the best one's
         evidence: laws of friction are no more accurate. All evidences use the best
         one's estimate of how many correlated rows count as one; otherwise the errors of
-        these estimates would decide. A candidate that refines another one of these
-        (presliding friction refines Coulomb friction, say) is left out.
+        these estimates would decide. Left out is a candidate that refines another one
+        of these (presliding friction refines Coulomb friction, say), and one that makes
+        more torque than was measured where another one does not.
 
         Parameters
         ----------
@@ -328,13 +329,22 @@ class Search:
         tied = [
             t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
-        unrefined = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
+        possible = [t for t in tied if not self.is_impossible(t)] or tied
+        unrefined = [
+            t for t in possible if not any(t.form.refines(u.form) for u in possible)
+        ]
 
         def rank(t: ScoredEffect) -> tuple[tuple[int, int, bool], float]:
             """Return the sorting key: the simplest first, then the highest evidence."""
             return simplicity(t.form), -t.evidence_with_worth_of(best)
 
         return min(unrefined, key=rank)
+
+    def is_impossible(self, term: ScoredEffect) -> bool:
+        """Return whether an effect makes more torque on a joint than was measured
+        there.
+        """
+        return exceeds_measured_torque(self.data.rows, term.form.effect, term.beta)
 
     # The steps.
 
@@ -510,7 +520,8 @@ class Search:
 
         With the margin m = 10 + 4 % of the effect's evidence J, the candidate's J' has
         to exceed J + m. It only has to exceed J - m if it is simpler than the effect,
-        or if the effect refines it (presliding friction refines Coulomb friction, say).
+        if the effect refines it (presliding friction refines Coulomb friction, say), or
+        if the effect alone makes more torque than was measured.
 
         Parameters
         ----------
@@ -535,9 +546,11 @@ class Search:
         rank = simplicity(term.form), -J
         rank_of_other = simplicity(other.form), -J_other
         is_simpler = not other.form.refines(term.form) and rank_of_other < rank
-        is_preferred = is_simpler or term.form.refines(other.form)
         is_better = J + margin < J_other
         is_as_good = J - margin < J_other
+        is_preferred = is_simpler or term.form.refines(other.form)
+        if is_as_good and self.is_impossible(term) != self.is_impossible(other):
+            is_preferred = self.is_impossible(term)
         replaces = is_better or (is_as_good and is_preferred)
         if replaces and self.rules.exchange:
             return self._with_candidate_if_it_stays(other, others)
@@ -572,24 +585,27 @@ class Search:
         stays = any(t.key == other.key for t in after)
         return after if stays else None
 
-    @staticmethod
     def equivalence_set(
-        term: ScoredEffect, candidates: Sequence[ScoredEffect]
+        self, term: ScoredEffect, candidates: Sequence[ScoredEffect]
     ) -> tuple[ScoredEffect, ...]:
         """Return the candidates that these rows do not distinguish from an effect.
 
         Their evidence J is less than 6 (odds of 20 to 1) below that of the chosen
         effect ``term``, computed with the same number of correlated rows that count as
-        one. Other values of the model's shape constants are left out: they are no
-        effects.
+        one. Left out are other values of the model's shape constants, which are no
+        effects, candidates that generalise the effect, and those that make more torque
+        than was measured where the effect does not.
         """
         threshold = term.evidence - EVIDENCE_TO_DISTINGUISH
+        is_possible = not self.is_impossible(term)
         return tuple(
             t
             for t in candidates
             if t.key != term.key
             and not t.form.replaces_own_constant
             and t.evidence_with_worth_of(term) > threshold
+            and not t.form.generalises(term.form)
+            and not (is_possible and self.is_impossible(t))
         )
 
     def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:

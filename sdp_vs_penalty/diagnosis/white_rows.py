@@ -18,7 +18,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, sensitivities
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
+from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of, rate_features
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
@@ -156,6 +156,13 @@ class WhiteData:
                 on_joint = effect.with_shape([joint])
                 out[effect.name, joint] = on_joint, int(column)
         return out
+
+    @cached_property
+    def rates(self) -> Array:
+        """(n, M, 2) squared rates of torque and velocity, with which errors of timing
+        grow (:func:`~sdp_vs_penalty.signals.noise.rate_features`).
+        """
+        return rate_features(self.rows)
 
     def constant_error_columns(
         self,
@@ -357,6 +364,26 @@ def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
         # block.parameters: which of the k parameters act on this joint.
         out[block.joint][:, block.parameters] = block.columns
     return out
+
+
+def exceeds_measured_torque(rows: SegmentedRuns, effect: Effect, beta: Array) -> bool:
+    """Return whether an effect makes more torque on a joint than was measured there.
+
+    The mean squares over all rows are compared. Such an effect would need another one
+    of about its size against it.
+
+    Parameters
+    ----------
+    rows
+        Filtered rows with the measured torque.
+    effect
+        The effect.
+    beta
+        (k,) its parameters, in SI units.
+    """
+    torque = spread_columns(rows, effect) @ beta  # (n joints, M rows)
+    mean_square = np.mean(torque**2, axis=1)
+    return bool(np.any(mean_square > np.mean(rows.torque**2, axis=0)))
 
 
 def model_columns(

@@ -160,6 +160,10 @@ class Effect(ABC):
     #: them is known.
     refines: tuple[str, ...] = ()
 
+    #: Effects that are this one with some parameters at zero (or a combination of
+    #: them): where one of these fits as well, this one adds nothing.
+    generalises: tuple[str, ...] = ()
+
     #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
     resembles: tuple[str, ...] = ()
 

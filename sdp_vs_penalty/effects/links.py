@@ -481,6 +481,7 @@ class KinematicError(Effect):
     reference = (
         "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3"
     )
+    generalises = ("base_tilt", "joint_zero_error")
     needs_links = True
     whole_robot = True
     signless = True

@@ -29,6 +29,7 @@ SEEN_AGAINST = {
     "coulomb_friction": "velocity",
     "drift_friction": "time",
     "drift_offset": "time",
+    "elastic_coupling": "position",
     "external_wrench": "position",
     "joint_elasticity": "load",
     "joint_spring": "position",
@@ -44,6 +45,7 @@ SEEN_AGAINST = {
     "rotor_inertia": "acceleration",
     "sigmoid_friction": "velocity",
     "stiction": "reversal",
+    "stiffening_spring": "position",
     "stribeck_friction": "velocity",
     "torque_gain": "load",
     "torque_offset": "time",
@@ -215,6 +217,10 @@ SENTENCES = {
         "the torque reading of {joint} drifts while the arm runs ({size}), as a sensor"
         " that warms up does"
     ),
+    "elastic_coupling": (
+        "{joint} pull each other as by a spring of {size}: a belt, a cable or a balance"
+        " spring that runs over both"
+    ),
     "external_wrench": (
         "something pulls the last link with {size}, mostly towards {towards} of the"
         " world: a cable, a balancer or a contact"
@@ -275,6 +281,10 @@ SENTENCES = {
         "close to standstill {joint} rubs {size} {sign:less|more} than when it moves"
     ),
     "stiction": "{joint} sticks at rest with up to {size}",
+    "stiffening_spring": (
+        "{joint} is held as by a spring that {sign:stiffens|yields} along its way"
+        " ({size}): a cable, a hose or a stop"
+    ),
     "stribeck_friction": (
         "{joint} rubs {size} {sign:more|less} when it creeps than when it moves fast"
     ),

@@ -28,6 +28,37 @@ class JointSpring(JointEffect):
         return motion.q[:, joint]
 
 
+class StiffeningSpring(JointEffect):
+    equation = "k_1 q + k_2 q^2 + k_3 q^3"
+    explanation = (
+        "A spring that stiffens (or yields) along its way: a cable bundle that is wound"
+        " up, a hose, a bump stop. Its rest position appears in the lower powers and in"
+        " the offset; the cubic part says how much it stiffens."
+    )
+    reference = (
+        "Nayfeh, Mook, Nonlinear Oscillations, 1979, ch. 4 (Duffing's cubic spring)"
+    )
+    generalises = ("joint_spring",)
+    signless = True
+    sized_by = slice(2, 3)  # the cubic part
+
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the factors of q, q^2 and q^3: "k_1_3", "k_2_3" and "k_3_3" on joint
+        3."""
+        torque = self.unit_on(joint)
+        position = self.robot.position_units[joint]
+        powers = (position, f"{position}^2", f"{position}^3")
+        return [
+            (f"k_{power}_{joint + 1}", f"{torque}/{unit}")
+            for power, unit in enumerate(powers, start=1)
+        ]
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        """Return q, q^2 and q^3 (N, 3) of the joint's position q [rad, m]."""
+        q = motion.q[:, joint]
+        return np.column_stack([q, q**2, q**3])
+
+
 #: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of
 #: 5 mm; and how many orders are tried at most.
 _TRAVEL = 0.5

@@ -1,7 +1,7 @@
 """What joints have with each other through their gears."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
@@ -138,6 +138,85 @@ class JointCoupling(JointEffect):
             rate=acceleration,
             within=motion.within,
         )
+
+
+class ElasticCoupling(Effect):
+    equation = "tau = K q, K symmetric, on the joints that a spring couples"
+    explanation = (
+        "A spring that joints share: a belt, a cable or a balance spring that runs over"
+        " both. A spring stores energy, so one stiffness couples two joints in both"
+        " directions; the others are what it holds each joint with. Its rest position"
+        " appears as part of the offsets. Without joints, the last two."
+    )
+    reference = "Hogan, ASME J. Dynamic Systems, Measurement, and Control 1985, part I"
+    joins = True
+    signless = True
+    generalises = ("joint_spring",)
+
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
+        """Choose the joints (from 0) that the spring couples; default: the last two."""
+        super().__init__(robot, joints, **shape)
+        if joints is None:
+            self.joints = tuple(range(max(0, robot.n - 2), robot.n))
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """The joints (i, j) of each stiffness: those between two joints first, then
+        those of each joint by itself."""
+        return [*combinations(self.joints, 2), *((j, j) for j in self.joints)]
+
+    @property
+    def sized_by(self) -> slice:  # type: ignore[override]
+        """Slice of the stiffnesses between two joints; all of them for one joint."""
+        n_between = len(self.pairs) - len(self.joints)
+        return slice(0, n_between or None)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The stiffnesses, such as "k_c2_3(2+3)" [N m/rad] between joints 2 and 3."""
+        coupled = "+".join(str(j + 1) for j in self.joints)
+        first = self.joints[0] + 1
+        units = [
+            f"{self.robot.torque_units[i]}/{self.robot.position_units[j]}"
+            for i, j in self.pairs
+        ]
+        return tuple(
+            Parameter(f"k_c{i + 1}_{j + 1}({coupled})", unit, self.name, joint=first)
+            for (i, j), unit in zip(self.pairs, units, strict=True)
+        )
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        """Return for each joint the positions (N, k) by which each stiffness pulls it;
+        zero for stiffnesses of other joints."""
+        columns = np.zeros((len(self.joints), len(motion.q), len(self.pairs)))
+        for k, (i, j) in enumerate(self.pairs):
+            columns[self.joints.index(i), :, k] = motion.q[:, j]
+            columns[self.joints.index(j), :, k] = motion.q[:, i]
+        parameters = np.arange(len(self.pairs))
+        return [
+            Block(joint, parameters, of_joint)
+            for joint, of_joint in zip(self.joints, columns, strict=True)
+        ]
+
+    @classmethod
+    def candidates(
+        cls, robot: Robot, joint: int | None, start: float = 0.0, **constants: float
+    ) -> list[Effect]:
+        """List the forms that a search tries: a joint (from 0) with the next one.
+
+        Parameters
+        ----------
+        robot
+            The robot.
+        joint
+            The first joint, from 0.
+        start, constants
+            Not used: there are no shape constants.
+        """
+        first = joint or 0
+        return [cls(robot, [first, first + 1])] if first + 1 < robot.n else []
 
 
 #: What turns with an axis: friction by four laws, and inertia. Their numbers are those

@@ -197,6 +197,21 @@ def _coupling(
     return f"{number(theta[0])} * {motion}"
 
 
+def _stiffening(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
+    """Return C code for a spring of joint j (from 0) with a cubic law.
+
+    e : the effect; theta : (3,) factors of q, q^2 and q^3; m : the model.
+    """
+    first, second, third = (number(x) for x in theta)
+    q = f"q[{j}]"
+    return f"{q} * ({first} + {q} * ({second} + {q} * {third}))"
+
+
 Formula = Callable[[Any, int, Array, Estimate], str]
 #: By the name of an effect what it makes on a joint (from 0), given its parameters there.
 FORMULAS: Mapping[str, Formula] = {
@@ -207,6 +222,7 @@ FORMULAS: Mapping[str, Formula] = {
     "stribeck_friction": _stribeck,
     "load_dependent_friction": _load_dependent,
     "joint_spring": _spring,
+    "stiffening_spring": _stiffening,
     "torque_ripple": _ripple,
     "position_dependent_friction": _position_dependent,
     "joint_coupling": _coupling,

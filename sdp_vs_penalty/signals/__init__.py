@@ -5,7 +5,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    kernels="Decimator Kernel",
+    kernels="autoregressive Decimator Kernel",
     preprocessing="Preprocessing",
     filtered="FilteredRun FilteredRuns",
     noise="REPETITION SPECTRUM noise_of spectral_floor",

@@ -44,6 +44,7 @@ _EVERY = {
     **makers.FRICTION,
     **makers.MACHINE,
     **makers.FROZEN,
+    **makers.SPRINGS,
     **makers.NUISANCE,
 }
 #: Whatever can be hidden, by the name of the library's effect.

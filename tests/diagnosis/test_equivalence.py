@@ -3,6 +3,7 @@
 The logs are of an arm that shares no code with the library (point_mass_arm).
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +20,9 @@ from point_mass_arm import (
 
 from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
+from sdp_vs_penalty.diagnosis.refit import least_squares_refit, link_sizes
 from sdp_vs_penalty.effects import TorqueFilter
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
@@ -168,3 +171,41 @@ def test_a_rival_on_another_joint_explains_the_same_torque(left_beside_rival, sa
         ),
     )
     assert _explains_the_same(search, group, object()) == same
+
+
+def pulled(torque: Callable[[np.ndarray], np.ndarray]) -> PointMassArm:
+    """The arm with a torque (N, 3) of its positions (N, 3)."""
+    return PointMassArm(extra=lambda t, q, dq: torque(q))
+
+
+def test_a_spring_that_stiffens_is_no_linear_one(problem):
+    found = diagnosed(problem, pulled(lambda q: q**3 * [3.0, 0.0, 0.0]))
+    assert confident(found) == {"stiffening_spring:1"}
+    assert abs(found.effects[0].size - 3.0) < 0.3
+
+
+def test_a_linear_spring_has_no_rival_in_one_that_may_stiffen(problem):
+    found = diagnosed(problem, PointMassArm(spring=np.array([2.0, 0.0, 0.0])))
+    assert confident(found) == {"joint_spring:1"}
+
+
+def belt(q: np.ndarray) -> np.ndarray:
+    """A belt between joints 1 and 2, whose pulleys have a ratio of 0.8."""
+    pull = 4.0 * (q[:, 1] - 0.8 * q[:, 0])
+    return np.column_stack([-0.8 * pull, pull, 0.0 * pull])
+
+
+def test_a_belt_over_two_joints_is_no_spring_of_one(problem):
+    found = diagnosed(problem, pulled(belt))
+    sizes = {f.text: f.size for f in found.effects}
+    assert abs(sizes["elastic_coupling:1+2"] + 3.2) < 0.3
+    assert confident(found) <= {"elastic_coupling:1+2"}
+
+
+def test_a_refit_leaves_links_where_upright_gravity_does_not_show_them(problem):
+    run = PointMassArm().run(1)
+    model = identify(problem, run, effects=EFFECTS, check=False)
+    data = DiagnosisRuns(model, run, None).white_data
+    theta, _ = least_squares_refit(data, [])
+    change = theta[: model.links.size] - model.links.ravel()
+    assert np.all(np.abs(change) < 0.5 * link_sizes(model).ravel())

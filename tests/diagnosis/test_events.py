@@ -34,7 +34,7 @@ def data_of(source: str) -> Any:
         still=np.zeros((M, 1)),
         keep=np.ones((M, 1), bool),
     )
-    return SimpleNamespace(rows=rows, noise=noise)
+    return SimpleNamespace(rows=rows, noise=noise, rates=np.zeros((1, M, 2)))
 
 
 def residual(at: list[int], push: float = 15.0) -> np.ndarray:
@@ -54,6 +54,27 @@ def test_a_push_that_happens_once_is_an_event(source):
 def test_what_every_repetition_has_is_an_error_of_the_model():
     white = residual([300, 300 + HALF])
     assert not outliers(data_of(REPETITION), white, 0.1 * white).any()
+
+
+def fast_corners(white: np.ndarray) -> Any:
+    """Data in which the torque changes fast at six instants, with a larger residual."""
+    data = data_of(SPECTRUM)
+    corners = np.arange(100, 1150, 200)
+    data.rates[0, corners, 0] = 100.0
+    white[corners] = 5.0 * np.sign(white[corners])
+    white[corners[3]] *= 3.0
+    return data
+
+
+def test_an_error_at_a_corner_of_the_motion_is_no_event():
+    """Late torque errs where it changes fast; one such error is larger than others."""
+    white = residual([])
+    assert not outliers(fast_corners(white), white, 0.1 * white).any()
+
+
+def test_a_push_beside_corners_of_the_motion_is_an_event():
+    white = residual([350])
+    assert outliers(fast_corners(white), white, 0.1 * white)[350:370].all()
 
 
 def test_noise_has_no_events():

@@ -14,11 +14,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.random import Generator
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.signals.kernels import autoregressive
 from sdp_vs_penalty.simulation.worlds.world import (
     Array,
     TrueMotion,
@@ -377,14 +377,12 @@ def first_order(x: Array, step: float, lag: float) -> Array:
     """
     decay = float(np.exp(-step / lag))
     half = 0.5 * (1.0 - decay)
-    y, _ = scipy.signal.lfilter(
-        [half, half],
-        [1.0, -decay],
-        x,
-        axis=0,
-        zi=(1.0 - half) * x[:1],
-    )
-    return np.asarray(y)
+    # y_i = decay y_(i-1) + half (x_i + x_(i-1)), from y_0 = x_0.
+    inputs = np.concatenate([x[:1], half * (x[1:] + x[:-1])])
+    channels = inputs.reshape(len(x), -1).T
+    poles = np.array([1.0, -decay])
+    filtered = [autoregressive(poles, channel) for channel in channels]
+    return np.column_stack(filtered).reshape(x.shape)
 
 
 def _unit(world: World, joint: int) -> float:
@@ -521,6 +519,28 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
         i=float(i + 1),
         form=float(form),
     )
+
+
+def _belt(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a belt between a joint (from 0) and the next one, or the last two.
+
+    It stores size (q_j - r q_i)^2 / 2 with a ratio r that is drawn.
+    """
+    if world.arm.n < 2:
+        raise InputError(
+            "effect elastic_coupling needs a robot with two joints or more",
+            "leave it out",
+        )
+    first = min(joint, world.arm.n - 2)
+    ratio = float(rng.uniform(0.5, 1.5))
+    pull = np.zeros(world.arm.n)
+    pull[first : first + 2] = -ratio, 1.0
+
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
+        return np.outer(size * (motion.q @ pull), pull)
+
+    return Hidden((first, first + 1), change, -ratio)
 
 
 def _warming(world: World, joint: int, rng: Generator) -> Hidden:
@@ -1009,6 +1029,11 @@ _stiction = partial(
 )
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
+#: Springs that no class of the challenge draws.
+SPRINGS: Mapping[str, Maker] = {
+    "stiffening_spring": plain(lambda world, joint, motion: motion.q[:, joint] ** 3),
+    "elastic_coupling": _belt,
+}
 #: What a diagnosis meets as a nuisance.
 NUISANCE: Mapping[str, Maker] = {
     "kinematic_error": _misplaced,
