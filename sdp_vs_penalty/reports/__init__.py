@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
@@ -48,6 +48,7 @@ def report(
     noise_from: Source = None,
     findings: Diagnosis | str | Path | None = None,
     forward: bool = False,
+    failures: Mapping[str, Failures] | None = None,
     progress: Progress = no_progress,
 ) -> Verdict:
     """Write a report, one HTML file that needs nothing else.
@@ -69,6 +70,8 @@ def report(
     forward : bool
         Run the model forward over whole runs, however long that takes, and not for a
         few seconds of processor time.
+    failures : mapping of str to Failures, optional
+        Where models fail on these measurements, by name, as far as that is known.
     progress : callable
         Hears where the computation stands, a short text each time.
 
@@ -119,14 +122,17 @@ def report(
     except InputError as error:
         forward_result = str(error)
     progress("looking where it fails")
-    failures = {
-        name: where_it_fails(
+    known = failures or {}
+    names_shown = dict.fromkeys((comparisons[0].name, comparisons[-1].name))
+    failures_shown = {
+        name: known.get(name)
+        or where_it_fails(
             named[name],
             runs,
             filtered.settings,
             noise=comparisons[0].noise,
         )
-        for name in dict.fromkeys((comparisons[0].name, comparisons[-1].name))
+        for name in names_shown
     }
     checks = _checks(named, runs)
     material = ReportData(
@@ -134,7 +140,7 @@ def report(
         runs,
         comparisons,
         judged,
-        failures,
+        failures_shown,
         checks,
         forward_result,
         commands,

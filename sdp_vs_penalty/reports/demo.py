@@ -100,10 +100,12 @@ def demo(
         progress(f"identifying by {method}")
         options = PoseOptions(seed=seed)
         models[method] = estimate_parameters(problem, filtered, method, options)
-        keep_noise_floor(models[method], train)
     model = models[METHODS[-1]]
+    keep_noise_floor(model, train)
+    for other in models.values():  # of the same runs behind the same filters
+        other.provenance["noise"] = model.provenance["noise"]
     progress("comparing on motion that no model has seen")
-    failures = where_it_fails(model, test)
+    failures = where_it_fails(model, test, noise=compare(model, test)[0].noise)
     progress("looking for what is missing")
     diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")
@@ -130,6 +132,7 @@ def demo(
         folder / "report.html",
         commands=["sdp-vs-penalty demo"],
         findings=diagnosis,
+        failures={"before": failures},
     )
     return Demo(
         compared,

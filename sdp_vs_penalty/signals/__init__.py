@@ -5,12 +5,13 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    kernels="Decimator Kernel",
+    kernels="autoregressive Decimator Kernel",
     preprocessing="Preprocessing",
     filtered="FilteredRun FilteredRuns",
     noise="REPETITION SPECTRUM noise_of spectral_floor",
     phases="MotionClock rotated_windows",
     repetition="Repeat repeat_period",
+    runs="interpolated",
     segments="segmented SegmentedRuns subsample_sentence window_subsample",
     encoder="read_again",
     motion="MotionRecord record_motion",

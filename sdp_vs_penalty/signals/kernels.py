@@ -266,6 +266,32 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     return filtered
 
 
+def autoregressive(poles: ArrayLike, inputs: Array) -> Array:
+    """Filter samples by 1 / poles: sum over m of poles_m y_(i - m) = inputs_i.
+
+    The filter is at rest before the first sample. scipy.signal does the same, but takes
+    longer to import than a robot to identify.
+
+    Parameters
+    ----------
+    poles : (1 + k,) array
+        Coefficients of the denominator, 1 first.
+    inputs : (N,) array
+        Samples.
+
+    Returns
+    -------
+    (N,) array
+        y.
+    """
+    # A banded triangular system: BLAS holds its diagonals as rows.
+    diagonals = np.repeat(np.asarray(poles, float)[:, None], len(inputs), axis=1)
+    solved = scipy.linalg.blas.dtbsv(
+        len(diagonals) - 1, np.asfortranarray(diagonals), inputs, lower=1, diag=1
+    )
+    return np.asarray(solved)
+
+
 def _moment_factor(
     kernel: ArrayLike,
     u: ArrayLike,

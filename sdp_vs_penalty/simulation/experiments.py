@@ -33,6 +33,7 @@ from sdp_vs_penalty.problem.published import (
 )
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
+from sdp_vs_penalty.signals.kernels import autoregressive
 
 
 def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
@@ -125,7 +126,7 @@ class Sensor:
         columns = []
         for white_noise, std, poles in joints:
             gain = std * np.sqrt(innovation_share(poles))
-            coloured = scipy.signal.lfilter([gain], poles, white_noise)
+            coloured = autoregressive(poles, gain * white_noise)
             columns.append(coloured[settling:])
         return np.column_stack(columns)
 
@@ -207,8 +208,9 @@ def innovation_share(poles: Array) -> float:
     float
         From 20 000 terms, enough for a pole of 0.999.
     """
-    impulse = scipy.signal.unit_impulse(20_000)
-    response = scipy.signal.lfilter([1.0], poles, impulse)
+    impulse = np.zeros(20_000)
+    impulse[0] = 1.0
+    response = autoregressive(poles, impulse)
     return float(1.0 / np.sum(response**2))
 
 

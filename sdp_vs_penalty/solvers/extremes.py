@@ -27,6 +27,9 @@ from sdp_vs_penalty.solvers.identification import (
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 
+#: Decimals of a direction of length one in which directions are told apart.
+_SAME_DIRECTION = 12
+
 
 @dataclass(frozen=True)
 class Extreme:
@@ -105,6 +108,7 @@ class Slice:
             for axis in np.eye(len(self.limit))
         ]
         self.limit = np.minimum(self.limit, -np.array(lower_bounds).min(axis=1))
+        self._solutions: dict[bytes, tuple[Array, Array, float]] = {}
 
     def minimum(self, slope: Array) -> Extreme:
         """Return the smallest value of a linear function over the slice.
@@ -128,7 +132,7 @@ class Slice:
             # contains.
             spread = float(np.abs(g) @ self.limit)
             return Extreme(value_at_interior, value_at_interior - spread, self.interior)
-        x, lower = self._solve(g / size)
+        x, lower = self._solved(g / size)
         optimum = self.interior + self.basis @ x
         theta = repair(self.constraints, optimum, self.interior)
         return Extreme(float(slope @ theta), value_at_interior + size * lower, theta)
@@ -152,6 +156,19 @@ class Slice:
             value=-minimum.value,
             bound=-minimum.bound,
         )
+
+    def _solved(self, g: Array) -> tuple[Array, float]:
+        """Return what :meth:`_solve` does, from an earlier solution in the direction g
+        (k,) up to rounding, if there is one.
+
+        Directions differ by a factor only where a function of time scales them.
+        """
+        key = (np.round(g, _SAME_DIRECTION) + 0.0).tobytes()  # no negative zeros
+        if key not in self._solutions:
+            self._solutions[key] = g, *self._solve(g)
+        solved_for, x, lower = self._solutions[key]
+        # The bound is that of the direction that was solved for.
+        return x, lower - float(np.abs(g - solved_for) @ self.limit)
 
     def _solve(self, g: Array) -> tuple[Array, float]:
         """Minimise g^T x over the slice's coordinates x (k,), with |g| = 1.

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 from random_robots import driven, sines, tree
 from recorded import refusal
@@ -16,6 +17,7 @@ from sdp_vs_penalty.signals import (
     FilteredRun,
     Kernel,
     Preprocessing,
+    autoregressive,
     filtered,
     preprocessing,
 )
@@ -338,3 +340,10 @@ def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to():
     assert smooth.torque_cutoff == sharp.torque_cutoff == 1.6 * smooth.state_cutoff
     assert sharp.state_cutoff > 2.0 * smooth.state_cutoff
     assert coarse.state_cutoff < sharp.state_cutoff
+
+
+@pytest.mark.parametrize("poles", [[1.0], [1.0, -0.9], [1.0, -1.2, 0.5, -0.1, 0.05]])
+def test_an_autoregressive_process_is_that_of_scipy(poles):
+    white = np.random.default_rng(0).normal(size=300)
+    expected = scipy.signal.lfilter([1.0], poles, white)
+    np.testing.assert_allclose(autoregressive(poles, white), expected, atol=1e-12)

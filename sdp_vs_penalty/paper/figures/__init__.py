@@ -9,6 +9,7 @@ from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.paper.figures import panda, two_link
+from sdp_vs_penalty.paper.figures.style import DPI
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import load_problem
@@ -112,7 +113,7 @@ def save(figure: Any, base: Path) -> list[Path]:
             figure.savefig(
                 file,
                 format=suffix[1:],
-                dpi=200,
+                dpi=DPI,
                 metadata=metadata,
             )
     plt.close(figure)

@@ -14,11 +14,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.random import Generator
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.signals.kernels import autoregressive
 from sdp_vs_penalty.simulation.worlds.world import (
     Array,
     TrueMotion,
@@ -377,14 +377,12 @@ def first_order(x: Array, step: float, lag: float) -> Array:
     """
     decay = float(np.exp(-step / lag))
     half = 0.5 * (1.0 - decay)
-    y, _ = scipy.signal.lfilter(
-        [half, half],
-        [1.0, -decay],
-        x,
-        axis=0,
-        zi=(1.0 - half) * x[:1],
-    )
-    return np.asarray(y)
+    # y_i = decay y_(i-1) + half (x_i + x_(i-1)), from y_0 = x_0.
+    inputs = np.concatenate([x[:1], half * (x[1:] + x[:-1])])
+    channels = inputs.reshape(len(x), -1).T
+    poles = np.array([1.0, -decay])
+    filtered = [autoregressive(poles, channel) for channel in channels]
+    return np.column_stack(filtered).reshape(x.shape)
 
 
 def _unit(world: World, joint: int) -> float:
