@@ -511,7 +511,10 @@ class JointResonance(LinkDeviation):
         spring that is stretched at rest: central differences, with the spring's torque
         averaged over three instants, which is stable for any step.
         """
-        by_q, by_dq, by_ddq = (x[:, joint, joint] for x in motion.derivatives)
+        of_joint = motion.derivatives(joint)  # three (N, n) arrays
+        by_q = of_joint[0][:, joint]
+        by_dq = of_joint[1][:, joint]
+        by_ddq = of_joint[2][:, joint]
         torque = motion.link_torque[:, joint]
         stiffness = 1.0 / compliance + by_q
         damping = by_dq + self.shape["zeta"] / (np.pi * self.shape["f"] * compliance)

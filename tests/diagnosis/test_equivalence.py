@@ -22,6 +22,7 @@ from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
+from sdp_vs_penalty.diagnosis.findings import REASONS
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit, link_sizes
 from sdp_vs_penalty.effects import JointResonance, TorqueFilter
 
@@ -131,6 +132,7 @@ def test_no_drive_looks_ahead(problem):
         (("any sharp friction looks so",), True),
         (("it lies at the end of the range in which it was looked for",), False),
         (("its gain is small",), False),
+        ((REASONS["small_here"],), True),
         (("another effect fits as well", "its gain is small"), False),
         (("what is sure raises a held-out error with it",), False),
     ],
