@@ -244,7 +244,7 @@ def test_two_joints_whatever_the_record(slope, what):
     first = result.effects[0]
     assert (first.effect, first.joints) == ("asymmetric_viscous_friction", (2,))
     assert result.noise_source == ("spectrum" if what == "no repeats" else "repetition")
-    assert ("several times too large" in result.headline) == (what == "no repeats")
+    assert ("four times too large" in result.headline) == (what == "no repeats")
     if what == "no repeats":
         assert any("No motion repeats" in r for r in result.remarks)
 
