@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from challenge.worlds.conditions import NUISANCES
 from sdp_vs_penalty.results.table import markdown_lines
@@ -166,6 +165,8 @@ MEASURES: Sequence[tuple[Sequence[str], str, Callable[[Record], bool]]] = (
 
 def share(hits: float, count: int) -> list[str]:
     """Cases, share and Wilson's 95 % interval (JASA 1927), which is of whole hits."""
+    from scipy.stats import binomtest  # takes half a second to import
+
     low, high = binomtest(round(hits), count).proportion_ci(method="wilson")
     return [
         str(count),

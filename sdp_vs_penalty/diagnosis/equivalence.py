@@ -197,10 +197,9 @@ def _judge_group(
     fit = search.score.fit(terms_beside, full)
     judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
     fit_with_terms = search.score.fit([*terms_beside, *terms], full)
-    # The residual with the terms, in the same weights as that without them.
-    reweighted = fit_with_terms.level / fit.level
-    residual_after = fit_with_terms.residual * reweighted[:, None]
-    squares = float(np.sum(fit.residual**2) - np.sum(residual_after**2))
+    # Squared errors in the weights of the fit without the terms.
+    fall = (fit.rss - fit_with_terms.rss) / fit.level**2
+    squares = float(np.sum(fall))
     deviance_drop = judged[0].drop
     if len(terms) > 1:
         deviance_after = fit.deviance(fit_with_terms.rss)

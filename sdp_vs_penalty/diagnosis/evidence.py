@@ -255,7 +255,7 @@ class EvidenceScorer(WhiteFitter):
         a fit."""
         fit_without = self.without(fit, form)
         products = ColumnProducts.of(fit_without, fit_without.scaled(columns))
-        energy = np.diagonal(products.gram)
+        energy = products.energy
         energy_left = np.diagonal(products.gram_left)
         return _Trial(
             form=form,
@@ -296,10 +296,11 @@ class EvidenceScorer(WhiteFitter):
         without_evidence = ScoredEffect(form, columns, beta=np.zeros(k))
         if trial.is_absorbed:
             return without_evidence
-        T = fit.residual_of(trial.products.columns) * trial.is_visible
+        T = trial.products.residual * trial.is_visible
         residual = fit.residual - T @ trial.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(trial.information)))
-        torque = T @ trial.beta  # (n, M) of the candidate, weighted
+        # (n,) squares of the candidate's torque, weighted.
+        squares = trial.products.squares_with(trial.beta * trial.is_visible)
         if form.replaces_own_constant:
             # The rows tell the new value from the present one only by what the fit
             # with the present value leaves of the new column: v is computed from that.
@@ -311,6 +312,7 @@ class EvidenceScorer(WhiteFitter):
             inverse = np.array([[1.0 / energy]])
             torque = T[:, :, 0]
             residual = residual - torque * float(np.sum(torque * residual)) / energy
+            squares = np.sum(torque**2, axis=1)
         # v: how many rows carry the evidence of one.
         rows_per_joint = float(fit.degrees[list(columns)].mean())
         v = self.rows_worth_one(
@@ -333,7 +335,7 @@ class EvidenceScorer(WhiteFitter):
             price=price,
             freedom=trial.freedom,
             beta=trial.beta,
-            squares=np.sum((torque * fit.level[:, None]) ** 2, axis=1),
+            squares=squares * fit.level**2,
         )
 
     @staticmethod
@@ -399,8 +401,7 @@ class EvidenceScorer(WhiteFitter):
         freedom
             Effective number of coefficients.
         """
-        n_rows_of_log = len(self.data.clusters[0])  # rows of priors follow behind
-        scores = np.sum(T * residual[:, :, None], axis=0)[:n_rows_of_log]  # (rows, K)
+        scores = np.einsum("jmk,jm->mk", T, residual)  # (rows, K)
         return rows_worth_one(self.data.clusters, scores, inverse, freedom)
 
     def partial_out(
@@ -463,8 +464,8 @@ class EvidenceScorer(WhiteFitter):
         It is |Q'Z|^2 / |Z|^2 for the fit's orthonormal columns Q and the candidate's
         weighted columns Z, from 0 to 1; 1 for a candidate without any torque.
         """
-        along_fit, _, gram = self._products(fit, batch)
-        energy = np.trace(gram, axis1=1, axis2=2)
+        along_fit, _, _, energy = self._products(fit, batch)
+        energy = energy.sum(axis=1)
         share = np.ones(len(energy))
         np.divide(
             np.sum(along_fit**2, axis=(0, 2)),
@@ -475,7 +476,7 @@ class EvidenceScorer(WhiteFitter):
         return share
 
     @staticmethod
-    def _products(fit: WhiteFit, batch: Batch) -> tuple[Array, Array, Array]:
+    def _products(fit: WhiteFit, batch: Batch) -> tuple[Array, Array, Array, Array]:
         """Multiply the columns Z of a batch's F candidates with a fit's columns.
 
         Z has k columns for each candidate, weighted by each joint's residual as the
@@ -484,24 +485,37 @@ class EvidenceScorer(WhiteFitter):
         Returns
         -------
         (r, F, k) array
-            Q'Z with the fit's r orthonormal columns Q.
+            Q'P Z with the fit's r orthonormal columns Q.
         (F, k) array
-            Z'r with the fit's residual r.
+            Z'P r with the fit's residual r.
         (F, k, k) array
-            Z'Z of each candidate.
+            Z'P Z of each candidate, where P leaves what tolerated errors cannot make.
+        (F, k) array
+            Squares of the columns, tolerated errors included.
         """
         F = len(batch.forms)
         k = batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
-        # By joint: its weight, A'Z (p, F k) and Z'y (F k,), with the design's columns
-        # A and the torque y.
-        by_joint = list(zip(weights, fit.design.products_with(batch), strict=True))
-        AZ_sum = sum(w * AZ for w, (AZ, _) in by_joint)
-        Zy_sum = sum(w * Zy for w, (_, Zy) in by_joint)
-        Zr = Zy_sum - fit.theta @ AZ_sum  # the residual is r = y - A theta
-        QZ = fit.whitener.T @ AZ_sum
-        ZZ = np.tensordot(weights, batch.grams, axes=1)
-        return np.reshape(QZ, (-1, F, k)), np.reshape(Zr, (F, k)), ZZ
+        by_joint = list(
+            zip(
+                weights,
+                fit.design.products_with(batch, fit.products),
+                strict=True,
+            )
+        )
+        AZ = sum(w * x.with_design for w, x in by_joint)
+        Zy = sum(w * x.with_torque for w, x in by_joint)
+        ZZ = sum(w * x.grams for w, x in by_joint)
+        Zr = Zy - fit.theta @ AZ  # the residual is r = y - A theta
+        QZ = fit.whitener.T @ AZ
+        squares = np.diagonal(batch.grams, axis1=2, axis2=3)  # (joints, F, k)
+        energy = np.tensordot(weights, squares, axes=1)
+        return (
+            np.reshape(QZ, (-1, F, k)),
+            np.reshape(Zr, (F, k)),
+            np.asarray(ZZ),
+            energy,
+        )
 
     def screened(self, fit: WhiteFit, batch: Batch) -> Array:
         """Return a cheap score (F,) of a batch's candidates: drop - k log N.
@@ -549,11 +563,10 @@ class EvidenceScorer(WhiteFitter):
         candidate's column z. It is 0 if that is less than 0.1 % (ABSORBED) of the
         column, or if the coefficient z'r / z'z violates the effect's sign.
         """
-        along_fit, products_with_residual, gram = self._products(fit, batch)
+        along_fit, products_with_residual, gram, energy = self._products(fit, batch)
         zr = products_with_residual[:, 0]
-        energy = gram[:, 0, 0]
-        energy_left = energy - np.sum(along_fit[:, :, 0] ** 2, axis=0)
-        is_visible = ABSORBED * energy < energy_left
+        energy_left = gram[:, 0, 0] - np.sum(along_fit[:, :, 0] ** 2, axis=0)
+        is_visible = ABSORBED * energy[:, 0] < energy_left
         has_wrong_sign = batch.signed & (zr < 0.0)
         counts = is_visible & ~has_wrong_sign
         divisor = np.where(counts, energy_left, 1.0)
@@ -579,10 +592,9 @@ class EvidenceScorer(WhiteFitter):
         (F,) array
             The effective number of coefficients, trace(A^-1 D).
         """
-        along_fit, Zr, ZZ = self._products(fit, batch)
+        along_fit, Zr, ZZ, energy = self._products(fit, batch)
         ZQ = along_fit.transpose(1, 2, 0)  # (F, k, r)
         D = ZZ - ZQ @ ZQ.transpose(0, 2, 1)  # (F, k, k)
-        energy = np.diagonal(ZZ, axis1=1, axis2=2)
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D = D * is_visible[:, :, None] * is_visible[:, None, :]
         Zr = Zr * is_visible

@@ -40,6 +40,7 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
     with_plausible,
 )
+from sdp_vs_penalty.regression.products import ProductRegression
 from sdp_vs_penalty.regression.regression import Factor, Regression, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
@@ -395,7 +396,8 @@ class _Table:
         effects: Sequence[Effect],
         keep: NDArray[np.bool_],
     ) -> Regression:
-        """Return the regression of some rows, compressed to one triangle a joint.
+        """Return the regression of some rows, compressed to one triangle a joint, and
+        the products of its columns.
 
         The QR factor R of a joint's columns and target has p + 1 rows instead of M, and
         the same least squares solutions.
@@ -426,7 +428,9 @@ class _Table:
             )
         n = self.rows.n
         block = ((0, 0.0, 0.0),)  # all rows are one block; its times are not needed
-        return Regression(parameters, n, block, tuple(factors), oversampling=1.0)
+        return ProductRegression.of(
+            Regression(parameters, n, block, tuple(factors), oversampling=1.0)
+        )
 
 
 @dataclass(frozen=True)
@@ -640,9 +644,9 @@ def least_squares_parameters(
         squares = data.least_squares(weights)
         # |R theta - rho|^2, with rows for the priors.
         problem = with_plausible(squares, model, data.oversampling)
-        theta = np.asarray(np.linalg.lstsq(problem.R, problem.rho, rcond=1e-9)[0])
+        theta = problem.nearest(0.0)
         weights = joint_weights(data, theta)
-    return np.asarray(theta)
+    return theta
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:

@@ -277,11 +277,13 @@ def may_join(
 class Nuisance:
     """A small error that a fit tolerates, such as that of an inexact friction law.
 
-    Its coefficients have a prior, so that it can explain a little torque only. columns
-    : white, (M, k) by joint (from 0); deviations (k,) : prior standard deviations of
-    the coefficients about zero; text : its name, which identifies it.
+    Its coefficients have a prior, so that it can explain a little torque only. text :
+    its name, which identifies it; joint (from 0) : the joint that it acts on; columns
+    (M, k) : white; deviations (k,) : prior standard deviations of the coefficients
+    about zero.
     """
 
     text: str
-    columns: dict[int, Array]
+    joint: int
+    columns: Array
     deviations: Array

@@ -18,6 +18,8 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Share of a column below which what others leave of it is rounding.
 DEPENDENT = 1e-5
+#: Rows of a large matrix that are factorised at a time.
+_ROWS_AT_A_TIME = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,132 +133,254 @@ class ModelBasis(NamedTuple):
 
 
 class JointTerms(NamedTuple):
-    """The columns of terms (effects, nuisances) that act on one joint.
+    """The columns of effects that act on one joint.
 
-    numbers (t,) : of these columns among the design's; columns (M + prior rows, t) :
-    scaled as the design's are.
+    numbers (t,) : of these columns among the design's; columns (M, t) : scaled as the
+    design's are.
     """
 
     numbers: NDArray[np.intp]
     columns: Array
 
 
+class BatchProducts(NamedTuple):
+    """Products of a batch of F candidates on one joint, of k columns Z each.
+
+    with_design (p, F k) : A'Z; with_torque (F k,) : Z'y; grams (F, k, k) : Z'Z of each
+    candidate. Where the joint tolerates small errors, products are x'P z instead of
+    x'z.
+    """
+
+    with_design: Array
+    with_torque: Array
+    grams: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointErrors:
+    """The small errors that may be tolerated on one joint: columns N with a prior.
+
+    columns (M, m) : N, white; number_by_text : which of the m columns belong to a
+    nuisance; gram (m, m) : N'N + diag(1 / deviations^2); with_design (m, p) : N'A, with
+    the design's columns A; with_torque (m,) : N'y.
+    """
+
+    columns: Array
+    numbers_by_text: dict[str, list[int]]
+    gram: Array
+    with_design: Array
+    with_torque: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointProducts:
+    """Products x'P z of one joint's columns, where P leaves what no tolerated error can
+    make.
+
+    The error N a with the prior a ~ N(0, diag(d^2)) is estimated along with any fit:
+    minimising |x - N a|^2 + |a / d|^2 over a gives x'P x, with P = 1 - N (N'N + D^-2)^-1
+    N'. No fit needs columns for such errors. Without tolerated errors P = 1.
+
+    gram (p, p) : A'P A of the design's columns A; with_torque (p,) : A'P y;
+    torque_squared : y'P y; columns (M, m) : N; root (m, m) : L^-1 with L L' = N'N +
+    D^-2; design_along (m, p) : L^-1 N'A; torque_along (m,) : L^-1 N'y.
+    """
+
+    gram: Array
+    with_torque: Array
+    torque_squared: float
+    columns: Array
+    root: Array
+    design_along: Array
+    torque_along: Array
+    by_batch: dict[Batch, BatchProducts] = field(default_factory=dict)
+
+    @property
+    def n_tolerated(self) -> int:
+        """The number m of columns of tolerated errors."""
+        return len(self.root)
+
+    def along(self, z: Array) -> Array:
+        """Return L^-1 N'z (m, K) of columns z (M, K): x'P z = x'z less its products."""
+        return np.asarray(self.root @ (self.columns.T @ z))
+
+    def removed(self, z: Array, along: Array) -> Array:
+        """Return P z (M, K) of columns z (M, K) of which ``along`` is L^-1 N'z."""
+        if not self.n_tolerated:
+            return z
+        return np.asarray(z - self.columns @ (self.root.T @ along))
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
-    """White columns of the model and of some terms (effects or nuisances), with
-    products.
+    """White columns of the model and of some effects, with products, and small errors
+    that may be tolerated beside them.
 
-    The design A (n joints, M + prior rows, p) has columns of unit length, the model's r
-    first. Most terms act on one joint: A is kept as the model's columns and, by joint,
-    those of the terms that act there.
+    The design A (n joints, M, p) has columns of unit length, the model's r first. Most
+    effects act on one joint: A is kept as the model's columns and, by joint, those of
+    the effects that act there.
 
     basis_products : the model's columns with their products; terms_by_joint (n) : the
-    terms' columns; y (n, M + prior rows) : torque, 0 in prior rows; gram (n, p, p) :
-    A'A; Ay (n, p) : A'y; columns_of_model : numbers of the model's columns, by key of
-    an effect with a shape constant that might be re-estimated, all others under None;
-    columns_by_text : numbers of each term's columns, by its text; key_of_column : key
-    of the effect that a column belongs to; n_prior_rows (n,) : how many prior rows each
-    joint counts. A prior row says that the coefficient of a nuisance (a small tolerated
-    error) is zero, up to its standard deviation.
+    effects' columns; errors_by_joint (n) : the tolerated errors; y (n, M) : torque;
+    gram (n, p, p) : A'A; Ay (n, p) : A'y; columns_of_model : numbers of the model's
+    columns, by key of an effect with a shape constant that might be re-estimated, all
+    others under None; columns_by_text : numbers of each effect's columns, by its text;
+    key_of_column : key of the effect that a column belongs to.
     """
 
     basis_products: BasisProducts
     terms_by_joint: Sequence[JointTerms]
+    errors_by_joint: Sequence[JointErrors]
     y: Array
     gram: Array
     Ay: Array
     columns_of_model: Mapping[Key | None, list[int]]
     columns_by_text: dict[str, list[int]]
     key_of_column: dict[int, Key]
-    n_prior_rows: Array
-    products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
+    _by_tolerated: dict[tuple[int, tuple[str, ...]], JointProducts] = field(
+        default_factory=dict
+    )
 
     @property
     def n_columns(self) -> int:
         """The number p of columns."""
         return self.Ay.shape[1]
 
+    @cached_property
+    def torque_squared(self) -> Array:
+        """(n,) the squares y'y of each joint's torque."""
+        return np.asarray(np.sum(self.y**2, axis=1))
+
     def times(self, coefficients: Array) -> Array:
-        """Return A C (n, M + prior rows, K) for coefficients C (p, K)."""
+        """Return A C (n, M, K) for coefficients C (p, K)."""
         B = self.basis_products.basis
-        n, M, r = B.shape
-        out = np.zeros((n, self.y.shape[1], coefficients.shape[1]))
-        np.matmul(B, coefficients[:r], out=out[:, :M])
+        r = B.shape[2]
+        out = B @ coefficients[:r]
         for j, terms in enumerate(self.terms_by_joint):
             if len(terms.numbers):
                 out[j] += terms.columns @ coefficients[terms.numbers]
-        return out
+        return np.asarray(out)
 
     def products_on(self, joint: int, z: Array) -> Array:
-        """Return A'Z (p, K) for columns Z on a joint (from 0).
-
-        Z has the M rows of the log, and may have the prior rows behind them.
-        """
+        """Return A'Z (p, K) for columns Z (M, K) on a joint (from 0)."""
         out = np.zeros((self.n_columns, z.shape[1]))
         B = self.basis_products.basis[joint]
-        M, r = B.shape
-        out[:r] = B.T @ z[:M]
+        out[: B.shape[1]] = B.T @ z
         terms = self.terms_by_joint[joint]
-        out[terms.numbers] = terms.columns[: len(z)].T @ z
+        out[terms.numbers] = terms.columns.T @ z
         return out
 
     def holds(self, terms: Sequence[Term]) -> bool:
-        """Return whether the design has columns of all terms (effects, nuisances)."""
-        return all(t.text in self.columns_by_text for t in terms)
+        """Return whether the design has all terms (effects, nuisances)."""
+        return all(
+            t.text in self.errors_by_joint[t.joint].numbers_by_text
+            if isinstance(t, Nuisance)
+            else t.text in self.columns_by_text
+            for t in terms
+        )
 
-    def products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Return the products A'Z (p, F k) and Z'y (F k,), one pair a joint of a batch.
+    def beside(self, joint: int, tolerated: tuple[str, ...]) -> JointProducts:
+        """Return a joint's products where it tolerates the errors with these texts.
 
-        A are the design's p columns, Z the white columns of the batch's F candidates of
-        k coefficients each, y the torque. Products with the model's columns, the first
-        r of A, are shared by all designs; those with the terms' columns are computed
-        once for each batch.
+        They are computed once for each selection.
         """
-        if batch not in self.products:
-            self.products[batch] = self._compute_products_with(batch)
-        return self.products[batch]
+        key = joint, tolerated
+        if key not in self._by_tolerated:
+            self._by_tolerated[key] = self._compute_beside(joint, tolerated)
+        return self._by_tolerated[key]
 
-    def _compute_products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Compute the products that :meth:`products_with` returns and keeps.
+    def _compute_beside(self, joint: int, tolerated: tuple[str, ...]) -> JointProducts:
+        """Compute the products that :meth:`beside` returns and keeps."""
+        errors = self.errors_by_joint[joint]
+        chosen = [i for text in tolerated for i in errors.numbers_by_text[text]]
+        root = np.zeros((0, 0))
+        if chosen:
+            root = _inverse_root(errors.gram[np.ix_(chosen, chosen)])
+        design_along = root @ errors.with_design[chosen]
+        torque_along = root @ errors.with_torque[chosen]
+        torque_squared = self.torque_squared[joint] - np.sum(torque_along**2)
+        return JointProducts(
+            gram=self.gram[joint] - design_along.T @ design_along,
+            with_torque=self.Ay[joint] - design_along.T @ torque_along,
+            torque_squared=float(torque_squared),
+            columns=errors.columns[:, chosen],
+            root=root,
+            design_along=design_along,
+            torque_along=torque_along,
+        )
 
-        They are A'Z (p, F k) and Z'y (F k,), one pair a joint of the batch.
+    def products_with(
+        self, batch: Batch, products: Sequence[JointProducts]
+    ) -> list[BatchProducts]:
+        """Return the products of a batch's columns, for each of its joints.
+
+        They are computed once for each batch and each joint's tolerated errors.
+
+        Parameters
+        ----------
+        batch
+            F candidates of k coefficients each.
+        products
+            (n) the products of all joints, as :meth:`beside` returns them.
         """
-        M = batch.whitened_columns.shape[1]
-        pairs_of_model = self.basis_products.with_batch(batch)
-        pairs = []
-        for j, Z, (BZ, Zy) in zip(
-            batch.joints,
-            batch.whitened_columns,
-            pairs_of_model,
-            strict=True,
-        ):
-            AZ = np.zeros((self.n_columns, Z.shape[1]))
-            AZ[: len(BZ)] = BZ
-            terms = self.terms_by_joint[j]
-            AZ[terms.numbers] = terms.columns[:M].T @ Z
-            pairs.append((AZ, Zy))
-        return pairs
+        out = []
+        for place, joint in enumerate(batch.joints):
+            by_batch = products[joint].by_batch
+            if batch not in by_batch:
+                by_batch[batch] = self._compute_products(batch, place, products[joint])
+            out.append(by_batch[batch])
+        return out
+
+    def _compute_products(
+        self,
+        batch: Batch,
+        place: int,
+        products: JointProducts,
+    ) -> BatchProducts:
+        """Compute the products of a batch's columns on the joint at a place of its
+        joints."""
+        joint = batch.joints[place]
+        Z = batch.whitened_columns[place]
+        BZ, Zy = self.basis_products.with_batch(batch)[place]
+        AZ = np.zeros((self.n_columns, Z.shape[1]))
+        AZ[: len(BZ)] = BZ
+        terms = self.terms_by_joint[joint]
+        AZ[terms.numbers] = terms.columns.T @ Z
+        grams = batch.grams[place]
+        if not products.n_tolerated:
+            return BatchProducts(AZ, Zy, grams)
+        along = products.along(Z)
+        F, k, _ = grams.shape
+        by_candidate = along.reshape(-1, F, k).transpose(1, 2, 0)  # (F, k, m)
+        return BatchProducts(
+            with_design=AZ - products.design_along.T @ along,
+            with_torque=Zy - along.T @ products.torque_along,
+            grams=grams - by_candidate @ by_candidate.transpose(0, 2, 1),
+        )
 
 
 @dataclass(frozen=True)
 class WhiteFit:
     """The model and some terms, fitted to white rows by weighted least squares.
 
-    design : its columns A (n joints, M rows, p) and torque y; columns_kept : which of
-    the p columns take part; level (n,) : standard deviation of each joint's residual,
-    by which its rows are divided; whitener W (p, r) : A W / level is orthonormal; theta
-    (p,) : coefficients; residual (n, M) : weighted; rss (n,) : unweighted squared
-    errors; degrees (n,) : rows less the joint's share of the rank; floor : lowest
-    variance of a joint; fits_without : results computed once, by key of a model's own
-    effect: the fit without it.
+    Inner products of a joint's columns are x'P z, where P leaves what the errors cannot
+    make that the joint tolerates (:class:`JointProducts`).
+
+    design : its columns A (n joints, M rows, p) and torque y; products (n) : of each
+    joint's columns; columns_kept : which of the p columns take part; level (n,) :
+    standard deviation of each joint's residual, by which its rows are divided; whitener
+    W (p, r) : A W / level is orthonormal; theta (p,) : coefficients; rss (n,) :
+    unweighted squared errors; degrees (n,) : rows less the joint's share of the rank;
+    floor : lowest variance of a joint; fits_without : results computed once, by key of
+    a model's own effect: the fit without it.
     """
 
     design: Design
+    products: tuple[JointProducts, ...]
     columns_kept: tuple[int, ...]
     whitener: Array
     theta: Array
     level: Array
-    residual: Array
     rss: Array
     degrees: Array
     floor: float
@@ -268,9 +392,31 @@ class WhiteFit:
         return np.asarray(self.design.y / self.level[:, None])
 
     @cached_property
+    def residual(self) -> Array:
+        """(n, M) what the fit and the tolerated errors leave of the torque, divided by
+        each joint's level."""
+        residual = self.design.y - self.design.times(self.theta[:, None])[:, :, 0]
+        for j, products in enumerate(self.products):
+            if products.n_tolerated:
+                along = products.torque_along - products.design_along @ self.theta
+                residual[j] = products.removed(residual[j], along)
+        return np.asarray(residual / self.level[:, None])
+
+    @cached_property
     def basis(self) -> Array:
-        """(n, M, r) an orthonormal basis A W / level of the fit's weighted columns."""
+        """(n, M, r) the fit's weighted columns A W / level, which are orthonormal where
+        no errors are tolerated."""
         return self.design.times(self.whitener) / self.level[:, None, None]
+
+    @cached_property
+    def gram(self) -> Array:
+        """(n, p, p) the products A'P A of each joint's columns."""
+        return np.array([x.gram for x in self.products])
+
+    @cached_property
+    def with_torque(self) -> Array:
+        """(n, p) the products A'P y of each joint's columns and torque."""
+        return np.array([x.with_torque for x in self.products])
 
     @cached_property
     def keys_of_effects(self) -> frozenset[Key]:
@@ -281,9 +427,9 @@ class WhiteFit:
 
     @cached_property
     def design_with_residual(self) -> Array:
-        """(n, p) the products A'r / level of the weighted design and residual."""
-        weighted = self.design.Ay - self.design.gram @ self.theta
-        return np.asarray(weighted / self.level[:, None] ** 2)
+        """(n, p) the products A'P r / level of the weighted design and residual."""
+        left = self.with_torque - self.gram @ self.theta
+        return np.asarray(left / self.level[:, None] ** 2)
 
     def deviance(self, rss: Array) -> Array:
         """Return the deviance -2 log L (...,) for sums of squared errors rss (..., n).
@@ -302,24 +448,42 @@ class WhiteFit:
         return {j: z / self.level[j] for j, z in columns.items()}
 
     def residual_of(self, scaled: dict[int, Array]) -> Array:
-        """Subtract from weighted columns Z their projection on the fit's columns.
+        """Subtract from weighted columns Z what the fit and the tolerated errors make
+        of them.
 
-        Returns Z - Q Q'Z (n joints, M + prior rows, k), with the orthonormal basis Q =
-        A W / level of the fit. The prior rows of nuisances (small tolerated errors),
-        behind the log's M rows, are part of it; Z is zero there.
+        Returns P (Z - Q Q'P Z) (n joints, M, k), with the basis Q = A W / level of the
+        fit.
 
         Parameters
         ----------
         scaled
             Z, (M, k) by joint from 0, divided by the joint's level (:meth:`scaled`).
         """
-        design = self.design
-        W = self.whitener
-        AZ = sum(design.products_on(j, z / self.level[j]) for j, z in scaled.items())
-        remaining = design.times(W @ (W.T @ AZ)) / -self.level[:, None, None]
-        for j, z in scaled.items():
-            remaining[j, : len(z)] += z
-        return np.asarray(remaining)
+        return ColumnProducts.of(self, scaled).residual
+
+    def products_in_rows(self, columns: Array, rows: NDArray[np.bool_]) -> Array:
+        """Return the products X'P X (K, K) of weighted columns in some rows only.
+
+        Errors are tolerated as on all rows, with the same priors.
+
+        Parameters
+        ----------
+        columns
+            X (n, M, K), divided by each joint's level.
+        rows
+            (M,) flags: which rows take part.
+        """
+        out = np.zeros((columns.shape[2], columns.shape[2]))
+        for products, of_joint in zip(self.products, columns, strict=True):
+            X = of_joint[rows]
+            out += X.T @ X
+            if products.n_tolerated:
+                N = products.columns
+                left_out = N[~rows]
+                gram = np.linalg.inv(products.root.T @ products.root)
+                along = _inverse_root(gram - left_out.T @ left_out) @ (N[rows].T @ X)
+                out -= along.T @ along
+        return out
 
     def energy(self, term: ScoredEffect) -> float:
         """Return the sum of weighted squares of an effect's torque beyond the fit.
@@ -336,62 +500,93 @@ class ColumnProducts:
     """Products of weighted columns Z, which may join a fit, with the fit's columns.
 
     They give the squared error of the fit with Z without any work in rows. fit : the
-    fit; columns : Z, (M, K) by joint (from 0), divided by the joint's level;
-    with_design : A'Z (p, K) by joint, with the fit's weighted design A; grams : Z'Z (K,
-    K) by joint; with_residuals : Z'r (K,) by joint, with the fit's residual r.
+    fit; columns : Z, (M, K) by joint (from 0), divided by the joint's level; along : by
+    joint what the tolerated errors can make of Z, L^-1 N'Z (m, K); with_design : A'P Z
+    (p, K) by joint, with the fit's weighted design A; grams : Z'P Z (K, K) by joint;
+    energy (K,) : squares of the columns, tolerated errors included.
     """
 
     fit: WhiteFit
     columns: dict[int, Array]
+    along: dict[int, Array]
     with_design: dict[int, Array]
     grams: dict[int, Array]
-    with_residuals: dict[int, Array]
+    energy: Array
 
     @classmethod
     def of(cls, fit: WhiteFit, columns: dict[int, Array]) -> ColumnProducts:
         """Multiply weighted columns, (M, K) by joint (from 0), with those of a fit."""
+        along = {}
+        with_design = {}
+        grams = {}
+        energy = np.zeros(next(iter(columns.values())).shape[1])
+        for j, z in columns.items():
+            products = fit.products[j]
+            gram = z.T @ z
+            AZ = fit.design.products_on(j, z)
+            energy += np.diagonal(gram)
+            along[j] = products.along(z)
+            with_design[j] = (AZ - products.design_along.T @ along[j]) / fit.level[j]
+            grams[j] = gram - along[j].T @ along[j]
         return cls(
             fit=fit,
             columns=columns,
-            with_design={
-                j: fit.design.products_on(j, z / fit.level[j])
-                for j, z in columns.items()
-            },
-            grams={j: z.T @ z for j, z in columns.items()},
-            with_residuals={
-                j: fit.residual[j, : len(z)] @ z for j, z in columns.items()
-            },
+            along=along,
+            with_design=with_design,
+            grams=grams,
+            energy=energy,
         )
 
     @property
     def n_columns(self) -> int:
         """The number K of columns."""
-        return next(iter(self.columns.values())).shape[1]
+        return len(self.energy)
 
     @cached_property
     def along_fit(self) -> Array:
-        """(r, K) the products Q'Z with the fit's r orthonormal columns Q."""
+        """(r, K) the products Q'P Z with the fit's r orthonormal columns Q."""
         return np.asarray(self.fit.whitener.T @ sum(self.with_design.values()))
 
     @cached_property
-    def gram(self) -> Array:
-        """(K, K) the Gram matrix Z'Z over all joints."""
-        return np.asarray(sum(self.grams.values()))
+    def gram_left(self) -> Array:
+        """(K, K) the Gram matrix of what the fit leaves of Z: Z'P Z - (Q'P Z)'Q'P Z."""
+        gram = sum(self.grams.values())
+        return np.asarray(gram - self.along_fit.T @ self.along_fit)
 
     @cached_property
-    def gram_left(self) -> Array:
-        """(K, K) the Gram matrix of what the fit leaves of Z: Z'Z - (Q'Z)'Q'Z."""
-        return self.gram - self.along_fit.T @ self.along_fit
+    def with_residuals(self) -> dict[int, Array]:
+        """Z'P r (K,) by joint, with the fit's residual r."""
+        fit = self.fit
+        out = {}
+        for j, z in self.columns.items():
+            along_torque = self.along[j].T @ fit.products[j].torque_along
+            with_torque = (z.T @ fit.design.y[j] - along_torque) / fit.level[j]
+            out[j] = with_torque - self.with_design[j].T @ fit.theta
+        return out
 
     @cached_property
     def with_residual(self) -> Array:
-        """(K,) the products Z'r over all joints, with the fit's residual r."""
+        """(K,) the products Z'P r over all joints, with the fit's residual r."""
         return np.asarray(sum(self.with_residuals.values()))
 
-    def rss_with(self, beta: Array) -> Array:
-        """Return the squared errors (n,) of the joints once T beta joins the fit.
+    @property
+    def residual(self) -> Array:
+        """(n, M, K) what the fit and the tolerated errors leave of Z: P (Z - Q Q'P
+        Z)."""
+        fit = self.fit
+        explained = fit.whitener @ self.along_fit
+        left = fit.design.times(explained) / -fit.level[:, None, None]
+        for j, products in enumerate(fit.products):
+            along = products.design_along @ explained / -fit.level[j]
+            if j in self.columns:
+                left[j] += self.columns[j]
+                along += self.along[j]
+            left[j] = products.removed(left[j], along)
+        return np.asarray(left)
 
-        T = Z - Q Q'Z is what the fit leaves of Z. Errors are not weighted.
+    def squares_with(self, beta: Array) -> Array:
+        """Return the squares (n,) of T beta on each joint, with T what the fit leaves of
+        Z, in units of the joint's level.
 
         Parameters
         ----------
@@ -401,14 +596,28 @@ class ColumnProducts:
         fit = self.fit
         # T beta = Z beta - A d on each joint, with the weighted design A.
         d = fit.whitener @ (self.along_fit @ beta)
-        squares = fit.rss / fit.level**2
-        squares = squares + 2.0 * fit.design_with_residual @ d
-        squares = squares + (fit.design.gram @ d) @ d / fit.level**2
+        squares = (fit.gram @ d) @ d / fit.level**2
         for j, gram in self.grams.items():
             along_design = float((self.with_design[j] @ beta) @ d)
-            along_residual = float(self.with_residuals[j] @ beta)
-            own_squares = float(beta @ gram @ beta)
-            squares[j] += own_squares - 2.0 * (along_residual + along_design)
+            squares[j] += float(beta @ gram @ beta) - 2.0 * along_design
+        return np.asarray(np.maximum(squares, 0.0))
+
+    def rss_with(self, beta: Array) -> Array:
+        """Return the squared errors (n,) of the joints once T beta joins the fit.
+
+        T is what the fit leaves of Z. Errors are not weighted.
+
+        Parameters
+        ----------
+        beta
+            (K,) coefficients.
+        """
+        fit = self.fit
+        d = fit.whitener @ (self.along_fit @ beta)
+        squares = fit.rss / fit.level**2 + self.squares_with(beta)
+        squares += 2.0 * fit.design_with_residual @ d
+        for j, products in self.with_residuals.items():
+            squares[j] -= 2.0 * float(products @ beta)
         return np.asarray(np.maximum(squares, 0.0) * fit.level**2)
 
 
@@ -508,9 +717,13 @@ class WhiteFitter:
             if key not in replaced
             for i in its_columns
         ]
-        columns += sorted(i for t in terms for i in design.columns_by_text[t.text])
+        columns += sorted(i for t in effects for i in design.columns_by_text[t.text])
+        products = tuple(
+            design.beside(j, tuple(t.text for t in terms if _is_tolerated_on(t, j)))
+            for j in range(len(design.y))
+        )
         level = np.ones(len(design.y)) if near is None else near.level
-        return self._fitted(design, tuple(columns), level)
+        return self._fitted(design, products, tuple(columns), level)
 
     def without(self, fit: WhiteFit, form: Candidate) -> WhiteFit:
         """Return the fit without the model's column that a candidate replaces.
@@ -526,6 +739,7 @@ class WhiteFitter:
             columns_left = tuple(i for i in fit.columns_kept if i not in replaced)
             fit.fits_without[form.key] = self._fitted(
                 fit.design,
+                fit.products,
                 columns_left,
                 fit.level,
                 rounds=1,  # one round leaves the levels as they are
@@ -533,98 +747,70 @@ class WhiteFitter:
         return fit.fits_without[form.key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
-        """Assemble the design A of the model and of the terms, with A'A and A'y.
+        """Assemble the design A of the model and of the effects, with A'A and A'y, and
+        the errors that nuisances tolerate.
 
-        The r columns of the model's basis come first, then those of the terms (effects
-        and nuisances), scaled to unit length. The torque y is 0 in the prior rows.
+        The r columns of the model's basis come first, then those of the effects, scaled
+        to unit length over all joints.
         """
         model = self._model_basis
         n, M, r = model.columns.shape
-        blocks, columns_by_text, n_prior_rows = self._columns_with_priors(terms)
-        p = r + sum(_width(t) for t in terms)
-        # Scale the terms' columns to unit length over all joints; the model's have it.
+        y = self.data.y
+        effects = [t for t in terms if isinstance(t, ScoredEffect)]
+        columns_by_text = dict[str, list[int]]()
+        p = r
+        for effect in effects:
+            columns_by_text[effect.text] = list(range(p, p + _width(effect)))
+            p += _width(effect)
+        blocks = [_columns_on(j, effects, columns_by_text, M) for j in range(n)]
         energy = np.zeros(p)
-        for numbers, columns in blocks:
-            energy[numbers] += np.sum(columns**2, axis=0)
+        for terms_of_joint in blocks:
+            if len(terms_of_joint.numbers):
+                squares = np.sum(terms_of_joint.columns**2, axis=0)
+                energy[terms_of_joint.numbers] += squares
         scale = 1.0 / nonzero_or_one(np.sqrt(energy))
         G = np.zeros((n, p, p))
         G[:, :r, :r] = model.gram
         Ay = np.zeros((n, p))
         Ay[:, :r] = self._basis_products.with_torque
-        y = np.zeros((n, len(blocks[0].columns)))
-        y[:, :M] = self.data.y
-        for j, (numbers, columns) in enumerate(blocks):
-            columns *= scale[numbers]
-            cross = model.columns[j].T @ columns[:M]
-            G[j][:r, numbers] = cross
-            G[j][numbers, :r] = cross.T
-            G[j][np.ix_(numbers, numbers)] = columns.T @ columns
-            Ay[j, numbers] = columns.T @ y[j]
-        effects = [t for t in terms if isinstance(t, ScoredEffect)]
-        key_of_column = {i: t.key for t in effects for i in columns_by_text[t.text]}
+        scaled_blocks = []
+        for j, (numbers, unscaled) in enumerate(blocks):
+            columns = unscaled * scale[numbers]
+            scaled_blocks.append(JointTerms(numbers, columns))
+            if len(numbers):
+                cross = model.columns[j].T @ columns
+                G[j][:r, numbers] = cross
+                G[j][numbers, :r] = cross.T
+                G[j][np.ix_(numbers, numbers)] = columns.T @ columns
+                Ay[j, numbers] = columns.T @ y[j]
+        nuisances = [t for t in terms if isinstance(t, Nuisance)]
+        errors = [
+            _errors_on(
+                j,
+                nuisances,
+                model.columns[j],
+                scaled_blocks[j],
+                y[j],
+                p,
+            )
+            for j in range(n)
+        ]
         return Design(
             basis_products=self._basis_products,
-            terms_by_joint=blocks,
+            terms_by_joint=scaled_blocks,
+            errors_by_joint=errors,
             y=y,
             gram=G,
             Ay=Ay,
             columns_of_model=model.columns_by_key,
             columns_by_text=columns_by_text,
-            key_of_column=key_of_column,
-            n_prior_rows=n_prior_rows,
+            key_of_column={i: t.key for t in effects for i in columns_by_text[t.text]},
         )
-
-    def _columns_with_priors(
-        self, terms: Sequence[Term]
-    ) -> tuple[list[JointTerms], dict[str, list[int]], Array]:
-        """Stack the columns of the terms by joint, with the priors of nuisances.
-
-        The coefficient a of a nuisance (a small tolerated error) has a prior N(0, d^2).
-        It enters as a prior row a / d = 0 behind the M rows of the log, on each joint
-        that the nuisance acts on. Each of m such joints gets a / (d sqrt(m)) = 0, so
-        that their squares add up to one prior.
-
-        Returns
-        -------
-        list of JointTerms
-            For each joint the columns that act there, not scaled, on as many rows.
-        dict of str to list of int
-            The numbers of each term's columns, by the term's text.
-        (n,) array
-            How many prior rows each joint counts: 1 / m of each that m joints share.
-        """
-        n, M, r = self._model_basis.columns.shape
-        n_prior_rows, n_rows_counted = _count_prior_rows(terms, n)
-        columns_by_text = dict[str, list[int]]()
-        next_column = r
-        for term in terms:
-            width = _width(term)
-            columns_by_text[term.text] = list(range(next_column, next_column + width))
-            next_column += width
-        n_rows = M + int(n_prior_rows.max(initial=0))
-        blocks = []
-        for j in range(n):
-            on_joint = [t for t in terms if j in t.columns]
-            numbers = [i for t in on_joint for i in columns_by_text[t.text]]
-            columns = np.zeros((n_rows, len(numbers)))
-            next_row = M  # the first prior row that is not used yet
-            next_place = 0
-            for term in on_joint:
-                width = _width(term)
-                columns[:M, next_place : next_place + width] = term.columns[j]
-                if isinstance(term, Nuisance):
-                    # One prior row a column: entry 1 / (d sqrt(m)).
-                    steps = np.arange(width)
-                    entries = 1.0 / term.deviations / len(term.columns) ** 0.5
-                    columns[next_row + steps, next_place + steps] = entries
-                    next_row += width
-                next_place += width
-            blocks.append(JointTerms(np.array(numbers, np.intp), columns))
-        return blocks, columns_by_text, n_rows_counted
 
     def _fitted(
         self,
         design: Design,
+        products: tuple[JointProducts, ...],
         columns: tuple[int, ...],
         level: Array,
         rounds: int = 20,
@@ -632,13 +818,16 @@ class WhiteFitter:
         """Estimate the coefficients and the joints' levels in turn, until these settle.
 
         A joint's level is the standard deviation of its residual; the rows of joint j
-        are weighted by 1 / level_j. theta solves (sum_j A_j'A_j / level_j^2) theta =
-        sum_j A_j'y_j / level_j^2, then level_j^2 = |y_j - A_j theta|^2 / rows.
+        are weighted by 1 / level_j. theta solves (sum_j A_j'P A_j / level_j^2) theta =
+        sum_j A_j'P y_j / level_j^2, then level_j^2 is the joint's squared error over
+        its rows, priors of tolerated errors included.
 
         Parameters
         ----------
         design
             All columns and the torque.
+        products
+            (n) the products of each joint's columns, beside what it tolerates.
         columns
             Numbers of the columns that take part.
         level
@@ -650,22 +839,25 @@ class WhiteFitter:
         columns_kept = np.array(columns, int)
         among_kept = np.ix_(columns_kept, columns_kept)
         n, p = design.Ay.shape
+        gram = np.array([x.gram for x in products])
+        Ay = np.array([x.with_torque for x in products])
+        squares_of_torque = np.array([x.torque_squared for x in products])
+        n_tolerated = np.array([x.n_tolerated for x in products])
         # Of all columns: a selection from each joint's Gram matrix would cost more.
-        flat_gram = design.gram.reshape(n, -1)
+        flat_gram = gram.reshape(n, -1)
         all_theta = np.zeros(p)  # zero for columns that take no part
-        squares_of_torque = np.sum(design.y**2, axis=1)
-        n_rows = self.data.count + design.n_prior_rows
+        n_rows = self.data.count + n_tolerated
         for _ in range(rounds):
             weighted_gram = (level**-2.0 @ flat_gram).reshape(p, p)
-            weighted_Ay = level**-2.0 @ design.Ay
+            weighted_Ay = level**-2.0 @ Ay
             L = _triangle(weighted_gram[among_kept])
             all_theta[columns_kept] = scipy.linalg.cho_solve(
                 (L, True),
                 weighted_Ay[columns_kept],
                 check_finite=False,
             )
-            rss = squares_of_torque - 2.0 * design.Ay @ all_theta
-            rss += (design.gram @ all_theta) @ all_theta
+            rss = squares_of_torque - 2.0 * Ay @ all_theta
+            rss += (gram @ all_theta) @ all_theta
             rss = np.maximum(rss, 0.0)  # rounding may make it negative
             level_of_fit = level
             level = np.sqrt(np.maximum(rss / n_rows, self.floor))
@@ -680,51 +872,119 @@ class WhiteFitter:
         )
         W = np.zeros((p, len(columns_kept)))
         W[columns_kept] = L_inverse.T
-        residual = design.y - design.times(all_theta[:, None])[:, :, 0]
-        residual /= level_of_fit[:, None]
         # The trace of the joint's block of the projection on the fit's columns.
         covariance = np.zeros((p, p))
         covariance[among_kept] = L_inverse.T @ L_inverse
         rank_of_joint = flat_gram @ covariance.ravel() / level_of_fit**2
         return WhiteFit(
             design=design,
+            products=products,
             columns_kept=columns,
             whitener=W,
             theta=all_theta,
             level=level_of_fit,
-            residual=residual,
-            rss=np.sum(residual**2, axis=1) * level_of_fit**2,
-            degrees=np.maximum(n_rows - rank_of_joint, 1.0),
+            rss=rss,
+            degrees=np.maximum(self.data.count - rank_of_joint, 1.0),
             floor=self.floor,
         )
 
 
-def _width(term: Term) -> int:
-    """Return the number k of columns of an effect or a nuisance, equal on all joints."""
-    return next(iter(term.columns.values())).shape[1]
+def _width(effect: ScoredEffect) -> int:
+    """Return the number k of columns of an effect, equal on all its joints."""
+    return next(iter(effect.columns.values())).shape[1]
 
 
-def _count_prior_rows(terms: Sequence[Term], n: int) -> tuple[NDArray[np.intp], Array]:
-    """Count the prior rows of nuisances (small tolerated errors) on each of n joints.
+def _is_tolerated_on(term: Term, joint: int) -> bool:
+    """Return whether a term is an error that is tolerated on a joint (from 0)."""
+    return isinstance(term, Nuisance) and term.joint == joint
 
-    A nuisance has one prior row a column on each joint that it acts on; m such joints
-    share one prior, so that each counts 1 / m of a row.
 
-    Returns
-    -------
-    (n,) array
-        The number of prior rows that a joint has.
-    (n,) array
-        The number that it counts, in degrees of freedom.
+def _columns_on(
+    joint: int,
+    effects: Sequence[ScoredEffect],
+    columns_by_text: Mapping[str, list[int]],
+    n_rows: int,
+) -> JointTerms:
+    """Stack the columns of the effects that act on a joint, not scaled.
+
+    ``columns_by_text`` holds the numbers of each effect's columns, by its text;
+    ``n_rows`` is the number of rows of each joint.
     """
-    n_rows = np.zeros(n, np.intp)
-    counted = np.zeros(n)
-    for term in terms:
-        if isinstance(term, Nuisance):
-            joints = list(term.columns)
-            n_rows[joints] += _width(term)
-            counted[joints] += _width(term) / len(joints)
-    return n_rows, counted
+    on_joint = [t for t in effects if joint in t.columns]
+    numbers = [i for t in on_joint for i in columns_by_text[t.text]]
+    columns = np.zeros((n_rows, 0))
+    if on_joint:
+        columns = np.hstack([t.columns[joint] for t in on_joint])
+    return JointTerms(np.array(numbers, np.intp), columns)
+
+
+def _errors_on(
+    joint: int,
+    nuisances: Sequence[Nuisance],
+    model_columns: Array,
+    terms: JointTerms,
+    y: Array,
+    p: int,
+) -> JointErrors:
+    """Multiply the errors that are tolerated on a joint with the design's columns.
+
+    Parameters
+    ----------
+    joint
+        The joint, from 0.
+    nuisances
+        All tolerated errors; those of other joints are left out.
+    model_columns
+        (M, r) the model's columns on the joint, the first r of the design.
+    terms
+        The columns of effects on the joint.
+    y
+        (M,) the joint's torque.
+    p
+        Number of the design's columns.
+    """
+    on_joint = [t for t in nuisances if t.joint == joint]
+    numbers_by_text = dict[str, list[int]]()
+    m = 0
+    for nuisance in on_joint:
+        width = nuisance.columns.shape[1]
+        numbers_by_text[nuisance.text] = list(range(m, m + width))
+        m += width
+    with_design = np.zeros((m, p))
+    if not m:
+        nothing = np.zeros((len(y), 0))
+        return JointErrors(
+            nothing,
+            numbers_by_text,
+            gram=np.zeros((0, 0)),
+            with_design=with_design,
+            with_torque=np.zeros(0),
+        )
+    N = np.hstack([t.columns for t in on_joint])
+    deviations = np.concatenate([t.deviations for t in on_joint])
+    with_design[:, : model_columns.shape[1]] = N.T @ model_columns
+    if len(terms.numbers):
+        with_design[:, terms.numbers] = N.T @ terms.columns
+    return JointErrors(
+        columns=N,
+        numbers_by_text=numbers_by_text,
+        gram=N.T @ N + np.diag(deviations**-2.0),
+        with_design=with_design,
+        with_torque=N.T @ y,
+    )
+
+
+def _inverse_root(gram: Array) -> Array:
+    """Return L^-1 (m, m) of a positive definite matrix L L' (m, m)."""
+    L = _triangle(gram)
+    return np.asarray(
+        scipy.linalg.solve_triangular(
+            L,
+            np.eye(len(L)),
+            lower=True,
+            check_finite=False,
+        )
+    )
 
 
 def orthonormal(columns: Array) -> Array:
@@ -734,24 +994,46 @@ def orthonormal(columns: Array) -> Array:
     is small. The basis, columns R^-1, is orthogonalised a second time against rounding:
     twice is enough (Giraud et al. 2005).
     """
-    norms = np.linalg.norm(columns, axis=0)
-    unit = columns[:, norms > 1e-12 * norms.max(initial=0.0)]  # without zero columns
-    if not unit.shape[1]:
+    norms = np.sqrt(np.einsum("mp,mp->p", columns, columns))
+    is_nonzero = norms > 1e-12 * norms.max(initial=0.0)
+    if not is_nonzero.any():
         return np.zeros((len(columns), 0))
-    unit = unit / np.linalg.norm(unit, axis=0)
+    unit = columns[:, is_nonzero]
+    unit /= norms[is_nonzero]
     triangle, order = scipy.linalg.qr(
-        np.linalg.qr(unit, mode="r"),
+        _triangular_factor(unit),
         mode="r",
         pivoting=True,
     )
     diagonal = np.abs(np.diagonal(triangle))
     rank = int(np.sum(diagonal > 1e-8 * diagonal[0]))
     basis = unit[:, order[:rank]]
-    R = triangle[:rank, :rank]
-    basis = scipy.linalg.solve_triangular(R, basis.T, trans="T").T
-    R = np.linalg.qr(basis, mode="r")
-    basis = scipy.linalg.solve_triangular(R, basis.T, trans="T").T
-    return np.ascontiguousarray(basis)
+    del unit  # of a long recording some ten megabytes
+    basis = _times_inverse(basis, triangle[:rank, :rank])
+    return _times_inverse(basis, _triangular_factor(basis))
+
+
+def _triangular_factor(columns: Array) -> Array:
+    """Return the factor R (p, p) of the QR decomposition of columns (N, p), by some
+    thousand rows at a time; (N, p) where there are fewer rows than columns."""
+    factor: Array = columns[:0]
+    for start in range(0, len(columns), _ROWS_AT_A_TIME):
+        rows = columns[start : start + _ROWS_AT_A_TIME]
+        stacked = np.concatenate([factor, rows])
+        factor = np.asarray(np.linalg.qr(stacked, mode="r"))
+    return factor
+
+
+def _times_inverse(columns: Array, triangle: Array) -> Array:
+    """Return columns R^-1 (N, r) of columns (N, r) and a triangle R (r, r), in place of
+    the columns."""
+    transposed = scipy.linalg.solve_triangular(
+        triangle,
+        columns.T,
+        trans="T",
+        overwrite_b=True,
+    )
+    return np.ascontiguousarray(transposed.T)
 
 
 def _unit(columns: Array) -> Array:

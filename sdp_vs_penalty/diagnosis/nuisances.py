@@ -137,7 +137,8 @@ class Nuisances:
             expected_of_column = expected_squares[j] / len(squares)
             nuisance = Nuisance(
                 text=f"misfit of {term.text} on {j}",
-                columns={j: z},
+                joint=j,
+                columns=z,
                 deviations=np.sqrt(expected_of_column / squares),
             )
             out.append(nuisance)

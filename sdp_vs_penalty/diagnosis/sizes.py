@@ -184,8 +184,7 @@ def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
     residual
         (n, rows) residual r.
     """
-    n_rows = len(data.clusters[0])  # without rows of priors behind the log's
-    scores = np.sum(T * residual[:, :, None], axis=0)[:n_rows]
+    scores = np.sum(T * residual[:, :, None], axis=0)
     factors = []
     for sums in cluster_sums(data.clusters, scores):
         n_clusters = len(sums)

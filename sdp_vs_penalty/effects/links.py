@@ -3,7 +3,7 @@ the model says."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import scipy
@@ -28,6 +28,20 @@ from sdp_vs_penalty.robot.robot import Robot
 _FARTHEST = 100.0
 
 
+@cache
+def _standard_parameters(link: int, effect: str) -> tuple[Parameter, ...]:
+    """Return the ten standard parameters of a link (from 1), which belong to the effect
+    of this name."""
+    return tuple(
+        Parameter(name, unit, effect, link)
+        for name, unit in zip(
+            inertia.parameter_names(link),
+            inertia.UNITS,
+            strict=True,
+        )
+    )
+
+
 class RigidBody(Effect):
     equation = "M(q) ddq + C(q, dq) dq + g(q) = Y(q, dq, ddq) theta"
     explanation = (
@@ -43,13 +57,9 @@ class RigidBody(Effect):
         """Ten standard parameters of each link: mass, first moments, inertia about the
         link's frame."""
         return tuple(
-            Parameter(name, unit, self.name, link)
+            parameter
             for link in range(1, self.robot.links + 1)
-            for name, unit in zip(
-                inertia.parameter_names(link),
-                inertia.UNITS,
-                strict=True,
-            )
+            for parameter in _standard_parameters(link, self.name)
         )
 
     def constraints(
@@ -344,8 +354,8 @@ class JointZeroError(LinkDeviation):
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of zero error of one joint:
         dID/dq_j."""
-        by_q, _, _ = motion.derivatives
-        return by_q[:, :, joint]
+        by_q, _, _ = motion.derivatives(joint)
+        return by_q
 
 
 #: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with
@@ -392,7 +402,7 @@ class Backlash(LinkDeviation):
         acceleration of the link from flank to flank.
         """
         side = np.sign(motion.link_torque[:, joint])
-        by_q = motion.derivatives[0][:, :, joint]  # (N, n) dtau/dq of this joint
+        by_q, _, _ = motion.derivatives(joint)
         counts_displacement_only = self.shape["law"] == 1.0
         if counts_displacement_only:
             return -by_q * side[:, None]
@@ -452,11 +462,11 @@ def _moved(motion: Motion, joint: int, x: Array) -> Array:
     dtau = dtau/dq_j x + dtau/ddq_j x' + dtau/dddq_j x'', with the displacement's
     velocity x' and acceleration x''.
     """
-    by_q, by_dq, by_ddq = motion.derivatives
+    by_q, by_dq, by_ddq = motion.derivatives(joint)
     x, rate, acceleration = motion.rates(x)
-    change = by_q[:, :, joint] * x[:, None]
-    change += by_dq[:, :, joint] * rate[:, None]
-    change += by_ddq[:, :, joint] * acceleration[:, None]
+    change = by_q * x[:, None]
+    change += by_dq * rate[:, None]
+    change += by_ddq * acceleration[:, None]
     return np.asarray(change)
 
 

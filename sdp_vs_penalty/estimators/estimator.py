@@ -115,7 +115,7 @@ class Task:
     @cached_property
     def ols(self) -> Array:
         """(p,) unconstrained least-squares theta that is nearest to the nominal one."""
-        return min_norm_lstsq(self.data.R, self.data.rho, self.nominal)
+        return self.data.nearest(self.nominal)
 
     @cached_property
     def base_distance(self) -> LeastSquares:
@@ -202,12 +202,12 @@ class Estimator(ABC):
         Parameters
         ----------
         tasks : sequence of Task
-            The tasks.
+            The tasks, whose data are similar.
 
         Returns
         -------
         list of Fit
-            Equal to the results of :meth:`fit`, bit by bit.
+            The results of :meth:`fit`, within its accuracy.
         """
         return [self.fit(task) for task in tasks]
 
@@ -263,7 +263,7 @@ def make_task(
         bodies = like.bodies
     require_known("weighting", weighting, ("noise", "none"))
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
-    first = min_norm_lstsq(data.R, data.rho, nominal)
+    first = data.nearest(nominal)
     weights = np.ones(regression.joints)
     if weighting == "noise":
         weights = joint_weights(regression, first)

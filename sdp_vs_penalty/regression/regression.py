@@ -26,7 +26,7 @@ from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
-from sdp_vs_penalty.regression.linalg import deviations
+from sdp_vs_penalty.regression.linalg import deviations, min_norm_lstsq
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
@@ -176,6 +176,22 @@ class LeastSquares:
         """
         residual = self.R @ np.asarray(theta, float) - self.rho
         return 2.0 * self.R.T @ residual
+
+    def nearest(self, near: ArrayLike) -> Array:
+        """Return the least-squares parameters that are nearest to given ones.
+
+        Parameters
+        ----------
+        near : (p,) array or float
+            Parameters [SI], from which these differ only in directions that the data
+            determine.
+
+        Returns
+        -------
+        (p,) array
+            Parameters [SI].
+        """
+        return min_norm_lstsq(self.R, self.rho, np.asarray(near, float))
 
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
         """Return the data with a prior that pulls parameters to zero.

@@ -11,7 +11,12 @@ from pathlib import Path
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, keep_noise_floor
+from sdp_vs_penalty.diagnosis.comparison import (
+    Comparison,
+    compare,
+    keep_noise_floor,
+    noise_floor,
+)
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
@@ -105,7 +110,7 @@ def demo(
     for other in models.values():  # of the same runs behind the same filters
         other.provenance["noise"] = model.provenance["noise"]
     progress("comparing on motion that no model has seen")
-    failures = where_it_fails(model, test, noise=compare(model, test)[0].noise)
+    failures = where_it_fails(model, test, noise=noise_floor(model, test))
     progress("looking for what is missing")
     diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")

@@ -91,9 +91,9 @@ def place(home: Path, folder: Path, name: str) -> None:
 
 
 def numbered(count: int) -> list[object]:
-    """Seeds of names, the second half of them for CI alone."""
-    first = range(count // 2)
-    others = range(count // 2, count)
+    """Seeds of names, the last three quarters of them for CI alone."""
+    first = range(count // 4)
+    others = range(count // 4, count)
     return [
         *first,
         *(pytest.param(k, marks=pytest.mark.long) for k in others),
@@ -186,23 +186,43 @@ def test_a_shell_reads_the_words_that_were_meant(tmp_path):
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
-@pytest.mark.parametrize("locale", [{}, ASCII], ids=["own", "C"])
-@pytest.mark.parametrize("name", ["bad\udcff\udcfe", "naïve 機械"])
-def test_any_name_in_any_locale(name, locale, two_link, tmp_path):
-    """Runs of all kinds under a name that is no UTF-8, or not of the locale."""
-    suffixes = (".csv", ".npz", ".parquet", ".mat")
-    for seed, suffix in enumerate(suffixes):
-        run = small_run(two_link, seconds=2.0, seed=seed)
-        save(run, tmp_path / f"plain{suffix}")
-        (tmp_path / f"plain{suffix}").rename(tmp_path / f"{name}{suffix}")
-    files = [f"{name}{suffix}" for suffix in suffixes]
-    words = ["check", "two_link", "--data", *files, "--json", f"{name}.json"]
+NAMES = ("bad\udcff\udcfe", "naïve 機械")
+SUFFIXES = (".csv", ".npz", ".parquet", ".mat")
+
+
+def save_as(name: str, folder: Path, problem: sdp.Problem) -> list[str]:
+    """Runs of all kinds under a name; their files."""
+    for seed, suffix in enumerate(SUFFIXES):
+        run = small_run(problem, seconds=2.0, seed=seed)
+        save(run, folder / f"plain{suffix}")
+        (folder / f"plain{suffix}").rename(folder / f"{name}{suffix}")
+    return [f"{name}{suffix}" for suffix in SUFFIXES]
+
+
+def checked(path: Path) -> list[str]:
+    """Kinds of the files that a check's JSON is about."""
+    written = json.loads(path.read_text("utf-8"))
+    return [Path(x["run"]).suffix for x in written["runs"]]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_runs_of_any_name_are_checked(name, two_link, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    files = save_as(name, tmp_path, two_link)
+    code = run_cli("check", "two_link", "--data", *files, "--json", f"{name}.json")
+    assert code == 0
+    assert checked(tmp_path / f"{name}.json") == [*SUFFIXES]
+
+
+def test_runs_of_any_name_are_checked_in_a_locale_of_ascii(two_link, tmp_path):
+    """Names that are no UTF-8, and names that are not of the locale."""
+    files = [file for name in NAMES for file in save_as(name, tmp_path, two_link)]
+    words = ["check", "two_link", "--data", *files, "--json", f"{NAMES[1]}.json"]
     done = subprocess.run(
         [sys.executable, "-m", "sdp_vs_penalty", *words],
-        env={**os.environ, **locale, "PYTHONPATH": HOME},
+        env={**os.environ, **ASCII, "PYTHONPATH": HOME},
         capture_output=True,
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
-    written = json.loads((tmp_path / f"{name}.json").read_text("utf-8"))
-    assert [Path(x["run"]).suffix for x in written["runs"]] == [*suffixes]
+    assert checked(tmp_path / f"{NAMES[1]}.json") == [*SUFFIXES, *SUFFIXES]

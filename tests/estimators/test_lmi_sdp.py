@@ -388,7 +388,8 @@ def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_fits_that_share_their_constraints_are_the_single_ones(two_link, method):
-    """To the last bit, on other data of the same model."""
+    """Within their certified gap, on other data of the same model: each starts from the
+    one before."""
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
     model = two_link.model()
     regressions = [
@@ -415,5 +416,5 @@ def test_fits_that_share_their_constraints_are_the_single_ones(two_link, method)
     ]
     shared = estimator.fit_each([first, *others])
     for one, other in zip(single, shared, strict=True):
-        np.testing.assert_array_equal(one.theta, other.theta)
-        assert one.gap == other.gap
+        assert other.upper == pytest.approx(one.upper, rel=1e-8)
+        assert other.gap < 1e-6

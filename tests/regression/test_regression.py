@@ -16,6 +16,7 @@ from sdp_vs_penalty.regression import (
     BlackBox,
     Factor,
     LeastSquares,
+    ProductRegression,
     Regression,
     base_rows,
     compress,
@@ -27,6 +28,35 @@ from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 from sdp_vs_penalty.simulation import experiment
 
 FILTERS = Preprocessing(5.0, 8.0)
+
+
+@given(seeds)
+def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
+    model, _, run = driven(
+        seed,
+        12.0,
+        4e-3,
+        "rigid_body,viscous_friction,torque_offset",
+        0.1,
+    )
+    regression = compress(FilteredRuns.of(run, FILTERS), model)
+    rng = np.random.default_rng(seed)
+    kept = rng.uniform(size=len(model.parameters)) < 0.8
+    weights = rng.uniform(0.1, 3.0, model.robot.n)
+    scale = rng.uniform(0.5, 2.0, kept.sum())
+    of_rows = regression.keeping(kept)
+    of_products = ProductRegression.of(regression).keeping(kept)
+    thetas = []
+    for data in (of_rows, of_products):
+        squares = data.least_squares(weights).with_prior(scale, weight=0.3)
+        thetas.append(squares.nearest(scale))
+        expected = of_rows.joint_losses(thetas[0])
+        np.testing.assert_allclose(data.joint_losses(thetas[-1]), expected, rtol=1e-6)
+        assert squares.loss(scale) == pytest.approx(
+            of_rows.least_squares(weights).with_prior(scale, weight=0.3).loss(scale),
+            rel=1e-9,
+        )
+    np.testing.assert_allclose(*thetas, rtol=1e-4, atol=1e-6)
 
 
 @given(seeds)

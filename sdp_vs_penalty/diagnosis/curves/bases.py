@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, COARSENING_ROWS
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
-from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
+from sdp_vs_penalty.diagnosis.linear_fit import ColumnProducts, WhiteFit
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.effects.transmission import list_joint_combinations
@@ -484,13 +484,11 @@ class CurveColumns:
         CurveColumns
             Columns and products.
         """
-        # Zero in the rows behind the log's, which hold priors of nuisances.
-        z = np.zeros((len(fit.residual[joint]), white.shape[1]))
-        z[: len(white)] = white / fit.level[joint]
-        C = fit.basis[joint].T @ z
+        z = white / fit.level[joint]
+        products = ColumnProducts.of(fit, {joint: z})
         raw = z.T @ z
-        D = raw - C.T @ C
-        s = z.T @ fit.residual[joint]
+        D = products.gram_left
+        s = products.with_residual
         count = float(fit.degrees[joint])
         v = 1.0
         if robust and len(s):
@@ -498,7 +496,7 @@ class CurveColumns:
             inverse = np.linalg.inv(D + raw / count + ridge)
             coefficients = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
-            T = fit.residual_of({joint: z})
+            T = products.residual
             residual = fit.residual - T @ coefficients
             v = score.rows_worth_one(T, residual, inverse, freedom)
         return cls(
@@ -559,10 +557,11 @@ class CurveColumns:
     ) -> Array:
         """Fit the curve's coefficients F times, each time without the rows of one fold.
 
-        The model's own columns Q are fitted again on the same rows, together with the
-        curve's columns z: the normal equations are [[Q'Q + prior, Q'z], [z'Q, z'z +
-        P]]. A prior that is worth one row holds the coefficients of Q near their values
-        on all rows.
+        The fit's own columns Q are fitted again on the same rows, together with the
+        curve's columns z, and errors are tolerated as in the fit: the normal equations
+        are [[Q'P Q + prior, Q'P z], [z'P Q, z'P z + P]], where P x leaves of x what no
+        tolerated error can make. A prior that is worth one row holds the coefficients
+        of Q near their values on all rows.
 
         Parameters
         ----------
@@ -576,29 +575,27 @@ class CurveColumns:
         (F, k) array
             Coefficients of the curve.
         """
-        Q = self.fit.basis  # (n, M, r): orthonormal, M rows of each of n joints
-        y = self.fit.target  # (n, M)
+        fit = self.fit
+        Q = fit.basis  # (n, M, r) in the rows of each of n joints
         r = Q.shape[2]
         k = len(self.s)
         prior = 1.0 / self.count  # worth one row
         # (r,) coefficients of Q on all rows, near which the prior holds them.
-        theta = np.tensordot(Q, y, axes=((0, 1), (0, 1)))
-        # Rows behind the log's, which hold priors of nuisances, always take part.
-        prior_rows = np.ones(len(self.z) - len(fold), bool)
+        weighted = fit.with_torque / fit.level[:, None] ** 2
+        theta = fit.whitener.T @ weighted.sum(axis=0)
+        curve = np.zeros((*Q.shape[:2], k))
+        curve[self.joint] = self.z
+        # (n, M, r + k + 1): the fit's columns, the curve's, and the torque.
+        columns = np.concatenate([Q, curve, fit.target[:, :, None]], axis=2)
+        penalty = np.zeros((r + k, r + k))
+        penalty[:r, :r] = prior * np.eye(r)
+        penalty[r:, r:] = P
+        pull_of_prior = np.concatenate([prior * theta, np.zeros(k)])
         out = []
         for f in np.unique(fold):
-            train = np.append(fold != f, prior_rows)
-            q = np.concatenate(Q[:, train])
-            z = self.z[train]
-            # Normal equations of Q's coefficients (first) and the curve's (last).
-            G = np.zeros((r + k, r + k))
-            G[:r, :r] = q.T @ q + prior * np.eye(r)
-            G[:r, r:] = Q[self.joint][train].T @ z
-            G[r:, :r] = G[:r, r:].T
-            G[r:, r:] = z.T @ z + P
-            pull_of_model = q.T @ y[:, train].ravel() + prior * theta
-            pull_of_curve = z.T @ y[self.joint][train]
-            pull = np.concatenate([pull_of_model, pull_of_curve])
+            products = fit.products_in_rows(columns, fold != f)
+            G = products[:-1, :-1] + penalty
+            pull = products[:-1, -1] + pull_of_prior
             out.append(np.linalg.solve(G, pull)[r:])
         return np.array(out)
 

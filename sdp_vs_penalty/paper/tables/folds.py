@@ -66,6 +66,7 @@ def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
     k = len(values)
     mean = float(np.mean(values))
     standard_error = float(np.std(values, ddof=1)) / math.sqrt(k)
+    # Student's t; scipy.stats would take half a second to import.
     quantile = float(scipy.special.stdtrit(k - 1, 0.5 + 0.5 * coverage))
     half = quantile * standard_error
     return FoldInterval(

@@ -219,6 +219,7 @@ def _with_intervals(
     std = deviations[-3 * n :].reshape(3, n).T.copy()
     # Of phi_2, from that of its logarithm.
     std[:, 1] *= phi[:, 1]
+    # Student's t; scipy.stats would take half a second to import.
     half = scipy.special.stdtrit(degrees, 0.975) * std
     at_bound = phi[:, 1] > 0.99 * STEEPEST
     return SigmoidFit(x, phi, std, phi - half, phi + half, at_bound)
@@ -247,6 +248,9 @@ class _Data:
         wide = np.stack([c.dense_columns(size) for c in rows.columns], axis=1)
         _, independent = base_parameters(model, problem.independent)
         self.rigid = wide[:, :, list(independent)]
+        # Of the last slopes and shifts: residual and Jacobian are asked at the same x.
+        self._last_shape = np.empty(0)
+        self._last_columns = np.empty(0)
 
     def start(self, slope: float) -> Array:
         """Return the point from which a search starts: zeros but for the slopes.
@@ -347,18 +351,38 @@ class _Data:
         (M, n, b + 3 n) array
         """
         n_base = self.rigid.shape[2]
-        amplitude, log_slope, shift = x[n_base:].reshape(3, -1)
+        amplitude, log_slope, _ = x[n_base:].reshape(3, -1)
         slope = np.exp(log_slope)
-        sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
-        rows = self.rows_of(Model(self.robot, (sigmoid,)))
         # Derivatives of phi_1 (f / phi_1), by the chain rule for log phi_2.
         ones = np.ones_like(slope)
         scale = np.stack([ones, amplitude * slope, amplitude], axis=1)
-        of_joints = np.stack([c.columns for c in rows.columns], axis=1) * scale
+        of_joints = self.sigmoid_columns(x) * scale
         # (M, n, 3) becomes three blocks (M, n, n): phi of a joint acts on it alone.
         same_joint = np.eye(len(slope))
         blocks = [of_joints[:, :, k, None] * same_joint for k in range(3)]
         return np.concatenate([self.rigid, *blocks], axis=2)
+
+    def sigmoid_columns(self, x: Array) -> Array:
+        """Return each joint's friction per phi_1, and its derivatives by phi_2 and
+        phi_3 per phi_1.
+
+        Parameters
+        ----------
+        x : (b + 3 n,) array
+            Base parameters, phi_1, log phi_2 and phi_3.
+
+        Returns
+        -------
+        (M, n, 3) array
+        """
+        n = self.robot.n
+        if not np.array_equal(x[-2 * n :], self._last_shape):
+            slope, shift = np.exp(x[-2 * n : -n]), x[-n:]
+            sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
+            rows = self.rows_of(Model(self.robot, (sigmoid,)))
+            self._last_columns = np.stack([c.columns for c in rows.columns], axis=1)
+            self._last_shape = x[-2 * n :].copy()
+        return self._last_columns
 
     def residual(self, x: Array) -> Array:
         """Return the measured minus the modelled torque.
@@ -376,9 +400,10 @@ class _Data:
         (M, n) array
             [N m].
         """
-        linear = len(x) - 2 * self.robot.n
-        predicted = self.columns(x)[:, :, :linear] @ x[:linear]
-        return np.asarray(self.torque - predicted)
+        n_base = self.rigid.shape[2]
+        amplitude = x[n_base : n_base + self.robot.n]
+        friction = self.sigmoid_columns(x)[:, :, 0] * amplitude
+        return np.asarray(self.torque - self.rigid @ x[:n_base] - friction)
 
     def solved(self, x: Array, weights: Array) -> Array:
         """Return x with the best base parameters and phi_1 for its phi_2 and phi_3.
@@ -472,7 +497,7 @@ def _fit_without_noise(study: Study) -> SigmoidFit:
     """Fit the sigmoid to the exact torque along the exciting trajectory."""
     study.progress("sigmoid friction without noise")
     x = study.experiment
-    t = np.arange(0.0, x.trajectory.duration, 0.02)
+    t = np.arange(0.0, x.trajectory.duration, 0.05)
     motion = Motion(t, *x.trajectory.states(t))
     return fit_sigmoid(study.problem, exact_rows(motion, x.torque(motion)))
 
@@ -580,24 +605,29 @@ def _on_other_rows(study: Study, data: Data) -> list[tuple[str, Array]]:
     study.progress(f"friction models on {data.label} data, {data.judged_on}")
     usual = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
-    def ordinary(effects: str) -> tuple[float, Array]:
-        """Training loss and test RMSE (n,) of ordinary least squares with these
-        effects."""
-        data_of_effects = replace(data, model=study.problem.model(effects))
-        train = data_of_effects.regression.least_squares()
+    def with_effects(effects: str) -> Data:
+        """The same rows in a model of these effects."""
+        return replace(data, model=study.problem.model(effects))
+
+    def ordinary(modelled: Data) -> tuple[float, Array]:
+        """Training loss and parameters of ordinary least squares."""
+        train = modelled.regression.least_squares()
         theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)
-        return train.loss(theta), np.sqrt(data_of_effects.errors(theta)[0])
+        return train.loss(theta), theta
+
+    def test_rmse(modelled: Data) -> Array:
+        """RMS error (n,) of ordinary least squares on the test rows."""
+        return np.asarray(np.sqrt(modelled.errors(ordinary(modelled)[1])[0]))
 
     fit = _fit(study, data, data.train)
-    linear = ordinary(usual)[1]
-    tried = {
-        d: ordinary(f"{usual},presliding_hysteresis@d={d}")
+    bristles = {
+        d: with_effects(f"{usual},presliding_hysteresis@d={d}")
         for d in PreslidingHysteresis.shapes["d"].grid
     }
-    best = min(tried, key=lambda d: tried[d][0])
+    best = min(bristles, key=lambda d: ordinary(bristles[d])[0])
     others = [_rows_in(data, run) for run in data.test.runs()]
     return [
-        ("linear friction", linear),
+        ("linear friction", test_rmse(with_effects(usual))),
         ("sigmoid friction", residual_rms(study.problem, others, fit)),
-        (f"presliding hysteresis (d = {best:g} rad)", tried[best][1]),
+        (f"presliding hysteresis (d = {best:g} rad)", test_rmse(bristles[best])),
     ]

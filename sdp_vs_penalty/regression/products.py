@@ -1,0 +1,172 @@
+"""Compressed data as products of columns, for many fits with some of the columns.
+
+A fit under constraints needs the products R'R and R'rho, not the triangle R: to leave a
+column out is to leave out its row and column, where a triangle is factorised anew.
+Products know squared errors to a share of 1e-13 of the squared torque: enough to compare
+models, not for a certificate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+
+#: Ridge relative to the squares of each column, above rounding of the products:
+#: directions in which columns of unit length differ by less than its root count as
+#: undetermined.
+_RIDGE = 1e-13
+
+
+@dataclass(frozen=True)
+class NormalEquations(LeastSquares):
+    """A least-squares problem by its products.
+
+    products (p + 1, p + 1) : [Y tau]' [Y tau], the torque last; R (p, p) is their
+    triangle, with a ridge that keeps its diagonal above zero.
+    """
+
+    products: Array = field(default_factory=lambda: np.zeros((1, 1)))
+
+    @classmethod
+    def of(cls, products: Array, rows: int, tau_squared: float) -> NormalEquations:
+        """Return the problem with these products.
+
+        Parameters
+        ----------
+        products
+            (p + 1, p + 1) products of columns and torque.
+        rows
+            Number of rows of the data.
+        tau_squared
+            Squared torque [(N m)^2] of the data.
+        """
+        gram = products[:-1, :-1]
+        scale = nonzero_or_one(np.sqrt(np.diagonal(gram)))
+        scaled = gram / scale[:, None] / scale
+        scaled[np.diag_indices_from(scaled)] += _RIDGE
+        R = np.linalg.cholesky(scaled).T * scale
+        rho = scipy.linalg.solve_triangular(
+            R,
+            products[:-1, -1],
+            trans="T",
+            check_finite=False,
+        )
+        unexplained = max(float(products[-1, -1] - rho @ rho), 0.0)
+        return cls(
+            R=R,
+            rho=rho,
+            residual_norm=unexplained**0.5,
+            tau_squared=tau_squared,
+            rows=rows,
+            products=products,
+        )
+
+    @cached_property
+    def curvature(self) -> Array:
+        """(p, p) Hessian of the loss, 2 Y'Y."""
+        return 2.0 * self.products[:-1, :-1]
+
+    def nearest(self, near: ArrayLike) -> Array:
+        """Return the least-squares theta (p,) [SI] near ``near``, from which it moves
+        only in directions that the data determine.
+        """
+        theta = np.broadcast_to(np.asarray(near, float), self.rho.shape)
+        move = scipy.linalg.solve_triangular(
+            self.R,
+            self.rho - self.R @ theta,
+            check_finite=False,
+        )
+        return np.asarray(theta + move)
+
+    def with_observations(
+        self,
+        rows: Array,
+        values: Array,
+        weight: float,
+    ) -> NormalEquations:
+        """Return the data with observations of linear functions of the parameters.
+
+        Parameters
+        ----------
+        rows
+            (k, p) coefficients of the functions.
+        values
+            (k,) observed values.
+        weight
+            Weight of the squares [(N m)^2].
+        """
+        observations = np.column_stack([rows, values])
+        products = self.products + weight * (observations.T @ observations)
+        return self.of(products, self.rows, self.tau_squared)
+
+
+@dataclass(frozen=True)
+class ProductRegression(Regression):
+    """The compressed data of one model, with the products of its columns.
+
+    products (n, p + 1, p + 1) : [Y tau]' [Y tau] of each joint, the torque last.
+    """
+
+    products: Array = field(default_factory=lambda: np.zeros((0, 1, 1)))
+
+    @classmethod
+    def of(cls, regression: Regression) -> ProductRegression:
+        """Multiply the columns and the torque of compressed data."""
+        p = regression.p
+        products = np.zeros((regression.joints, p + 1, p + 1))
+        for joint, factor in enumerate(regression.per_joint):
+            places = np.append(factor.indices, p)
+            of_joint = factor.triangle.T @ factor.triangle
+            products[joint][np.ix_(places, places)] = of_joint
+        return cls(
+            regression.parameters,
+            joints=regression.joints,
+            blocks=regression.blocks,
+            factors=regression.factors,
+            oversampling=regression.oversampling,
+            products=products,
+        )
+
+    def keeping(self, kept_columns: NDArray[np.bool_]) -> ProductRegression:
+        """Return the data in some of the parameters, in the same order.
+
+        Parameters
+        ----------
+        kept_columns
+            (p,) flags: which parameters to keep.
+        """
+        kept = super().keeping(kept_columns)
+        assert isinstance(kept, ProductRegression)
+        places = np.flatnonzero(np.append(kept_columns, True))
+        return replace(kept, products=self.products[:, places[:, None], places])
+
+    def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
+        """Return the rows of all joints as one least-squares problem.
+
+        Parameters
+        ----------
+        weights
+            (n,) factor of each joint's rows; default: 1.
+        """
+        scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
+        products = np.tensordot(scale**2, self.products, axes=1)
+        n_rows = int(self.joint_rows().sum())
+        return NormalEquations.of(products, n_rows, float(products[-1, -1]))
+
+    def joint_losses(self, theta: ArrayLike) -> Array:
+        """Return the squared torque error (n,) of each joint [(N m)^2].
+
+        Parameters
+        ----------
+        theta
+            (p,) parameters [SI].
+        """
+        signed = np.append(np.asarray(theta, float), -1.0)
+        return np.maximum((self.products @ signed) @ signed, 0.0)
