@@ -586,8 +586,13 @@ def _floor_of_positions(runs: SegmentedRuns) -> Array:
     # Variance of each joint's filtered acceleration [(rad/s^2)^2 or (m/s^2)^2].
     acceleration = deviation**2 * np.mean(twice_derived * passed)
     some = np.linspace(0, len(motion.t) - 1, _POSES).astype(np.intp)
-    inertia = motion.part(some).derivatives[2]  # (_POSES, n, n)
-    return np.asarray(np.sqrt(np.mean(inertia**2, axis=0) @ acceleration))
+    poses = motion.part(some)
+    variance = np.zeros(runs.n)
+    for joint in range(runs.n):
+        # (_POSES, n) torque of all joints per acceleration of this one.
+        inertia = poses.derivatives(joint)[2]
+        variance += np.mean(inertia**2, axis=0) * acceleration[joint]
+    return np.sqrt(variance)
 
 
 def _power_gain(cutoff: float, dt: float, frequency: Array) -> Array:
