@@ -175,6 +175,7 @@ def beside_model(
         like=search,
     )
     out.in_reference = {t.key for t, _ in in_reference}
+    out.take_attempts_of(search)
     out.terms = [replace(t, columns=out.columns(t.form)) for t in search.terms]
     out.fit = out.score.fit(out.terms)
     return out
