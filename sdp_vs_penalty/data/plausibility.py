@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import iter_chunks
+from sdp_vs_penalty.data.store import column_range, iter_chunks
 from sdp_vs_penalty.errors import InputError, RepairableError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
@@ -52,7 +52,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         _check_derivative(robot, run)
         _check_side(robot, run)
         far = far_outside(robot, run.q)
-        travels = np.ptp(run.q, axis=0)
+        smallest, largest = column_range(run.q)
+        travels = largest - smallest
         for j in range(robot.n):
             if j in far:
                 raise _outside_its_range(robot, run, j)
@@ -126,17 +127,18 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
         Position of each idle joint by its name [rad, m]; empty where no torque is
         logged.
     """
-    idle: dict[str, float] = {}
-    if not measurements.torque_logged or measurements.n != robot.n:
-        return idle
-    for k, joint in enumerate(robot.joints):
-        # An encoder's last digit [rad, m].
-        is_still = all(
-            np.ptp(run.q[:, k]) <= 1e-4 for run in measurements.runs() if run.samples
-        )
-        is_silent = is_still and not np.any(measurements.tau[:, k])
-        if is_silent and measurements.samples:
-            idle[joint.name] = float(np.mean(measurements.q[:, k]))
+    has_one_robot = measurements.n == robot.n
+    if not (measurements.torque_logged and has_one_robot and measurements.samples):
+        return {}
+    ranges = [column_range(run.q) for run in measurements.runs() if run.samples]
+    travels = np.max([largest - smallest for smallest, largest in ranges], axis=0)
+    # An encoder's last digit [rad, m].
+    is_still = travels <= 1e-4
+    is_silent = ~np.any(column_range(measurements.tau), axis=0)
+    idle = {
+        robot.joints[k].name: float(np.mean(measurements.q[:, k]))
+        for k in np.flatnonzero(is_still & is_silent).tolist()
+    }
     return idle if len(idle) < robot.n else {}
 
 
@@ -238,7 +240,8 @@ def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
     """Return how far positions (N, n) leave each joint's range (n,) [rad, m]; negative
     inside."""
     low, high = np.transpose([(j.lower, j.upper) for j in robot.joints])
-    return np.maximum(low - q.min(axis=0), q.max(axis=0) - high)
+    smallest, largest = column_range(q)
+    return np.maximum(low - smallest, largest - high)
 
 
 def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
@@ -262,7 +265,8 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     """
     outside = np.flatnonzero(_beyond(robot, q) > _ZERO)
     lengths = [joint.upper - joint.lower for joint in robot.joints]
-    fits = np.ptp(q, axis=0) <= np.add(lengths, _ZERO)
+    smallest, largest = column_range(q)
+    fits = largest - smallest <= np.add(lengths, _ZERO)
     are_few = len(outside) <= max(1, robot.n // 2)
     return tuple(outside.tolist()) if are_few and np.all(fits) else ()
 

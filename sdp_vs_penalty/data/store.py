@@ -4,8 +4,8 @@ is mapped there.
 A mapped array is an ordinary NumPy array that cannot be written to: whatever works on
 one works on the other, with the same result. The file has no name, so that nothing is
 left of it however the process ends; it lies in $TMPDIR, else in /var/tmp, which is on a
-disk where /tmp may not be. What has been read of a mapped array stays in memory until
-something else needs the memory.
+disk where /tmp may not be. Rows that :func:`iter_chunks` has gone through are dropped
+from memory, and are read from the file again by whoever needs them next.
 """
 
 import errno
@@ -24,10 +24,12 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 
-#: Bytes of one array above which it goes to a file: 300 000 samples of seven joints.
-LARGEST_IN_MEMORY = 2**24
+#: Bytes of one array above which it goes to a file: 75 000 samples of seven joints.
+LARGEST_IN_MEMORY = 2**22
 #: Samples that are worked on at a time.
 PART = 1 << 15
+#: Advice to the system by which it drops pages of a map; None where it has no such advice.
+_DROP: int | None = getattr(mmap, "MADV_DONTNEED", None)
 
 
 def iter_chunks(
@@ -48,7 +50,63 @@ def iter_chunks(
         Index of the chunk's first row, and its rows.
     """
     for start in range(0, len(array), PART):
-        yield start, array[start : start + PART + overlap]
+        chunk = array[start : start + PART + overlap]
+        yield start, chunk
+        drop_pages(chunk)
+
+
+def drop_pages(rows: NDArray[Any]) -> None:
+    """Give the memory of a mapped array's rows back to the system.
+
+    The rows stay valid: who reads them again gets them from the file. Nothing happens
+    to an array in memory.
+
+    Parameters
+    ----------
+    rows : NDArray[Any]
+        (K, ...) consecutive rows.
+    """
+    mapped = _map_of(rows)
+    if mapped is None or not rows.size or _DROP is None:
+        return
+    file_map, first_byte = mapped
+    low, high = np.lib.array_utils.byte_bounds(rows)
+    start = (low - first_byte) // mmap.PAGESIZE * mmap.PAGESIZE
+    file_map.madvise(_DROP, start, high - first_byte - start)
+
+
+def _map_of(array: NDArray[Any]) -> tuple[mmap.mmap, int] | None:
+    """Return the mapped file that an array is a view of, and the address of the file's
+    first byte; None for an array in memory."""
+    root = array
+    while isinstance(root.base, np.ndarray):
+        root = root.base
+    # NumPy refers to what it was made from directly, or by a memoryview of it.
+    source = getattr(root.base, "obj", root.base)
+    if not isinstance(source, mmap.mmap):
+        return None
+    first_byte, _ = np.lib.array_utils.byte_bounds(root)
+    return source, first_byte
+
+
+def column_range(array: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Find the smallest and the largest number of each column, chunk by chunk.
+
+    Parameters
+    ----------
+    array : NDArray[Any]
+        (N, n) numbers, at least one row.
+
+    Returns
+    -------
+    smallest, largest : NDArray[Any]
+        (n,) each; NaN where a column has one.
+    """
+    extremes = [
+        (chunk.min(axis=0), chunk.max(axis=0)) for _, chunk in iter_chunks(array)
+    ]
+    smallest, largest = np.transpose(extremes, (1, 0, 2))
+    return smallest.min(axis=0), largest.max(axis=0)
 
 
 def digest(arrays: Iterable[NDArray[Any]]) -> str:
@@ -74,7 +132,7 @@ def digest(arrays: Iterable[NDArray[Any]]) -> str:
 
 @dataclass
 class AppendableArray:
-    """An array (N, ...) to which rows are appended; beyond 16 MB it lies in a temporary
+    """An array (N, ...) to which rows are appended; beyond 4 MB it lies in a temporary
     file."""
 
     _pieces: list[NDArray[Any]] = field(default_factory=list)

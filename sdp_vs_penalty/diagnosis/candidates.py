@@ -56,7 +56,8 @@ def list_candidates(data: WhiteData) -> Library:
             group = joints, form.n_coefficients, depends(form.effect), own_key
             groups.setdefault(group, []).append((form, white))
     batches = []
-    for members in groups.values():
+    for key in [*groups]:
+        members = groups.pop(key)  # its columns are needed once
         forms, columns = zip(*members, strict=True)
         joints = tuple(sorted(columns[0]))
         batches.append(Batch.of(joints, forms, columns))

@@ -830,17 +830,22 @@ class _ErrorStatistics:
         joint; relative error = 100 sqrt(sum of mse / sum of mean squared torque) over
         all joints. Sums run over chunks of rows, so that long logs need little memory.
         """
-        # Chunks are views of consecutive rows; all sums are over rows, (n,) each.
-        chunks = [chunk for _, chunk in iter_chunks(signals.measured)]
-        modelled_chunks = iter_chunks(signals.modelled)
+        # All sums are over rows, (n,) each.
+        pairs = zip(
+            iter_chunks(signals.measured), iter_chunks(signals.modelled), strict=True
+        )
         squared_error = sum(
             np.sum((measured - modelled) ** 2, axis=0)
-            for measured, (_, modelled) in zip(chunks, modelled_chunks, strict=True)
+            for (_, measured), (_, modelled) in pairs
         )
         n_rows = len(signals.t)
         error = squared_error / n_rows
-        mean = sum(chunk.sum(axis=0) for chunk in chunks) / n_rows
-        scatter = sum(np.sum((chunk - mean) ** 2, axis=0) for chunk in chunks)
+        total = sum(chunk.sum(axis=0) for _, chunk in iter_chunks(signals.measured))
+        mean = total / n_rows
+        scatter = sum(
+            np.sum((chunk - mean) ** 2, axis=0)
+            for _, chunk in iter_chunks(signals.measured)
+        )
         variance = scatter / n_rows
         with np.errstate(divide="ignore", invalid="ignore"):
             r2 = np.where(variance > 0.0, 1.0 - error / variance, np.nan)

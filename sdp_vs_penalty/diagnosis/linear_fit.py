@@ -18,6 +18,8 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Share of a column below which what others leave of it is rounding.
 DEPENDENT = 1e-5
+#: Rows of a large matrix that are factorised at a time.
+_ROWS_AT_A_TIME = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -988,24 +990,46 @@ def orthonormal(columns: Array) -> Array:
     is small. The basis, columns R^-1, is orthogonalised a second time against rounding:
     twice is enough (Giraud et al. 2005).
     """
-    norms = np.linalg.norm(columns, axis=0)
-    unit = columns[:, norms > 1e-12 * norms.max(initial=0.0)]  # without zero columns
-    if not unit.shape[1]:
+    norms = np.sqrt(np.einsum("mp,mp->p", columns, columns))
+    is_nonzero = norms > 1e-12 * norms.max(initial=0.0)
+    if not is_nonzero.any():
         return np.zeros((len(columns), 0))
-    unit = unit / np.linalg.norm(unit, axis=0)
+    unit = columns[:, is_nonzero]
+    unit /= norms[is_nonzero]
     triangle, order = scipy.linalg.qr(
-        np.linalg.qr(unit, mode="r"),
+        _triangular_factor(unit),
         mode="r",
         pivoting=True,
     )
     diagonal = np.abs(np.diagonal(triangle))
     rank = int(np.sum(diagonal > 1e-8 * diagonal[0]))
     basis = unit[:, order[:rank]]
-    R = triangle[:rank, :rank]
-    basis = scipy.linalg.solve_triangular(R, basis.T, trans="T").T
-    R = np.linalg.qr(basis, mode="r")
-    basis = scipy.linalg.solve_triangular(R, basis.T, trans="T").T
-    return np.ascontiguousarray(basis)
+    del unit  # of a long recording some ten megabytes
+    basis = _times_inverse(basis, triangle[:rank, :rank])
+    return _times_inverse(basis, _triangular_factor(basis))
+
+
+def _triangular_factor(columns: Array) -> Array:
+    """Return the factor R (p, p) of the QR decomposition of columns (N, p), by some
+    thousand rows at a time; (N, p) where there are fewer rows than columns."""
+    factor: Array = columns[:0]
+    for start in range(0, len(columns), _ROWS_AT_A_TIME):
+        rows = columns[start : start + _ROWS_AT_A_TIME]
+        stacked = np.concatenate([factor, rows])
+        factor = np.asarray(np.linalg.qr(stacked, mode="r"))
+    return factor
+
+
+def _times_inverse(columns: Array, triangle: Array) -> Array:
+    """Return columns R^-1 (N, r) of columns (N, r) and a triangle R (r, r), in place of
+    the columns."""
+    transposed = scipy.linalg.solve_triangular(
+        triangle,
+        columns.T,
+        trans="T",
+        overwrite_b=True,
+    )
+    return np.ascontiguousarray(transposed.T)
 
 
 def _unit(columns: Array) -> Array:

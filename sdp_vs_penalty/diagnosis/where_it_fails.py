@@ -580,8 +580,8 @@ class _Judge:
         torques.
         """
         error = self.rows.residual[self.keep]
-        columns = model_columns(self.rows, self.estimate)
-        return Refit.of(columns[:, self.keep], (error - error.mean(axis=0)).T)
+        columns = model_columns(self.rows, self.estimate)[:, self.keep]
+        return Refit.of(columns, (error - error.mean(axis=0)).T)
 
 
 def _reversal_lift(

@@ -344,8 +344,8 @@ class JointZeroError(LinkDeviation):
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of zero error of one joint:
         dID/dq_j."""
-        by_q, _, _ = motion.derivatives
-        return by_q[:, :, joint]
+        by_q, _, _ = motion.derivatives(joint)
+        return by_q
 
 
 #: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with
@@ -392,7 +392,7 @@ class Backlash(LinkDeviation):
         acceleration of the link from flank to flank.
         """
         side = np.sign(motion.link_torque[:, joint])
-        by_q = motion.derivatives[0][:, :, joint]  # (N, n) dtau/dq of this joint
+        by_q, _, _ = motion.derivatives(joint)
         counts_displacement_only = self.shape["law"] == 1.0
         if counts_displacement_only:
             return -by_q * side[:, None]
@@ -452,11 +452,11 @@ def _moved(motion: Motion, joint: int, x: Array) -> Array:
     dtau = dtau/dq_j x + dtau/ddq_j x' + dtau/dddq_j x'', with the displacement's
     velocity x' and acceleration x''.
     """
-    by_q, by_dq, by_ddq = motion.derivatives
+    by_q, by_dq, by_ddq = motion.derivatives(joint)
     x, rate, acceleration = motion.rates(x)
-    change = by_q[:, :, joint] * x[:, None]
-    change += by_dq[:, :, joint] * rate[:, None]
-    change += by_ddq[:, :, joint] * acceleration[:, None]
+    change = by_q * x[:, None]
+    change += by_dq * rate[:, None]
+    change += by_ddq * acceleration[:, None]
     return np.asarray(change)
 
 

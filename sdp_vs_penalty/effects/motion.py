@@ -11,12 +11,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.store import AppendableArray, drop_pages
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
 SIGN_WIDTH = 0.01
+#: Instants of a long motion at which derivatives are computed at a time.
+_ROWS_AT_A_TIME = 8192
 
 
 @dataclass(frozen=True)
@@ -553,21 +556,45 @@ class Motion:
             )
         return self.current
 
-    @cached_property
-    def derivatives(self) -> tuple[Array, Array, Array]:
-        """Derivatives of the inverse dynamics of the current model's links by q, dq and
-        ddq.
+    def derivatives(self, joint: int) -> tuple[Array, Array, Array]:
+        """Return derivatives of the inverse dynamics of the current model's links by
+        the state of one joint.
 
-        Three arrays (N, n, n): entry [t, i, j] is the change of torque i by the state
-        of joint j.
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        three (N, n) arrays
+            Change of all torques by the joint's position, velocity and acceleration.
         """
-        robot = self._model.robot
-        return robot.inverse_dynamics_derivatives(
-            self.model_links,
-            self.q,
-            self.dq,
-            self.ddq,
-        )
+        of_joint = []
+        for derivative in self._derivatives:
+            of_joint.append(derivative[:, :, joint].copy())
+            drop_pages(derivative)
+        by_q, by_dq, by_ddq = of_joint
+        return by_q, by_dq, by_ddq
+
+    @cached_property
+    def _derivatives(self) -> list[Array]:
+        """Derivatives of the torques by q, dq and ddq, three arrays (N, n, n): entry
+        [t, i, j] is the change of torque i by the state of joint j. Large ones lie in
+        temporary files."""
+        model = self._model
+        by_states = [AppendableArray() for _ in range(3)]
+        for start in range(0, len(self.t), _ROWS_AT_A_TIME):
+            rows = slice(start, start + _ROWS_AT_A_TIME)
+            parts = model.robot.inverse_dynamics_derivatives(
+                model.links,
+                self.q[rows],
+                self.dq[rows],
+                self.ddq[rows],
+            )
+            for by_state, part in zip(by_states, parts, strict=True):
+                by_state.append(part)
+        return [by_state.array() for by_state in by_states]
 
 
 def _single_joint(ratios: Array) -> int | None:

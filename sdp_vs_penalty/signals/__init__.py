@@ -11,6 +11,7 @@ __getattr__ = lazy_exports(
     noise="REPETITION SPECTRUM noise_of spectral_floor",
     phases="MotionClock rotated_windows",
     repetition="Repeat repeat_period",
+    runs="interpolated",
     segments="segmented SegmentedRuns subsample_sentence window_subsample",
     encoder="read_again",
     motion="MotionRecord record_motion",

@@ -312,7 +312,7 @@ class RunFilter:
         """
         if states is None:
             at_samples = self._states(part, part.q, first, last)
-            states = [x[:: self.stride] for x in at_samples]
+            states = [_every(self.stride, x) for x in at_samples]
         q, dq, ddq = states
         clock = part.clock(
             np.arange(
@@ -324,7 +324,7 @@ class RunFilter:
         temperature = part.temperature
         if temperature is not None:  # slow: it needs no filter
             at_samples_of_log = part.resampled(temperature, first, last + 1)
-            temperature = at_samples_of_log[:: self.stride]
+            temperature = _every(self.stride, at_samples_of_log)
         command = path = motors = None
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
@@ -335,7 +335,7 @@ class RunFilter:
                 first,
                 last,
             )
-            motors = acceleration[:: self.stride]
+            motors = _every(self.stride, acceleration)
         motion = Motion(
             clock,
             q,
@@ -377,12 +377,12 @@ class RunFilter:
         path = self._states(part, of_motion, first, last)[0]
         command = Command(
             part.clock(np.arange(begin, last + 1, stride)),
-            q[::stride],
-            dq[::stride],
-            ddq[::stride],
-            integral[::stride],
+            _every(stride, q),
+            _every(stride, dq),
+            _every(stride, ddq),
+            _every(stride, integral),
         )
-        return command, path[::stride]
+        return command, _every(stride, path)
 
     def torque(
         self,
@@ -398,6 +398,12 @@ class RunFilter:
             begin,
             end,
         )
+
+
+def _every(stride: int, rows: Array) -> Array:
+    """Copy every ``stride``-th of some rows (K, n), so that the others can be
+    forgotten."""
+    return rows if stride == 1 else rows[::stride].copy(order="K")
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:

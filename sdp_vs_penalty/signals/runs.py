@@ -10,7 +10,12 @@ import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import PART, concatenate_chunks, iter_chunks
+from sdp_vs_penalty.data.store import (
+    PART,
+    concatenate_chunks,
+    drop_pages,
+    iter_chunks,
+)
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
@@ -121,6 +126,7 @@ class Movement:
             (M,) flags.
         """
         sample = np.searchsorted(self.t, t)
+        drop_pages(self.t)
         inside = np.clip(
             sample,
             0,
@@ -256,6 +262,8 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
                 t[samples],
                 channel,
             )
+        drop_pages(t)  # a search looks at instants far away
+        drop_pages(values[samples])
     return out.T
 
 

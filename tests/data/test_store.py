@@ -4,6 +4,7 @@ little of it."""
 import mmap
 import os
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from small_runs import small_run, write_bag, write_run
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.data import load_measurements, save, store
+from sdp_vs_penalty.signals import interpolated
 
 
 def mapped(array: np.ndarray | None) -> bool:
@@ -71,6 +73,61 @@ def test_no_room_for_a_temporary_file(monkeypatch):
         lambda: store.concatenate_chunks([np.zeros(100)]),
         "set TMPDIR to a folder with room",
     )
+
+
+def resident_file_bytes() -> int:
+    """Bytes of this process's memory that are pages of files."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(x.split()[1]) for x in lines if x.startswith("RssFile"))
+
+
+def large_mapped_array(n_bytes: int = 1 << 25) -> np.ndarray:
+    numbers = np.arange(n_bytes // 8, dtype=float).reshape(-1, 4)
+    array = store.concatenate_chunks([numbers])
+    assert mapped(array)
+    return array
+
+
+def iterate(array: np.ndarray) -> None:
+    assert sum(chunk.sum() for _, chunk in store.iter_chunks(array)) > 0.0
+
+
+def extremes(array: np.ndarray) -> None:
+    smallest, largest = store.column_range(array)
+    np.testing.assert_array_equal(smallest, array[0])
+    np.testing.assert_array_equal(largest, array[-1])
+
+
+def interpolate(array: np.ndarray) -> None:
+    t = np.arange(len(array)) / 1e3
+    np.testing.assert_array_equal(interpolated(t, t, array)[-1], array[-1])
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="Linux alone")
+@pytest.mark.parametrize("read", [iterate, extremes, interpolate, store.digest])
+def test_rows_of_a_mapped_array_leave_memory_once_they_are_read(read):
+    array = large_mapped_array()
+    before = resident_file_bytes()
+    read([array] if read is store.digest else array)
+    assert resident_file_bytes() - before < array.nbytes / 4
+    array.sum()  # read at once, all of it stays
+    assert resident_file_bytes() - before > array.nbytes / 2
+
+
+@pytest.mark.parametrize("rows", [slice(0, 0), slice(3, 4), slice(5, 90_001)])
+def test_dropped_rows_are_read_again(rows):
+    array = large_mapped_array()
+    before = array[rows].copy()
+    store.drop_pages(array[rows])
+    np.testing.assert_array_equal(array[rows], before)
+    store.drop_pages(array[rows, 1])
+    np.testing.assert_array_equal(array[rows], before)
+
+
+def test_an_array_in_memory_is_not_dropped():
+    array = np.arange(1e6).reshape(-1, 2)
+    store.drop_pages(array[100:])
+    assert array[-1, 1] == 1e6 - 1
 
 
 def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):

@@ -120,7 +120,8 @@ def by_c(
         f'#include "{path.name}"\nvoid torque(double *q, double *v, double *a, double'
         f" *t) {{ {function}(q, v, a, t); }}"
     )
-    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
+    # Twice as fast to compile as -O2, which test_written_formats compiles with.
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Og", "-shared", "-fPIC"]
     subprocess.run(["cc", *strict, str(source), "-o", str(library), "-lm"], check=True)
     loaded = ctypes.CDLL(str(library))
     out = np.zeros_like(q)

@@ -88,7 +88,6 @@ def story(
         }
         driver.choose(page, "two_link", files)
         act(page, "identify", "[data-part=fit] .js-line")
-        seen["barriers"] += driver.barriers(page)
         begin = time.perf_counter()
         page.click(key("joint-2"))
         page.wait_for_function(
