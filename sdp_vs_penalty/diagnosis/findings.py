@@ -52,6 +52,7 @@ REASONS: Mapping[str, str] = {
     "uncertain": "its size is uncertain by > 20 %",
     "insignificant": "its size is not told from zero",
     "small": "its gain is small",
+    "small_here": "its gain is small here, though it lowers the error on data left out",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "alone": "what is sure raises a held-out error with it",
     "more_left": "more error is left on its joints than it explains",

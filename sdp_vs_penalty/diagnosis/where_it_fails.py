@@ -580,8 +580,10 @@ class _Judge:
         torques.
         """
         error = self.rows.residual[self.keep]
-        columns = model_columns(self.rows, self.estimate)[:, self.keep]
-        return Refit.of(columns, (error - error.mean(axis=0)).T)
+        return Refit.of(
+            columns=model_columns(self.rows, self.estimate)[:, self.keep],
+            error=(error - error.mean(axis=0)).T,
+        )
 
 
 def _reversal_lift(

@@ -43,6 +43,8 @@ from sdp_vs_penalty.solvers.fit import repair
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
+#: Columns that LAPACK's QR takes at once.
+_QR_BLOCK = 16
 #: Stages, and evaluations of each, at most. One that is cut short lets the weight grow
 #: too early: with 60, runs on columns that torque hardly tells apart (rotors, links)
 #: ended .8 % too high.
@@ -465,14 +467,16 @@ class _Stage:
             self.shifts,
             self.weight,
         )
-        # Rows [J, r]; cones that hold have rows of zeros, which change nothing.
-        is_active = np.any(slopes != 0.0, axis=1)
-        cones = np.column_stack([slopes[is_active], residuals[is_active]])
-        quadratic = self.quadratic.copy()
-        target = quadratic[:, -1]
-        quadratic[:, -1] = quadratic[:, :-1] @ z - target
-        stacked = np.vstack([quadratic, cones])
-        triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+        cones = np.column_stack([slopes, residuals])  # rows [J, r]
+        triangle = self.quadratic.copy()
+        target = triangle[:, -1]
+        triangle[:, -1] = triangle[:, :-1] @ z - target
+        if len(cones):
+            # LAPACK's QR of a triangle above other rows.
+            size = triangle.shape[1]
+            triangle, *_ = scipy.linalg.lapack.dtpqrt(
+                0, min(_QR_BLOCK, size), triangle, cones
+            )
         return triangle[:, -1], triangle[:, :-1]
 
     def solve(self) -> Array:

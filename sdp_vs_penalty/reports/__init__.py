@@ -18,6 +18,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import read_text, write_text
+from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.render.pieces import LOOK, packed
 from sdp_vs_penalty.reports.sections import SECTIONS, JudgedRun, ReportData
 from sdp_vs_penalty.results.templates import render
@@ -134,7 +135,9 @@ def report(
         )
         for name in names_shown
     }
+    give_back_memory(runs.samples)
     checks = _checks(named, runs)
+    give_back_memory(runs.samples)
     material = ReportData(
         named,
         runs,

@@ -11,14 +11,23 @@ from pathlib import Path
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, keep_noise_floor
+from sdp_vs_penalty.diagnosis.comparison import (
+    Comparison,
+    compare,
+    keep_noise_floor,
+    noise_floor,
+)
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.effects import effect_in_words
-from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
+from sdp_vs_penalty.estimation.build_problem import (
+    PoseOptions,
+    pose_filtered,
+    read_and_filter,
+)
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.identify import estimate_posed
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.reports import plotly_script, report
@@ -96,16 +105,16 @@ def demo(
     test = hidden_result.test
     models = {}
     filtered = read_and_filter(problem, train)
+    posed = pose_filtered(problem, filtered, PoseOptions(seed=seed))
     for method in METHODS:
         progress(f"identifying by {method}")
-        options = PoseOptions(seed=seed)
-        models[method] = estimate_parameters(problem, filtered, method, options)
+        models[method] = estimate_posed(posed, method)
     model = models[METHODS[-1]]
     keep_noise_floor(model, train)
     for other in models.values():  # of the same runs behind the same filters
         other.provenance["noise"] = model.provenance["noise"]
     progress("comparing on motion that no model has seen")
-    failures = where_it_fails(model, test, noise=compare(model, test)[0].noise)
+    failures = where_it_fails(model, test, noise=noise_floor(model, test))
     progress("looking for what is missing")
     diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")

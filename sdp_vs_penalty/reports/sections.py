@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import colours, formatting
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import iter_chunks
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
@@ -518,7 +519,8 @@ def arm(data: ReportData) -> Context:
     if links is None:
         return {"links": None}
     robot = estimate.robot
-    mean_pose = data.measurements.q.mean(axis=0)
+    q = data.measurements.q
+    mean_pose = sum(chunk.sum(axis=0) for _, chunk in iter_chunks(q)) / len(q)
     (poses,) = robot.poses(robot.tree_state(mean_pose)[0])
     caption = (
         "Uniform ellipsoids with the identified masses and inertias, in the runs' mean"

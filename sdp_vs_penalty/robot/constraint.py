@@ -199,7 +199,7 @@ def projected_rows(
     Returns
     -------
     rows : (m,) array
-        r with |r|^2 = sum |Pi(M)|^2.
+        r with |r|^2 = sum |Pi(M)|^2; rows that are zero may be left out.
     derivative : (m, p) array
         J with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an element of the
         generalised derivative.
@@ -210,9 +210,10 @@ def projected_rows(
     positive semidefinite matrices. Set-Valued Analysis, 2006.
     """
     if cone == "nonnegative":
-        positive = np.maximum(values.ravel(), 0.0)
-        flat = directions.reshape(-1, directions.shape[2])
-        return positive, flat * (positive > 0.0)[:, None]
+        flat = values.ravel()
+        is_positive = flat > 0.0
+        derivative = directions.reshape(-1, directions.shape[2])
+        return flat[is_positive], derivative[is_positive]
     if cone == "psd":
         return _projected_matrices(values, directions)
     return _projected_vectors(values, directions)
@@ -225,23 +226,27 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
     dPi(M)[H] = U (Omega o U^T H U) U^T, with eigenvectors U and the divided differences
     Omega of max(., 0).
     """
-    group, _, width = directions.shape  # matrices, d * d entries, p parameters
+    width = directions.shape[2]  # p parameters
     d = values.shape[-1]
     eigenvalues, u = np.linalg.eigh(values)
+    # A matrix without positive eigenvalues is projected to zero.
+    has_projection = eigenvalues[:, -1] > 0.0
+    eigenvalues = eigenvalues[has_projection]
+    u = u[has_projection]
     positive = np.maximum(eigenvalues, 0.0)
     omega = _divided_differences(eigenvalues, positive)
     # Directions as matrices H (g, p, d, d), then U^T H U.
-    h = directions.reshape(group, d, d, width).transpose(
-        0,
-        3,
-        1,
-        2,
-    )
+    h = directions[has_projection].reshape(len(u), d, d, width)
+    h = h.transpose(0, 3, 1, 2)
     rotated = np.swapaxes(u, 1, 2)[:, None] @ h @ u[:, None]
     weighted = np.sqrt(omega)[:, None] * rotated
-    derivative = weighted.transpose(0, 2, 3, 1).reshape(-1, width)
-    rows = (positive[:, :, None] * np.eye(d)).ravel()
-    return rows, derivative
+    # One row stands for the two equal entries on both sides of the diagonal.
+    i, j = np.triu_indices(d)
+    entries = weighted[:, :, i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+    derivative = np.swapaxes(entries, 1, 2).reshape(-1, width)
+    rows = np.zeros((len(u), len(i)))
+    rows[:, i == j] = positive
+    return rows.ravel(), derivative
 
 
 def _divided_differences(eigenvalues: Array, positive: Array) -> Array:

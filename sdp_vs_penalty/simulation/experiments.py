@@ -15,6 +15,7 @@ white noise, all stated below.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_toml
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import (
     published_friction,
@@ -330,36 +332,39 @@ class Experiment:
             name="exciting trajectory",
         )
 
-    def validation_runs(self, seed: int = 0) -> list[Measurements]:
+    def validation_runs(
+        self, seed: int = 0, workers: Workers = ALONE
+    ) -> list[Measurements]:
         """Simulate measurements of random trajectories inside the joint limits.
 
         Parameters
         ----------
         seed : int
             Seed of trajectories and noise, which never equal those of training.
+        workers : Workers
+            Processes that simulate one run each.
 
         Returns
         -------
         list of Measurements
             One run for each trajectory.
         """
+        count, _ = self.validation
+        simulate_run = partial(self._validation_run, seed=seed)
+        return workers.map(simulate_run, range(count))
+
+    def _validation_run(self, number: int, seed: int) -> Measurements:
+        """Simulate the measurement of random trajectory ``number``, from 0."""
         count, duration = self.validation
         # Apart from the training ones, noise included, at any seed.
-        first = 100_000 + count * seed
-        runs = []
-        for k in range(count):
-            path = random_trajectory(self.problem.robot, first + k, duration)
-            name = f"validation trajectory {k + 1}"
-            runs.append(
-                simulate(
-                    path,
-                    self.torque,
-                    self.sensor,
-                    first + k,
-                    name=name,
-                )
-            )
-        return runs
+        own_seed = 100_000 + count * seed + number
+        return simulate(
+            random_trajectory(self.problem.robot, own_seed, duration),
+            self.torque,
+            self.sensor,
+            own_seed,
+            name=f"validation trajectory {number + 1}",
+        )
 
 
 def experiment(problem: Problem) -> Experiment:

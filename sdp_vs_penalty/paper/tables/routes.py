@@ -102,6 +102,7 @@ def routes(study: Study) -> Table:
     study.estimate(names.values(), [data])
     judged: dict[str, CrossValidation] = {}
     if data is not study.simulated:
+        study.judge_unseen((method, None) for method in names.values())
         judged = {name: study.unseen(method) for name, method in names.items()}
     rows = [
         _row(

@@ -5,7 +5,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -18,6 +18,7 @@ from sdp_vs_penalty.estimation.build_problem import PoseOptions
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import (
     CrossValidation,
+    Fold,
     FoldData,
     Split,
     judged,
@@ -31,6 +32,7 @@ from sdp_vs_penalty.estimators.estimator import (
     make_task,
     no_progress,
 )
+from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import (
     PAPER_BUDGET,
     PenaltyPaper,
@@ -156,7 +158,8 @@ class Data:
 
     label : how columns and rows are named, "simulated" or "measured"; test is None
     where estimates are judged on no other rows. is_repeated : whether the test motion is
-    the training motion again, so that errors on it are repeatability.
+    the training motion again, so that errors on it are repeatability. workers : who
+    compresses test runs.
     """
 
     label: str
@@ -165,6 +168,7 @@ class Data:
     model: Model
     preprocessing: Preprocessing
     is_repeated: bool = False
+    workers: Workers = ALONE
 
     @property
     def judged_on(self) -> str:
@@ -186,6 +190,7 @@ class Data:
             FilteredRuns.of(self.test, self.preprocessing),
             self.model,
             blocks_per_run=1,
+            workers=self.workers,
         )
 
     def errors(self, theta: Array) -> tuple[Array, float]:
@@ -338,7 +343,7 @@ class Study:
         self.progress("simulating")
         x = self.experiment
         train = x.training_run(self.seed)
-        test = concatenate(x.validation_runs(self.seed))
+        test = concatenate(x.validation_runs(self.seed, self.workers))
         return self._data("simulated", train, test, x.effects)
 
     @cached_property
@@ -388,8 +393,58 @@ class Study:
         CrossValidation
             Errors of every fold.
         """
-        named = None if effects is None else tuple(effects)
-        return self.once(_unseen, method, named, n_folds)
+        self.judge_unseen([(method, effects)], n_folds)
+        return cast(CrossValidation, self._made[_unseen_key(method, effects, n_folds)])
+
+    def judge_unseen(
+        self,
+        judged_methods: Iterable[tuple[str | Estimator, Sequence[str | Effect] | None]],
+        n_folds: int = FOLDS,
+    ) -> None:
+        """Cross-validate several methods as :meth:`unseen` does, all folds in parallel.
+
+        The study caches the results; those that exist already are left out.
+
+        Parameters
+        ----------
+        judged_methods : iterable of (str or Estimator, effects or None)
+            The methods, each with the effects of its model.
+        n_folds : int
+            Number of folds.
+        """
+        new = {
+            _unseen_key(method, effects, n_folds): self.estimator(method)
+            for method, effects in judged_methods
+        }
+        new = {key: value for key, value in new.items() if key not in self._made}
+        items = list[tuple[Estimator, FoldData]]()
+        for (*_, effects, _), estimator in new.items():
+            self.progress(f"folds by phase, {estimator.name}")
+            _, folds = self.once(_folds, effects, n_folds)
+            once = Remembered(self.fold_estimator(estimator))
+            items += [(once, fold) for fold in folds]
+        # Folds come back in their order, estimator by estimator.
+        judged_folds = iter(self._map_slow_first(_judged, items))
+        for key, estimator in new.items():
+            split, folds = self.once(_folds, key[2], n_folds)
+            of_method = [next(judged_folds) for _ in folds]
+            self._made[key] = split.result(estimator, of_method)
+
+    def _map_slow_first(
+        self,
+        function: Callable[[tuple[Estimator, Any]], Made],
+        items: Sequence[tuple[Estimator, Any]],
+    ) -> list[Made]:
+        """Map a function over (estimator, data) in parallel, results in the items'
+        order.
+
+        Methods that search begin: a process that began one last would let others wait.
+        """
+        order = sorted(range(len(items)), key=lambda k: _speed(items[k][0]))
+        workers = replace(self.workers, progress=self.progress)
+        results = workers.map(function, [items[k] for k in order])
+        by_place = dict(zip(order, results, strict=True))
+        return [by_place[k] for k in range(len(items))]
 
     def _data(
         self,
@@ -406,7 +461,7 @@ class Study:
         """
         model = self.problem.model(effects)
         settings = self.problem.preprocessing.resolve(train)
-        return Data(label, train, test, model, settings)
+        return Data(label, train, test, model, settings, workers=self.workers)
 
     @property
     def whole(self) -> list[Data]:
@@ -511,10 +566,8 @@ class Study:
         for method, data in new:
             name = method if isinstance(method, str) else method.name
             self.progress(f"{name} on {data.label} data")
-        workers = replace(self.workers, progress=self.progress)
-        results = workers.map(
-            _estimated, [(self.estimator(m), self.task(d)) for m, d in new]
-        )
+        items = [(self.estimator(m), self.task(d)) for m, d in new]
+        results = self._map_slow_first(_estimated, items)
         self._made.update(zip(new, results, strict=True))
 
     @property
@@ -735,21 +788,28 @@ def _task(study: Study, data: Data) -> Task:
     )
 
 
-def _unseen(
-    study: Study,
+def _unseen_key(
     method: str | Estimator,
-    effects: tuple[Any, ...] | None,
+    effects: Sequence[str | Effect] | None,
     n_folds: int,
-) -> CrossValidation:
-    """Cross-validate a method on the real run; :meth:`Study.unseen` caches the
-    result.
-    """
-    estimator = study.estimator(method)
-    study.progress(f"folds by phase, {estimator.name}")
-    split, folds = study.once(_folds, effects, n_folds)
-    once = Remembered(study.fold_estimator(estimator))
-    folds_judged = study.workers.map(partial(judged, estimator=once), folds)
-    return split.result(estimator, folds_judged)
+) -> tuple[Any, ...]:
+    """Return the key of a cross-validation among the results of a study."""
+    named = None if effects is None else tuple(effects)
+    return "unseen", method, named, n_folds
+
+
+def _speed(estimator: Estimator) -> int:
+    """Return 0 for annealing, 1 for the exact penalty, 2 for methods that solve once."""
+    inner = estimator.estimator if isinstance(estimator, Remembered) else estimator
+    if isinstance(inner, PenaltyPaper):
+        return 0
+    return 1 if isinstance(inner, Penalty) else 2
+
+
+def _judged(estimator_and_fold: tuple[Estimator, FoldData]) -> Fold:
+    """Judge a fold in a worker process, which takes a single argument."""
+    estimator, fold = estimator_and_fold
+    return judged(fold, estimator)
 
 
 def _folds(

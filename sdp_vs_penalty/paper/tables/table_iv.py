@@ -89,6 +89,7 @@ def _published_rows(study: Study) -> list[Row]:
 def _unseen_rows(study: Study) -> list[Row]:
     """Return a row for each estimate: its error on held-out folds of the real run."""
     rows = []
+    study.judge_unseen(_estimates(study).values())
     for name, (method, effects) in _estimates(study).items():
         result = study.unseen(method, effects)
         rows.append(
@@ -277,6 +278,7 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     other = Study(behind, study.budget, study.progress, study.workers)
     data_of_study = {row["estimate"]: row["relative_error_percent"] for row in rows}
     estimates = _estimates(other)
+    other.judge_unseen(estimates[name] for name in _SHOWN)
     wider = {
         name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN
     }
