@@ -21,10 +21,10 @@ from sdp_vs_penalty.formatting import number
 
 STORIES = {
     "spring": stories.spring,
-    "hum": stories.hum,
     "bad data": stories.bad_data,
 }
 LONGER = {
+    "hum": stories.hum,
     "own arm": stories.own_arm,
     "curve": stories.curve,
     "payload": stories.payload,
