@@ -25,6 +25,7 @@ from sdp_vs_penalty.diagnosis import (
     diagnosis_rows,
     list_candidates,
     spectral_lines,
+    white_candidate,
     whiten_rows,
 )
 from sdp_vs_penalty.signals import coloured_noise
@@ -409,6 +410,18 @@ def test_a_drop_beside_another_fit_is_that_of_the_whole_score(two_link):
     np.testing.assert_allclose(quick.beta, full.beta)
     np.testing.assert_allclose(quick.squares, full.squares)
     assert quick.rows_worth_one == spring.rows_worth_one
+
+
+@pytest.mark.parametrize("size", [1e160, np.inf, np.nan])
+def test_columns_without_bound_are_no_candidate(size):
+    columns = np.array([[1.0], [size]])
+    data: Any = SimpleNamespace(
+        rows=SimpleNamespace(
+            blocks=lambda *_, **__: [SimpleNamespace(joint=0, columns=columns)]
+        ),
+        white=lambda x, _: x,
+    )
+    assert not white_candidate(data, form())[0].any()
 
 
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
