@@ -509,10 +509,19 @@ class JointResonance(LinkDeviation):
 
     def _compliance(self, motion: Motion, joint: int) -> float:
         """Return 1 / stiffness [rad/(N m), m/N] of the gear on which the joint's mean
-        inertia swings at f; 0 without inertia."""
+        inertia swings at f.
+
+        It is 0 where the inertia, or the stiffness with that of the weight, is not
+        positive at some instant, as in a model of least squares: nothing swings so.
+        """
         inertia = mean_inertia(self.robot, motion.model_links, joint)
         stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * inertia
-        return 1.0 / stiffness if stiffness > 0.0 else 0.0
+        by_q, _, by_ddq = motion.derivatives(joint)
+        smallest_stiffness = stiffness + by_q[:, joint].min()
+        smallest_inertia = by_ddq[:, joint].min()
+        if min(stiffness, smallest_stiffness, smallest_inertia) <= 0.0:
+            return 0.0
+        return float(1.0 / stiffness)
 
     def _lag(self, motion: Motion, joint: int, compliance: float) -> Array:
         """Compute by how much (N,) [rad, m] the link lags behind the encoder.
