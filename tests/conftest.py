@@ -55,16 +55,26 @@ if (found := real_data_folder()) is not None:
 
 #: Files that take longest: a worker that begins one of them last would end last.
 LONGEST_FIRST = (
-    "test_diagnosis.py",
-    "test_tables.py",
     "test_page.py",
-    "test_one_voice.py",
-    "test_printed_bytes.py",
+    "test_tables.py",
+    "test_diagnosis.py",
+    "test_payload.py",
+    "test_golden.py",
     "test_check.py",
-    "test_long_runs.py",
+    "test_contract.py",
+    "test_one_voice.py",
+    "test_page_work.py",
+    "test_servo.py",
+    "test_printed_bytes.py",
     "test_screens.py",
-    "test_docstrings.py",
     "test_docs.py",
+    "test_shootout.py",
+    "test_as_exported.py",
+    "test_transformations.py",
+    "test_runs_together.py",
+    "test_lmi_sdp.py",
+    "test_bad_input.py",
+    "test_printed_commands.py",
     "test_wheel.py",
 )
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from challenge.cases import (
     CLASSES,
@@ -214,6 +213,8 @@ class Discordance:
     @property
     def chance(self) -> float:
         """Of a split at least as uneven where the rule does nothing (McNemar, exact)."""
+        from scipy.stats import binomtest  # takes half a second to import
+
         n_different = self.n_mended + self.n_spoilt
         if not n_different:
             return 1.0

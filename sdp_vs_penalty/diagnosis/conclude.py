@@ -271,6 +271,7 @@ def describe_finding(
     """
     effect = term.form.effect
     size, std = size_of(effect, known.beta, known.covariance)
+    _, std_of_rows = size_of(effect, known.beta, known.covariance_of_rows)
     names = [_rival_name(effect, r.form.effect) for r in term.rivals]
     rivals = dict.fromkeys([*names, *effect.resembles])  # each name once, in order
     equivalents = (*rivals, CURVE) if "curve" in doubts else tuple(rivals)
@@ -282,6 +283,7 @@ def describe_finding(
         size=size,
         unit=effect.parameters[effect.sized_by][0].unit,
         std=std,
+        std_of_rows=std_of_rows,
         parameters={p.name: float(b) for p, b in parameters},
         confidence="weak" if doubts else "confident",
         indistinguishable_from=equivalents,

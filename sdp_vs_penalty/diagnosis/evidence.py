@@ -230,6 +230,25 @@ class EvidenceScorer(WhiteFitter):
         """
         return self._score(self._trial(fit, form, columns), columns)
 
+    def with_drop_beside(self, fit: WhiteFit, term: ScoredEffect) -> ScoredEffect:
+        """Return a scored effect with its drop of the deviance beside another fit.
+
+        Coefficients and squares are those beside the fit, too. The number of correlated
+        rows that count as one, which takes most of the time of a score, and the price
+        stay: they hardly depend on effects of other joints.
+        """
+        trial = self._trial(fit, term.form, term.columns)
+        if trial.is_absorbed:
+            return replace(term, drop=-np.inf)
+        beta = trial.beta
+        squares = trial.products.squares_with(beta * trial.is_visible)
+        return replace(
+            term,
+            drop=trial.deviance_drop,
+            beta=beta,
+            squares=squares * trial.fit.level**2,
+        )
+
     def deviance_drop_of(
         self,
         fit: WhiteFit,

@@ -52,6 +52,7 @@ REASONS: Mapping[str, str] = {
     "uncertain": "its size is uncertain by > 20 %",
     "insignificant": "its size is not told from zero",
     "small": "its gain is small",
+    "small_here": "its gain is small here, though it lowers the error on data left out",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "alone": "what is sure raises a held-out error with it",
     "more_left": "more error is left on its joints than it explains",
@@ -167,6 +168,7 @@ class Finding(Rated):
 
     joints from 1, empty for the whole robot; size : of the effect's parameter (the
     amplitude where there are several) in ``unit``, with its standard deviation std;
+    std_of_rows : that from the scatter over the log alone, all else being exact;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
     is weak, if it is; constants : the shape in words, with units; n_splits,
@@ -191,6 +193,7 @@ class Finding(Rated):
     constants: str = ""
     n_splits: int = 0
     n_splits_showing: int = 0
+    std_of_rows: float = 0.0
 
     @property
     def splits_sentence(self) -> str:

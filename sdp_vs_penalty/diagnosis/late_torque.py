@@ -44,6 +44,7 @@ def refer_columns_to_current_model(
         torque.
     """
     known_sets = list[set[Key]]()  # (effect, joint) of the findings of each round
+    first_library = search.library
     if search.terms and not delays_torque(search):
         search = look_for_delays(search, progress)
     while delays_torque(search):
@@ -51,9 +52,11 @@ def refer_columns_to_current_model(
         if keys in known_sets:
             break
         known_sets.append(keys)
-        # New columns of the findings, then of all candidates.
+        # New columns of the findings and, once, of all candidates: these are screened
+        # on a grid of constants, and the torque changes little from round to round.
         search = refer_once(search)
-        search.library = search.library.with_current_columns(search.data)
+        if search.library is first_library:
+            search.library = first_library.with_current_columns(search.data)
         # In new columns findings may lose their evidence, and other effects gain some.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
@@ -175,6 +178,7 @@ def beside_model(
         like=search,
     )
     out.in_reference = {t.key for t, _ in in_reference}
+    out.take_attempts_of(search)
     out.terms = [replace(t, columns=out.columns(t.form)) for t in search.terms]
     out.fit = out.score.fit(out.terms)
     return out

@@ -36,6 +36,11 @@ class Candidate:
     replaces_own_constant: bool = False
 
     @cached_property
+    def text(self) -> str:
+        """The effect as it is written on the command line."""
+        return self.effect.text
+
+    @cached_property
     def n_coefficients(self) -> int:
         """The number of linear parameters k of the effect."""
         return len(self.effect.parameters)
@@ -270,7 +275,15 @@ def may_join(
         refined_keys = [(name, joint) for name in form.effect.refines]
         return not refined_keys or any(key in present for key in refined_keys)
 
-    return [is_allowed(f) for f in forms]
+    # Many candidates differ in shape constants only.
+    known = dict[Hashable, bool]()
+    out = []
+    for form in forms:
+        name = form.key, form.effect.refines
+        if name not in known:
+            known[name] = is_allowed(form)
+        out.append(known[name])
+    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,7 +76,7 @@ class ScoredEffect:
     @property
     def text(self) -> str:
         """The effect as it is written on the command line."""
-        return self.form.effect.text
+        return self.form.text
 
     @property
     def joints(self) -> frozenset[int]:
@@ -718,10 +718,11 @@ class WhiteFitter:
             for i in its_columns
         ]
         columns += sorted(i for t in effects for i in design.columns_by_text[t.text])
-        products = tuple(
-            design.beside(j, tuple(t.text for t in terms if _is_tolerated_on(t, j)))
-            for j in range(len(design.y))
-        )
+        tolerated: list[list[str]] = [[] for _ in design.y]
+        for term in terms:
+            if isinstance(term, Nuisance):
+                tolerated[term.joint].append(term.text)
+        products = tuple(design.beside(j, tuple(x)) for j, x in enumerate(tolerated))
         level = np.ones(len(design.y)) if near is None else near.level
         return self._fitted(design, products, tuple(columns), level)
 
@@ -892,11 +893,6 @@ class WhiteFitter:
 def _width(effect: ScoredEffect) -> int:
     """Return the number k of columns of an effect, equal on all its joints."""
     return next(iter(effect.columns.values())).shape[1]
-
-
-def _is_tolerated_on(term: Term, joint: int) -> bool:
-    """Return whether a term is an error that is tolerated on a joint (from 0)."""
-    return isinstance(term, Nuisance) and term.joint == joint
 
 
 def _columns_on(
@@ -1082,11 +1078,12 @@ def bounded_least_squares(
         The minimiser: A^-1 X'y if it satisfies the signs, otherwise that of
         non-negative least squares.
     """
+    if len(Xy) == 1:
+        coefficient = float(Xy[0] / with_ridge(A)[0, 0])
+        return np.array([max(coefficient, 0.0) if nonnegative[0] else coefficient])
     beta = np.linalg.solve(with_ridge(A), Xy)
     if not np.any(beta[nonnegative] < 0.0):
         return np.asarray(beta)
-    if len(beta) == 1:
-        return np.zeros(1)
     # With A = R'R, minimise |R b - R'^-1 X'y|^2. A coefficient of any sign is the
     # difference of two that are not negative: R has a second column for it.
     R = np.linalg.cholesky(with_ridge(A)).T

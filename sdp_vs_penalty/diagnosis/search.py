@@ -132,6 +132,18 @@ class Search:
         self.fit = self.bare
         self.nuisances = Nuisances(data, self.bare, rules)
 
+    def take_attempts_of(self, other: Search) -> None:
+        """Take over for which chosen effects another search has found no exchange.
+
+        They are tried again only after the effects on their joints have changed. Left
+        out are effects whose columns depend on the model, which the searches do not
+        share.
+        """
+        depends_on_model = {t.key for t in other.terms if depends(t.form.effect)}
+        for key, attempt in other._not_exchanged.items():
+            if key not in depends_on_model:
+                self._not_exchanged[key] = attempt
+
     # What a candidate is worth.
 
     def columns(self, form: Candidate) -> dict[int, Array]:
@@ -141,7 +153,7 @@ class Search:
         once for each set of shape constants; the effect's text is the key under which
         they are kept.
         """
-        text = form.effect.text
+        text = form.text
         known = self._known_columns(form)
         if text not in known:
             known[text] = self.data.columns(form.effect)
@@ -296,7 +308,7 @@ class Search:
         ``columns`` are its white columns, (M, k) by joint, as its batch holds them;
         they are kept for later calls of :meth:`columns`.
         """
-        self._known_columns(form).setdefault(form.effect.text, columns)
+        self._known_columns(form).setdefault(form.text, columns)
         return self.score.evidence_of(fit, form, columns)
 
     def simplest(self, ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
@@ -425,9 +437,11 @@ class Search:
                 # which is faster.
                 around = self.nuisances.with_law_misfits(others)
                 fit = self.score.fit(around, fit_of_all)
-                judged = self.score.evidence_of(fit, term.form, term.columns)
                 if term.joints & on:  # at least one common joint
+                    judged = self.score.evidence_of(fit, term.form, term.columns)
                     judged = self.refined(fit, judged)
+                else:
+                    judged = self._judged_on_other_joints(fit, term)
                 if judged.evidence <= EVIDENCE_TO_ADD:
                     terms = others
                     has_changed = True
@@ -440,6 +454,22 @@ class Search:
             if not has_changed:
                 break
         return terms
+
+    def _judged_on_other_joints(
+        self,
+        fit: WhiteFit,
+        term: ScoredEffect,
+    ) -> ScoredEffect:
+        """Score an effect again after effects of other joints have changed.
+
+        The full score is computed only if the drop of the deviance alone does not show
+        that the effect stays, with three times the evidence that this takes.
+        """
+        if not term.form.replaces_own_constant:
+            judged = self.score.with_drop_beside(fit, term)
+            if judged.evidence > 3.0 * EVIDENCE_TO_ADD:
+                return judged
+        return self.score.evidence_of(fit, term.form, term.columns)
 
     def score_jointly(
         self,

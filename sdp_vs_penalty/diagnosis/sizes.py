@@ -1,11 +1,11 @@
 """Sizes of findings, with covariances.
 
 A size is estimated by least squares on white rows, beside the model and all other
-findings. Its covariance is the sandwich A^-1 S A^-1: A has
-a column for each shape constant too (:mod:`~sdp_vs_penalty.estimation.sensitivity`),
-and S sums over the clusters of rows that make it largest. Variances are at least those
-of independent rows. Errors of the torque channels' gains, and of a model held fixed,
-are included.
+findings. Its covariance is the sandwich A^-1 S A^-1: A has a column for each shape
+constant too (:mod:`~sdp_vs_penalty.estimation.sensitivity`), and S sums over the
+clusters of rows, or the parts of the log, that make it largest. Variances are at least
+those of independent rows. Errors of the torque channels' gains, and of a model held
+fixed, are included.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.search import Search
@@ -23,9 +24,13 @@ from sdp_vs_penalty.diagnosis.white_rows import (
     model_columns,
 )
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.regression.evidence import cluster_sums
 from sdp_vs_penalty.robot.arrays import Array
+
+#: Parts of a log over which sizes may scatter, as the check's repairs do.
+PARTS = 8
 
 
 @dataclass(frozen=True)
@@ -34,12 +39,14 @@ class Size:
 
     beta (k,) : parameters in SI units; covariance (k, k) : their covariance, with the
     errors of shape constants (such as a Stribeck velocity); covariance_given_constants
-    (k, k) : their covariance if these constants were exact.
+    (k, k) : their covariance if these constants were exact; covariance_of_rows (k, k) :
+    that without the torque in doubt as well, from the scatter over the log alone.
     """
 
     beta: Array
     covariance: Array
     covariance_given_constants: Array
+    covariance_of_rows: Array
 
 
 def sizes_with_intervals(
@@ -129,30 +136,44 @@ def size_with_interval(
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
     residual = fit.residual - T[:, :, :k] @ term.beta
     # Factors F of the sandwich's middle S = F F', side by side.
-    factors = [_largest_sums(search.data, T, residual)]
+    factors = [largest_sums(search.data, T, residual)]
     if torque_in_doubt.shape[2]:
         by_joint = dict(enumerate(torque_in_doubt))
         doubt = fit.residual_of(fit.scaled(by_joint))
         factors.append(np.tensordot(T, doubt, axes=joints_and_rows))
-    factor = inverse @ np.hstack(factors)
     of_independent_rows = inverse @ (A - prior) @ inverse
-    covariance = _at_least(factor @ factor.T, of_independent_rows)
-    # With exact constants the covariance of beta is the inverse of beta's block of the
-    # inverse covariance.
-    precision = np.linalg.pinv(covariance, hermitian=True)[:k, :k]
+
+    def sandwich(factors: Sequence[Array]) -> Array:
+        """Return the covariance (K, K) whose middle has these factors."""
+        factor = inverse @ np.hstack(factors)
+        return _at_least(factor @ factor.T, of_independent_rows)
+
+    covariance = sandwich(factors)
     return Size(
         beta=term.beta,
         covariance=covariance[:k, :k],
-        covariance_given_constants=np.linalg.pinv(precision, hermitian=True),
+        covariance_given_constants=_given_others(covariance, k),
+        covariance_of_rows=_given_others(sandwich(factors[:1]), k),
     )
 
 
-def _largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
+def _given_others(covariance: Array, k: int) -> Array:
+    """Return the covariance (k, k) of the first k of K parameters if the others are
+    exact: the inverse of their block of the inverse covariance (K, K).
+    """
+    precision = np.linalg.pinv(covariance, hermitian=True)[:k, :k]
+    return np.linalg.pinv(precision, hermitian=True)
+
+
+def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
     """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'.
 
-    A column of F is the score T'r summed over a cluster of rows that err together. Of
-    the two ways to cluster rows, by time and by phase, the one with the larger trace of
-    S is taken. Factors are scaled by sqrt(C / (C - K)) for C clusters and K parameters.
+    A column of F is the score T'r summed over a cluster of rows that err together.
+    Rows are clustered by time and by phase. Factors are scaled by sqrt(C / (C - K)) for
+    C clusters and K parameters. Clusters are also joined to PARTS (8), because a model
+    that lacks something errs alike over longer times than a cluster lasts: that is a
+    jackknife over parts of the log, to first order. Of all ways the one with the
+    largest trace of S is taken.
 
     Parameters
     ----------
@@ -169,7 +190,23 @@ def _largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
         n_clusters = len(sums)
         degrees = max(n_clusters - T.shape[2], 1.0)
         factors.append(sums.T * np.sqrt(n_clusters / degrees))
+        if n_clusters >= 2 * PARTS:
+            factors.append(_sums_of_parts(sums).T)
     return max(factors, key=lambda factor: float(np.sum(factor**2)))
+
+
+def _sums_of_parts(sums: Array) -> Array:
+    """Add sums (C, K) of consecutive clusters to those of PARTS parts, (PARTS, K).
+
+    They are scaled by sqrt(PARTS / (PARTS - 1)), and by the 95 % quantile of Student's
+    distribution with PARTS - 1 degrees of freedom over that of the normal one: a
+    variance from few parts is uncertain itself.
+    """
+    first_clusters = np.linspace(0, len(sums), PARTS, endpoint=False).astype(np.intp)
+    of_parts = np.add.reduceat(sums, first_clusters, axis=0)
+    student = float(scipy.special.stdtrit(PARTS - 1, 0.5 + 0.5 * LEVEL))
+    degrees = PARTS / (PARTS - 1)
+    return np.asarray(of_parts * np.sqrt(degrees) * student / NORMAL_95)
 
 
 def _at_least(covariance: Array, smallest: Array) -> Array:

@@ -1,8 +1,9 @@
 """Sizes of findings as the model that holds them has them: one estimate, one interval.
 
 The search estimates each finding beside the others by linear algebra. What a user works
-with is the model after `add`, under all constraints. So sizes and intervals are that
-model's wherever one is there.
+with is the model after `add`, under all constraints. So sizes are that model's wherever
+one is there. The two estimates weigh rows differently, so that what both lack makes them
+differ: the interval is as wide as the wider of theirs, and their difference is added.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from sdp_vs_penalty.diagnosis.constants import SIGNIFICANT, UNCERTAIN
 from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sizes import size_of
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 
 
@@ -60,7 +62,10 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     covariance = model.uncertainty.covariance[np.ix_(indices, indices)]
     if not np.all(np.isfinite(covariance)):
         return finding
-    size, std = size_of(effect, theta, covariance)
+    size, std_in_model = size_of(effect, theta, covariance)
+    # A load that has to be a body is known from that; the search ignores it.
+    is_body = effect.frozen_only
+    std = std_in_model if is_body else std_of_both(size, std_in_model, finding)
     confidence = finding.confidence
     remarks = finding.remarks
     if confidence == "confident" and not std < SIGNIFICANT * abs(size):
@@ -82,6 +87,28 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
         },
         explanation=sentence(effect, size, std, finding.rivals_without_curve),
     )
+
+
+def std_of_both(size: float, std: float, finding: Finding) -> float:
+    """Return the standard deviation of a finding's size from two estimates of it.
+
+    Parameters
+    ----------
+    size
+        Size in a model, in the parameter's SI unit.
+    std
+        Its standard deviation there.
+    finding
+        The finding, with the size of the search, and its scatter over the log.
+
+    Returns
+    -------
+    float
+        Root of the sum of squares of the larger standard deviation, and of the
+        difference of both sizes, which counts as a half width of 95 %.
+    """
+    difference = (abs(size) - abs(finding.size)) / NORMAL_95
+    return float(np.hypot(max(std, finding.std_of_rows), difference))
 
 
 def effect_of(

@@ -3,11 +3,12 @@ large, and which waves it has.
 
 No physical effect is named here (`diagnose` does that); the error is shown joint by
 joint, beside the noise. Causes are what a person sees in a log: a reversal, a
-standstill, high speed, a position, a wave per turn, time, another joint. Shares are on
-data left out: a smooth function of the quantity is fitted to some stretches of the
-motion and judged on others, so that chance explains nothing. They are shares of what
-other parameters of the model would leave: the rest resembles the model, whatever its
-cause.
+standstill, high speed, a position, a wave per turn, time, a hum, another joint; and
+the model's torque, its rate and its curvature, which a wrong gain, a late channel and a
+gear that yields follow. Shares are on data left out: a smooth function of the quantity
+is fitted to some stretches of the motion and judged on others, so that chance explains
+nothing. They are shares of what other parameters of the model would leave, fitted to
+all joints at once: the rest resembles the model, whatever its cause.
 """
 
 from __future__ import annotations
@@ -75,6 +76,12 @@ NEAR = 0.15
 #: Causes that are seen at some instants only; all others act all the time.
 _AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
 
+
+#: What no residual shows, because parameters of the model make it.
+TAKEN_IN = (
+    "Friction that differs by direction, which an offset makes; a load, which masses"
+    " make. `diagnose` says how large these are."
+)
 
 #: What a cause means that cannot be seen in a log, by its name.
 MEANINGS = {
@@ -352,13 +359,15 @@ class Failures(Record, list[JointFailure]):
         )
 
     def _summary(self) -> Summary:
-        """Return the printed summary: a headline, and for each joint its label and
-        sentences.
+        """Return the printed summary: a headline, for each joint its label and
+        sentences, and what cannot be seen.
         """
-        return "Where the model fails, the worst joints first", [
+        rows = [
             (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1])))
             for f in self.worst_first
         ]
+        rows.append(("not shown", TAKEN_IN))
+        return "Where the model fails, the worst joints first", rows
 
 
 def where_it_fails(

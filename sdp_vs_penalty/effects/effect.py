@@ -16,6 +16,7 @@ from abc import ABC
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import ClassVar, Literal
 
@@ -334,6 +335,11 @@ class Effect(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """The effect's parameters, its part of theta: joint by joint, or once for the
         whole robot."""
+        return self._parameters
+
+    @cached_property
+    def _parameters(self) -> tuple[Parameter, ...]:
+        """What ``parameters`` returns, made once."""
         joints = (-1,) if self.whole_robot else self.joints
         return tuple(
             Parameter(name, unit, self.name, j + 1, self.lower)

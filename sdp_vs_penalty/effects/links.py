@@ -13,6 +13,7 @@ from sdp_vs_penalty.effects.effect import (
     Array,
     Block,
     Effect,
+    JointCoverage,
     JointEffect,
     Motion,
     Parameter,
@@ -453,6 +454,130 @@ class JointElasticity(LinkDeviation):
             # Without this correction the compliance is up to a quarter too large.
             torque = torque - c * _moved(motion, joint, torque)[:, joint]
         return -_moved(motion, joint, torque)
+
+
+#: Damping ratio from which a swing is damped as by impacts and not as by a spring.
+_DAMPED = 0.15
+
+
+class JointResonance(LinkDeviation):
+    equation = (
+        "-c_r D x, x + c (D x + d dx/dt) = c tau_j, c = 1 / ((2 pi f)^2 M), d = 2 zeta"
+        " (2 pi f) M, D as of joint_elasticity, M the joint's mean inertia"
+    )
+    explanation = (
+        "The gear of joint j yields like a spring, and its link swings on it at f: the"
+        " motor-side encoder does not show this. Unlike joint_elasticity it holds up"
+        " to and above the resonance. c_r is 1 / stiffness."
+    )
+    reference = "Spong, ASME J. Dynamic Systems 1987"
+    symbol = "c_r"
+    units = ("rad/(N*m)", "m/N")
+    lower = 0.0
+    forward = "left out"  # a link that moves by itself
+    has_memory = True  # a link that swings
+    shapes = {
+        "f": ShapeConstant(
+            4.0,
+            "Hz",
+            grid=(1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5),
+            bounds=(0.7, 15.0),
+        ),
+        "zeta": ShapeConstant(0.05, grid=(0.05,), bounds=(0.005, 0.3)),
+    }
+    generalises = ("joint_elasticity",)
+
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Return a sentence on play, which damps a swing as no spring does; "" for a
+        damping of springs."""
+        if size == 0.0 or self.shape["zeta"] < _DAMPED:
+            return ""
+        return "play of the gear swings as strongly damped: backlash looks so"
+
+    @property
+    def resembles(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The effects that look so: play, where the swing is damped strongly."""
+        return ("backlash",) if self.shape["zeta"] >= _DAMPED else ()
+
+    def deviated(self, motion: Motion, joint: int) -> Array:
+        """Return the torque (N, n) per unit compliance of one joint's gear, on which
+        its link swings at f."""
+        compliance = self._compliance(motion, joint)
+        if compliance == 0.0:
+            return np.zeros_like(motion.q)
+        return -_moved(motion, joint, self._lag(motion, joint, compliance)) / compliance
+
+    def _compliance(self, motion: Motion, joint: int) -> float:
+        """Return 1 / stiffness [rad/(N m), m/N] of the gear on which the joint's mean
+        inertia swings at f; 0 without inertia."""
+        inertia = mean_inertia(self.robot, motion.model_links, joint)
+        stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * inertia
+        return 1.0 / stiffness if stiffness > 0.0 else 0.0
+
+    def _lag(self, motion: Motion, joint: int, compliance: float) -> Array:
+        """Compute by how much (N,) [rad, m] the link lags behind the encoder.
+
+        The linear differential equation of the lag is solved step by step, from a
+        spring that is stretched at rest: central differences, with the spring's torque
+        averaged over three instants, which is stable for any step.
+        """
+        of_joint = motion.derivatives(joint)  # three (N, n) arrays
+        by_q = of_joint[0][:, joint]
+        by_dq = of_joint[1][:, joint]
+        by_ddq = of_joint[2][:, joint]
+        torque = motion.link_torque[:, joint]
+        stiffness = 1.0 / compliance + by_q
+        damping = by_dq + self.shape["zeta"] / (np.pi * self.shape["f"] * compliance)
+        h = (motion.t[-1] - motion.t[0]) / max(len(torque) - 1, 1)
+        # Row k + 1: what the instants k - 1, k and k + 1 have to do with each other.
+        inertia = by_ddq / h**2
+        next_one = inertia + damping / (2.0 * h) + stiffness / 4.0
+        this_one = stiffness / 2.0 - 2.0 * inertia
+        last_one = inertia - damping / (2.0 * h) + stiffness / 4.0
+        bands = np.zeros((3, len(torque)))
+        bands[0] = 1.0
+        bands[0, 2:] = next_one[1:-1]
+        bands[1, 1:-1] = this_one[1:-1]
+        bands[2, :-2] = last_one[1:-1]
+        right_side = np.empty_like(torque)
+        right_side[:2] = torque[0] / stiffness[0]
+        right_side[2:] = (torque[:-2] + 2.0 * torque[1:-1] + torque[2:]) / 4.0
+        bands[1, 0] = 0.0  # the first two instants are at rest
+        return np.asarray(scipy.linalg.solve_banded((2, 0), bands, right_side))
+
+
+#: Positions between which a joint's inertia is averaged [rad, m], and how many.
+_AVERAGED = 1.5
+_POSITIONS = 16
+
+
+def mean_inertia(robot: Robot, links: Array, joint: int) -> float:
+    """Return the mean inertia of a joint over positions of the arm.
+
+    The positions are the same for all motions, so that a frequency stands for one
+    stiffness in all recordings.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    links
+        (links, 10) parameters of its links: m [kg], m c [kg m], inertia [kg m^2].
+    joint
+        The joint from 0.
+
+    Returns
+    -------
+    float
+        Inertia [kg m^2, kg].
+    """
+    shape = _POSITIONS, robot.n
+    q = np.random.default_rng(0).uniform(-_AVERAGED, _AVERAGED, shape)
+    rest = np.zeros(shape)
+    accelerated = rest + np.eye(robot.n)[joint]
+    moving = robot.inverse_dynamics(links, q, rest, accelerated)
+    still = robot.inverse_dynamics(links, q, rest, rest)
+    return float((moving - still)[:, joint].mean())
 
 
 def _moved(motion: Motion, joint: int, x: Array) -> Array:

@@ -16,6 +16,7 @@ ON_THE_ARM = "On the arm: "
 _NAMES = {
     "asymmetric_coulomb_friction": "asymmetric Coulomb friction",
     "coulomb_friction": "Coulomb friction",
+    "joint_resonance": "joint elasticity with resonance",
     "maxwell_slip": "Maxwell slip",
     "presliding_hysteresis": "pre-sliding hysteresis",
     "stribeck_friction": "Stribeck friction",
@@ -32,6 +33,7 @@ SEEN_AGAINST = {
     "elastic_coupling": "position",
     "external_wrench": "position",
     "joint_elasticity": "load",
+    "joint_resonance": "load",
     "joint_spring": "position",
     "joint_zero_error": "position",
     "kinematic_error": "position",
@@ -232,6 +234,10 @@ SENTENCES = {
     ),
     "joint_elasticity": (
         "the gear of {joint} yields by {length} for each {torque} that it carries"
+    ),
+    "joint_resonance": (
+        "the gear of {joint} yields by {length} for each {torque} that it carries, and"
+        " its link swings on it"
     ),
     "joint_spring": (
         "{joint} is {sign:pulled back|pushed away} as by a spring of {size}{per_degree}:"

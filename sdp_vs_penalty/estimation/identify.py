@@ -600,6 +600,31 @@ def estimate_parameters(
     return estimate
 
 
+def estimate_posed(posed: EstimationProblem, method: str | Estimator) -> Estimate:
+    """Identify a posed problem by one method, with a certificate.
+
+    Several methods may share the posed problem: its shape constants and compressed rows
+    are worked out once. The log has a torque.
+
+    Parameters
+    ----------
+    posed : EstimationProblem
+        Result of :func:`~sdp_vs_penalty.estimation.build_problem.pose_filtered`.
+    method : str or Estimator
+        Method, or its name.
+
+    Returns
+    -------
+    Estimate
+        Without a verdict.
+    """
+    estimator = make_estimator(method)
+    # A copy of the task: the original may hold cached results of another method.
+    posed = replace(posed, task=replace(posed.task))
+    estimate = build_estimate(posed, estimator, estimator.fit(posed.task))
+    return replace(estimate, details={**estimate.details, **posed.details})
+
+
 def _wider_than_certified(proof: Mapping[str, Any], model: Estimate) -> str:
     """Return a sentence if the proof's gap is wider than the model's certified one,
     else "".

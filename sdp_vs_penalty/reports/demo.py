@@ -21,9 +21,13 @@ from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.effects import effect_in_words
-from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
+from sdp_vs_penalty.estimation.build_problem import (
+    PoseOptions,
+    pose_filtered,
+    read_and_filter,
+)
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.identify import estimate_posed
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.reports import plotly_script, report
@@ -101,10 +105,10 @@ def demo(
     test = hidden_result.test
     models = {}
     filtered = read_and_filter(problem, train)
+    posed = pose_filtered(problem, filtered, PoseOptions(seed=seed))
     for method in METHODS:
         progress(f"identifying by {method}")
-        options = PoseOptions(seed=seed)
-        models[method] = estimate_parameters(problem, filtered, method, options)
+        models[method] = estimate_posed(posed, method)
     model = models[METHODS[-1]]
     keep_noise_floor(model, train)
     for other in models.values():  # of the same runs behind the same filters

@@ -10,6 +10,7 @@ forward and backward Butterworth filtering gives).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -71,9 +72,37 @@ class Decimator:
         """Return the low-passed rows (M, ...) of signals x (N, ...)."""
         shape = x.shape[1:]
         flat = x.reshape(len(x), int(np.prod(shape)))
+        if flat.shape[1] == 1 and self._n_even > 1:
+            return self._one_column(flat[:, 0]).reshape(len(self.at), *shape)
         parts = [block @ flat[samples] for samples, block in self.blocks]
         rows = np.concatenate([flat[:0], *parts])
         return rows.reshape(len(self.at), *shape)
+
+    @cached_property
+    def _n_even(self) -> int:
+        """The number of first blocks that are one matrix, evenly shifted."""
+        first, block = self.blocks[0]
+        shift = self.blocks[1][0].start - first.start if len(self.blocks) > 1 else 0
+        n = 0
+        for samples, other in self.blocks:
+            if other is not block or samples.start != first.start + n * shift:
+                break
+            n += 1
+        return n
+
+    def _one_column(self, x: Array) -> Array:
+        """Return the low-passed rows (M,) of one signal x (N,).
+
+        Evenly spaced rows are one product of their common block with all pieces of the
+        signal, side by side.
+        """
+        samples, block = self.blocks[0]
+        shift = self.blocks[1][0].start - samples.start
+        pieces = np.lib.stride_tricks.sliding_window_view(x, block.shape[1])
+        begins = samples.start + shift * np.arange(self._n_even)
+        even = (pieces[begins] @ block.T).ravel()
+        others = [b @ x[s] for s, b in self.blocks[self._n_even :]]
+        return np.concatenate([even, *others])
 
     def part(
         self,

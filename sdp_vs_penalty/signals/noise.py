@@ -8,8 +8,8 @@ white. r(t + T) is read by a cubic spline from samples at eight times the cut-of
 which the low-passed residual is a smooth curve: read between samples at its own rate,
 noise would be averaged and its floor too low.
 
-Where nothing repeats it is that of the torque's spectrum above the motion's band
-(:func:`spectral_floor`); where the log holds nothing there the residual itself has to
+Where nothing repeats it is that of the spectra of torque and positions above the
+motion's band (:func:`spectral_floor`); where the log holds nothing there the residual itself has to
 stand in, and what is called noise is a guess.
 """
 
@@ -42,7 +42,7 @@ from sdp_vs_penalty.signals.repetition import (
     recurring,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.signals.spectrum import torque_spectrum
+from sdp_vs_penalty.signals.spectrum import position_noise, torque_spectrum
 from sdp_vs_penalty.signals.splines import CubicSpline
 from sdp_vs_penalty.signals.standstill import STILL
 
@@ -50,9 +50,16 @@ from sdp_vs_penalty.signals.standstill import STILL
 REPETITION = "repetition"
 SPECTRUM = "spectrum"
 RESIDUAL = "residual"
-#: How well from the spectrum: .52 to 1.3 of the true floor in our own simulations, .9 to
-#: 7.5 of it in another author's. It is stated wherever the noise is.
-SPECTRUM_KNOWN = "rough (up to twice too small, or several times too large)"
+#: How well from the spectrum: .8 to 1.2 of the true floor in our own simulations, .5 to
+#: 1.7 of it in another author's, and .6 to 4.2 of what repetition shows on a real Panda.
+#: It is stated wherever the noise is.
+SPECTRUM_KNOWN = (
+    "rough (within a factor of two in simulations, up to four times too large on a real"
+    " arm)"
+)
+#: Frequencies and poses over which the noise of positions is averaged.
+_FREQUENCIES = 2001
+_POSES = 40
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
 
@@ -525,11 +532,11 @@ def rate_features(runs: SegmentedRuns) -> Array:
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
-    """Estimate the noise of the filtered rows from the torque's spectrum above the
-    motion.
+    """Estimate the noise of the filtered rows from spectra above the motion.
 
-    The density S of the noise, fitted above the band of the motion, is continued below
-    it and passes the low-pass H: floor^2 = mean over all frequencies of S |H|^2.
+    floor^2 = mean over all frequencies of S |H|^2, plus the part of the positions'
+    noise (:func:`_floor_of_positions`). S is the density of the torque's noise
+    (:func:`~sdp_vs_penalty.signals.spectrum.torque_spectrum`), and H its low-pass.
 
     Parameters
     ----------
@@ -549,16 +556,48 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
         return None
     dt = stretches[0].dt
     frequency = noise.frequency
-    kernel = Kernel(runs.cutoff, dt).value
-    # Power |H|^2 that the low-pass passes at each frequency of the spectrum.
-    size = max(2 * len(frequency) - 2, 4 * len(kernel))
-    gain = np.abs(np.fft.rfft(kernel, size))
-    passed = np.interp(
-        frequency,
-        np.fft.rfftfreq(size, dt),
-        gain**2,
-    )
+    passed = _power_gain(runs.cutoff, dt, frequency)
     # All frequencies but 0 and the last one stand for a negative one as well.
     has_negative = (frequency > 0.0) & (frequency < 0.5 / dt)
     weight = np.where(has_negative, 2.0, 1.0)
-    return np.asarray(np.sqrt(noise.spectrum @ (weight * passed) / np.sum(weight)))
+    variance = noise.spectrum @ (weight * passed) / np.sum(weight)
+    return np.asarray(np.sqrt(variance + _floor_of_positions(runs) ** 2))
+
+
+def _floor_of_positions(runs: SegmentedRuns) -> Array:
+    """Return the noise (n,) of filtered rows that the positions' noise makes [N m or N].
+
+    White noise of a position passes the low-pass of the states, two derivatives, the
+    inertia, and the low-pass of the torque. It is 0 without a model of the arm, or
+    where the log does not show the noise.
+    """
+    stretches = [s.stretch for s in runs.segments]
+    deviation = position_noise(stretches, runs.cutoff)
+    motion = runs.segments[0].motion
+    if deviation is None or motion.current is None:
+        return np.zeros(runs.n)
+    dt = stretches[0].dt
+    frequency = np.linspace(0.0, 0.5 / dt, _FREQUENCIES)
+    passed = _power_gain(runs.state_cutoff, dt, frequency)
+    passed *= _power_gain(runs.cutoff, dt, frequency)
+    twice_derived = (2.0 * np.pi * frequency) ** 4
+    # Variance of each joint's filtered acceleration [(rad/s^2)^2 or (m/s^2)^2].
+    acceleration = deviation**2 * np.mean(twice_derived * passed)
+    some = np.linspace(0, len(motion.t) - 1, _POSES).astype(np.intp)
+    poses = motion.part(some)
+    variance = np.zeros(runs.n)
+    for joint in range(runs.n):
+        # (_POSES, n) torque of all joints per acceleration of this one.
+        inertia = poses.derivatives(joint)[2]
+        variance += np.mean(inertia**2, axis=0) * acceleration[joint]
+    return np.sqrt(variance)
+
+
+def _power_gain(cutoff: float, dt: float, frequency: Array) -> Array:
+    """Return the power |H|^2 (F,) that a low-pass of this cut-off [Hz] passes at
+    frequencies (F,) [Hz]; dt : sample time [s].
+    """
+    kernel = Kernel(cutoff, dt).value
+    size = max(2 * len(frequency) - 2, 4 * len(kernel))
+    gain = np.abs(np.fft.rfft(kernel, size))
+    return np.interp(frequency, np.fft.rfftfreq(size, dt), gain**2)

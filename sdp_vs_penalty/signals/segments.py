@@ -155,12 +155,14 @@ class SegmentedRuns:
     masked (M, n) : rows that do not count for a joint although its segment keeps them
     (events); columns : of effects on the rows; repeats : says which rows come back
     where; with_shifted_encoders : the same read by encoders whose steps lie elsewhere;
-    attached : the arguments of :meth:`with_model`.
+    attached : the arguments of :meth:`with_model`; cutoff, state_cutoff : of the
+    low-passes of torque and positions [Hz].
     """
 
     segments: tuple[Segment, ...]
     n: int
     cutoff: float
+    state_cutoff: float
     rate: float
     names: tuple[str, ...]
     columns: ColumnCache
@@ -423,6 +425,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
         left out; there may be no segment at all.
     """
     assert settings.torque_cutoff is not None
+    assert settings.state_cutoff is not None
     segments: list[Segment] = []
     rate = 0.0
     for index, run in enumerate(measurements.runs()):
@@ -436,6 +439,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
         segments=tuple(segments),
         n=measurements.n,
         cutoff=settings.torque_cutoff,
+        state_cutoff=settings.state_cutoff,
         rate=rate,
         names=measurements.names,
         columns=ColumnCache([(s.low_pass, s.motion) for s in segments]),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
@@ -18,6 +19,13 @@ from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, split
 
 #: Fewest samples of a spectrum.
 _FEWEST_SAMPLES = 16
+#: Degree of the polynomial that is taken out of each window of torque or position.
+_DEGREE = 3
+#: Share of white noise that a window keeps without its polynomial, from which on its
+#: spectrum at a frequency is used.
+_PASSED = 0.5
+#: Power of quiet windows over that of a fit, below which they contradict it.
+_CONTRADICTED = 0.8
 #: Power of 1 % of an amplitude, as a share of the largest [-].
 _SMALLEST_POWER = 1e-4
 
@@ -297,7 +305,8 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
 
     Its spectrum is S(w) = c / (1 + a^2 - 2 a cos(w)), w [rad/sample]. It is fitted to a
     low quantile (QUIET) of periodograms over windows, because friction at reversals, or
-    a blow, makes some windows loud. The torque counts as smoothed unless half of each
+    a blow, makes some windows loud. At no frequency is the noise more than these quiet
+    windows hold (:func:`_at_most`). The torque counts as smoothed unless half of each
     joint's amplitudes are within a factor NOISE_LIKE of S: drives smooth currents
     before they log them, and the noise below the low-pass then stays unknown. The
     torque counts as uneven if loud windows exceed quiet ones by more than that factor.
@@ -317,20 +326,8 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     if not parts:
         return None
     dt = parts[0].dt
-    length = 2 * round(1.0 / cutoff / dt)  # as far as the low-pass reaches
-    windows = [
-        periodograms(
-            p.resampled(
-                p.tau,
-                0,
-                min(p.count, c.SAMPLES),
-            ),
-            length,
-            degree=3,
-        )
-        for p in parts
-        if p.count >= length and p.dt == dt
-    ]
+    windows = _windows(parts, cutoff, [p.tau for p in parts])
+    length = _window_length(cutoff, dt)
     frequency = np.asarray(np.fft.rfftfreq(length, dt), float)
     band = (frequency >= c.STOPS * cutoff) & (frequency <= c.LAST / dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
@@ -351,10 +348,106 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     swings = np.sqrt(loud / quiet)[band].mean(axis=0).max()
     return TorqueNoise(
         frequency,
-        spectrum,
+        _at_most(spectrum, quiet.T),
         is_smoothed=bool(deviation > 2.0 * np.log(c.NOISE_LIKE)),
         is_uneven=bool(swings > c.NOISE_LIKE),
     )
+
+
+def _window_length(cutoff: float, dt: float) -> int:
+    """Return the samples of a window that is as long as a low-pass of this cut-off [Hz]
+    reaches; dt : sample time [s].
+    """
+    return 2 * round(1.0 / cutoff / dt)
+
+
+def _windows(
+    parts: Sequence[Stretch],
+    cutoff: float,
+    signals: Sequence[Array],
+) -> list[Array]:
+    """Return the periodograms (W, F, n) of n signals in each stretch.
+
+    signals : (N, n) at the samples of each stretch. Stretches that are shorter than a
+    window, or have not the first one's sample time, are left out.
+    """
+    dt = parts[0].dt
+    length = _window_length(cutoff, dt)
+    return [
+        periodograms(
+            part.resampled(signal, 0, min(part.count, c.SAMPLES)),
+            length,
+            degree=_DEGREE,
+        )
+        for part, signal in zip(parts, signals, strict=True)
+        if part.count >= length and part.dt == dt
+    ]
+
+
+def _at_most(spectrum: Array, quiet: Array) -> Array:
+    """Lower a fitted spectrum of noise (n, F) to that of quiet windows (n, F).
+
+    Noise is no louder than all that quiet windows hold, at any frequency. A fit above
+    the motion alone, continued below, makes too much of it where a drive's low-pass has
+    coloured the noise: that is flat below its corner. The polynomial of a window takes
+    more than half of white noise at the lowest frequencies: the spectrum is flat there
+    if quiet windows contradict the fit at any other one, by more than _CONTRADICTED.
+    """
+    passed = _passed_by_windows(2 * (quiet.shape[1] - 1))
+    first = int(np.argmax(passed >= _PASSED))
+    ratio = quiet[:, first:] / passed[first:] / spectrum[:, first:]
+    # The last frequency is real: its power is not exponential, as a quantile assumes.
+    ratio[:, -1] = ratio[:, -2]
+    ratio = scipy.ndimage.uniform_filter1d(ratio, 3, axis=1, mode="nearest")
+    out = spectrum.copy()
+    out[:, first:] *= np.minimum(ratio, 1.0)
+    is_flat = ratio.min(axis=1) < _CONTRADICTED
+    out[is_flat, :first] = np.minimum(out[:, :first], out[:, [first]])[is_flat]
+    return out
+
+
+def _passed_by_windows(length: int) -> Array:
+    """Return the share (F,) of the power of white noise that a window keeps at each
+    frequency when its polynomial of _DEGREE is taken out.
+    """
+    window = np.hanning(length)
+    places = np.linspace(-1.0, 1.0, length)
+    polynomials = np.linalg.qr(np.vander(places, _DEGREE + 1))[0]
+    # Columns of the map from noise to windowed noise without its polynomial.
+    without = np.eye(length) - polynomials @ polynomials.T
+    spectra = np.fft.rfft(window[:, None] * without, axis=0)
+    return np.asarray(np.sum(np.abs(spectra) ** 2, axis=1) / np.sum(window**2))
+
+
+def position_noise(parts: Sequence[Stretch], cutoff: float) -> Array | None:
+    """Estimate the white noise of positions from their spectrum above the motion.
+
+    It is that of the encoders' steps, and of a clock that jitters, which turns velocity
+    into noise.
+
+    Parameters
+    ----------
+    parts : sequence of Stretch
+        The stretches; only those with the first one's sample time are used.
+    cutoff : float
+        Cut-off of the torque's low-pass [Hz].
+
+    Returns
+    -------
+    (n,) array or None
+        Standard deviation of each joint's position [rad or m]; None if the stretches
+        are too short, or sampled too slowly, to show any noise.
+    """
+    if not parts:
+        return None
+    windows = _windows(parts, cutoff, [p.q for p in parts])
+    length = _window_length(cutoff, parts[0].dt)
+    frequency = np.fft.rfftfreq(length, parts[0].dt)
+    above = frequency >= max(c.STOPS * cutoff, 0.25 / parts[0].dt)
+    if not windows or not above.any():
+        return None
+    power = np.concatenate(windows)[:, above].mean(axis=(0, 1))
+    return np.asarray(np.sqrt(power))
 
 
 def _mean_by_quantile(powers: Array, share: float) -> Array:

@@ -208,6 +208,11 @@ def test_positions_beyond_a_straight_axis_name_it(far, kind):
     ]
 
 
+def quarter_rate(problem: Problem) -> Measurements:
+    """A run of the problem's arm at 250 samples a second: files of a quarter."""
+    return experiment(problem).training_run(0).rows(slice(None, None, 4))
+
+
 #: Of the UR10e's eight runs: exciting, exciting with a knock, one joint alone.
 SOME = ("12-50sec_12harm", "15harm50secLoad", "joint_2")
 
@@ -243,7 +248,7 @@ def test_silence_on_real_arms(some, panda_run):
 
 
 def test_a_log_without_torque_is_checked_for_rows_clock_and_positions(two_link):
-    run = experiment(two_link).training_run(0)
+    run = quarter_rate(two_link)
     groups = {"q": run.q, "qcmd": run.q}
     assert not check(two_link, Measurements.of(run.t, groups, ("run",)))[
         0
@@ -291,7 +296,7 @@ def test_the_verb(tmp_path, two_link, capsys):
     good = tmp_path / f"{'good'}.csv"
     bad = tmp_path / f"{'bad'}.csv"
     mended = tmp_path / f"{'mended'}.csv"
-    run = experiment(two_link).training_run(0)
+    run = quarter_rate(two_link)
     save(run, good)
     save(spiked(run), bad)
     before = bad.read_bytes()
@@ -330,7 +335,7 @@ def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys):
     bad = tmp_path / "bad.csv"
     mended = tmp_path / "mended.csv"
     out = tmp_path / "out.json"
-    run = experiment(two_link).training_run(0)
+    run = quarter_rate(two_link)
     save(FLIPPED(run), bad)
     two = "check", "two_link", "--data"
     assert run_cli(*two, bad, "--json", out, "--fix", mended) == 0
@@ -362,7 +367,7 @@ def test_identify_goes_on_where_an_explanation_is_given(tmp_path, two_link, caps
     """It says so in one line that names what it looks like."""
     bad = tmp_path / "bad.csv"
     model = tmp_path / "model.json"
-    save(FLIPPED(experiment(two_link).training_run(0)), bad)
+    save(FLIPPED(quarter_rate(two_link)), bad)
     to = ("--method", "ols", "--out", model)
     assert run_cli("identify", "two_link", "--data", bad, *to) == 0
     assert model.exists()
@@ -377,7 +382,7 @@ def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys)
     bad = tmp_path / "bad.csv"
     good = tmp_path / "good.csv"
     model = tmp_path / "model.json"
-    run = experiment(two_link).training_run(0)
+    run = quarter_rate(two_link)
     save(spiked(run), bad)
     save(run, good)
     to = ("--method", "ols", "--out", model)

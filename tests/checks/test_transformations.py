@@ -155,7 +155,9 @@ def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
     assert found.figures["size"] == pytest.approx(0.3, rel=0.1)
 
 
-@pytest.mark.parametrize(("second", "fourth"), [(0.5, -0.5), (-0.5, 1.0)])
+@pytest.mark.parametrize(
+    ("second", "fourth"), [pytest.param(0.5, -0.5, marks=pytest.mark.long), (-0.5, 1.0)]
+)
 def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda):
     """Also where neither joint's own torque shows it."""
     run = replace(small_run(panda, seconds=8.0), dq=None)
@@ -177,7 +179,7 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda)
     assert told == away
 
 
-@pytest.mark.parametrize("level", [0.2, 0.25])
+@pytest.mark.parametrize("level", [0.2, pytest.param(0.25, marks=pytest.mark.long)])
 def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     """Whose best value lies a tenth of its interval beside 90 degrees."""
     problem = load_problem("panda")

@@ -106,7 +106,7 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
     assert (first.effect, first.joints) == ("stribeck_friction", (3,))
     assert first.size == pytest.approx(hidden.size, rel=0.1)
     assert first.shape["vs"] == pytest.approx(hidden.shape["vs"], rel=0.2)
-    assert first.std < 0.1 * first.size
+    assert first.std < 0.15 * first.size
     assert first.unit == "N*m"
     before = np.array(first.held_out_rmse_before)
     after = np.array(first.held_out_rmse_after)
@@ -243,7 +243,7 @@ def test_two_joints_whatever_the_record(slope, what):
     first = result.effects[0]
     assert (first.effect, first.joints) == ("asymmetric_viscous_friction", (2,))
     assert result.noise_source == ("spectrum" if what == "no repeats" else "repetition")
-    assert ("several times too large" in result.headline) == (what == "no repeats")
+    assert ("four times too large" in result.headline) == (what == "no repeats")
     if what == "no repeats":
         assert any("No motion repeats" in r for r in result.remarks)
 

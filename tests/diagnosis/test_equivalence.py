@@ -22,8 +22,9 @@ from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
+from sdp_vs_penalty.diagnosis.findings import REASONS
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit, link_sizes
-from sdp_vs_penalty.effects import TorqueFilter
+from sdp_vs_penalty.effects import JointResonance, TorqueFilter
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 
@@ -131,6 +132,7 @@ def test_no_drive_looks_ahead(problem):
         (("any sharp friction looks so",), True),
         (("it lies at the end of the range in which it was looked for",), False),
         (("its gain is small",), False),
+        ((REASONS["small_here"],), True),
         (("another effect fits as well", "its gain is small"), False),
         (("what is sure raises a held-out error with it",), False),
     ],
@@ -209,3 +211,10 @@ def test_a_refit_leaves_links_where_upright_gravity_does_not_show_them(problem):
     theta, _ = least_squares_refit(data, [])
     change = theta[: model.links.size] - model.links.ravel()
     assert np.all(np.abs(change) < 0.5 * link_sizes(model).ravel())
+
+
+def test_a_swing_that_is_damped_strongly_may_be_play(problem):
+    damped = JointResonance(problem.robot, [0], f=2.0, zeta=0.28)
+    sprung = JointResonance(problem.robot, [0], f=2.0, zeta=0.03)
+    assert damped.resembles == ("backlash",)
+    assert sprung.resembles == ()

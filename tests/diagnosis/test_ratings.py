@@ -9,7 +9,13 @@ import pytest
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import datasets
-from sdp_vs_penalty.diagnosis import Diagnosis, Finding, effect_of, size_in_model
+from sdp_vs_penalty.diagnosis import (
+    Diagnosis,
+    Finding,
+    effect_of,
+    largest_sums,
+    size_in_model,
+)
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.signals import REPETITION
 
@@ -126,6 +132,29 @@ def test_a_size_that_the_model_does_not_tell_from_zero_is_weak(
 ):
     sized = size_in_model(finding("joint_spring", 1), model_with((spring, size, std)))
     assert sized.confidence == confidence
+
+
+def test_two_estimates_of_a_size_widen_its_interval(spring):
+    """The search says 1.0 +- 0.1, the model 1.3 +- 0.05: what both lack differs."""
+    searched = finding("joint_spring", 1, std_of_rows=0.1)
+    sized = size_in_model(searched, model_with((spring, 1.3, 0.05)))
+    assert sized.size == 1.3
+    assert sized.std == pytest.approx(np.hypot(0.1, 0.3 / 1.96), rel=1e-3)
+
+
+@pytest.mark.parametrize("seconds", [1, 8])
+def test_errors_that_last_longer_than_a_cluster_widen_a_variance(seconds):
+    """Errors of 1 s and 8 s in a log of 64 s, each row of which has the same column."""
+    n_rows = 6400
+    rng = np.random.default_rng(0)
+    ratios = []
+    for _ in range(100):
+        errors = rng.normal(size=64 // seconds).repeat(100 * seconds)
+        labels = np.arange(n_rows) // 128  # 50 clusters
+        data = SimpleNamespace(clusters=(labels, labels))
+        factor = largest_sums(data, np.ones((1, n_rows, 1)), errors[None])
+        ratios.append(np.sum(errors) / np.sqrt(np.sum(factor**2)))
+    assert np.mean(np.abs(ratios) < 1.96) > 0.9
 
 
 @pytest.mark.parametrize(("law", "size"), [(1.0, 5.0), (2.0, 7.0)])

@@ -18,7 +18,7 @@ from sdp_vs_penalty.simulation import experiment
 positive = st.floats(0.05, 3.0)
 
 
-@settings(max_examples=8, derandomize=False)
+@settings(max_examples=4, derandomize=False)
 @given(
     low=st.lists(st.floats(-2.5, 1.0), min_size=2, max_size=2),
     span=st.lists(positive, min_size=2, max_size=2),

@@ -164,7 +164,7 @@ def relative_torque_error(
     )
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(seeds)
 def test_a_random_feasible_robot_round_trips(seed):
     """Simulate, identify, predict another motion: a tree of one to five joints of both

@@ -25,7 +25,7 @@ except ImportError:
     settings = example
 else:
     # Drawn cases are the same each time, however long one takes.
-    settings.register_profile("same", max_examples=40, deadline=None, derandomize=True)
+    settings.register_profile("same", max_examples=20, deadline=None, derandomize=True)
     settings.load_profile("same")
 
 __all__ = ["HealthCheck", "example", "given", "seeds", "settings", "st"]

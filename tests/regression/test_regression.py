@@ -238,7 +238,7 @@ def answers(
     )
 
 
-@settings(max_examples=10, derandomize=False)
+@settings(max_examples=5, derandomize=False)
 @given(name=st.sampled_from(["panda", "two_link"]), seed=st.integers(0, 1000))
 def test_base_parameters_come_back(name, seed):
     problem = load_problem(name)

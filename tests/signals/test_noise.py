@@ -125,6 +125,20 @@ def test_the_floor_from_the_spectrum_is_that_of_the_filtered_noise(ar):
     np.testing.assert_allclose(floor, loud * true_floor(ar), rtol=0.05)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_noise_behind_a_drives_filter_is_not_taken_for_more(order):
+    """It is flat below the corner of 60 Hz, and falls above, where it is fitted."""
+    b, a = signal.butter(order, 60.0, fs=1.0 / DT)
+    run = run_of(3, 500.0, 40.0)
+    white = np.random.default_rng(9).normal(size=(len(run.t) + 1000, JOINTS))
+    noise = signal.lfilter(b, a, white, axis=0)[1000:]
+    filtered = replace(run, tau=20.0 * np.tanh(run.q) + noise)
+    passed = signal.lfilter(b, a, np.eye(1, 400)[0])
+    true = np.linalg.norm(np.convolve(Kernel(CUTOFF, DT).value, passed))
+    floor = noise_of(without_model(filtered)).floor
+    assert floor == pytest.approx(np.full(JOINTS, true), rel=0.25)
+
+
 def test_drift_and_events_are_no_noise():
     run = run_of(3, 10.0, 80.0)
     clean = noise_of(without_model(run)).floor

@@ -88,6 +88,8 @@ def _on_all_runs(
     """
     data = study.simulated
     assert data.test is not None
+    # Once: a fit of the penalty takes much longer than the rows of a run.
+    thetas = {name: study.theta(method, data) for name, method in methods.items()}
     times = list[Array]()
     torques = list[Array]()
     predictions = dict[str, list[Array]]()
@@ -97,9 +99,8 @@ def _on_all_runs(
         rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
         times.append(begin + rows.motion.t - run.t[0])
         torques.append(rows.torque)
-        for name, method in methods.items():
-            torque = predicted(rows, study.theta(method, data))
-            predictions.setdefault(name, []).append(torque)
+        for name, theta in thetas.items():
+            predictions.setdefault(name, []).append(predicted(rows, theta))
         starts.append(begin)
         begin += float(run.t[-1] - run.t[0])
     joined = {name: np.concatenate(parts) for name, parts in predictions.items()}

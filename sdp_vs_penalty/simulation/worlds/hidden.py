@@ -903,6 +903,89 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
+def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a joint (from 0) whose link swings on its elastic gear.
+
+    The link's shift s obeys M s'' + (D + d) s' + (K + k) s = -tau, with the derivatives
+    M, D and K of the link's torque by acceleration, velocity and position; k makes the
+    mean inertia of 16 random positions swing at a drawn frequency. Newmark's method
+    solves it. The size 1 is that gear; other sizes scale its torque. Spong 1987.
+    """
+    f = log_uniform(rng, 2.0, 5.0)
+    zeta = log_uniform(rng, 0.02, 0.1)
+
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size."""
+        unit = np.eye(motion.q.shape[1])[joint]
+        small = 1e-5
+
+        def slope(field: str) -> Array:
+            """Return the derivative (N,) of the joint's torque by one of its states."""
+            ends = [
+                world.rigid(
+                    replace(motion, **{field: getattr(motion, field) + step * unit})
+                )
+                for step in (-small, small)
+            ]
+            return np.asarray((ends[1] - ends[0])[:, joint] / (2.0 * small))
+
+        mass = slope("ddq")
+        random = np.random.default_rng(0).uniform(-1.5, 1.5, (16, len(unit)))
+        at_rest = TrueMotion(np.arange(16.0), random, 0.0 * random, 0.0 * random)
+        pushed = replace(at_rest, ddq=at_rest.ddq + unit)
+        inertia = (world.rigid(pushed) - world.rigid(at_rest))[:, joint].mean()
+        stiffness = (2.0 * np.pi * f) ** 2 * inertia
+        shift = newmark(
+            motion.t,
+            mass,
+            slope("dq") + zeta * stiffness / (np.pi * f),
+            slope("q") + stiffness,
+            -world.rigid(motion)[:, joint],
+        )
+        # A small share of the shift: the torque of the library is linear in it.
+        moved = displaced(motion, joint, 0.01 * shift)
+        return 100.0 * size * (world.rigid(moved) - world.rigid(motion))
+
+    return Hidden((joint,), change, None, {"f": f, "zeta": zeta})
+
+
+def newmark(
+    t: Array,
+    mass: Array,
+    damping: Array,
+    stiffness: Array,
+    force: Array,
+) -> Array:
+    """Solve m x'' + d x' + k x = force by Newmark's method of average acceleration.
+
+    Parameters
+    ----------
+    t : (N,)
+        Equidistant instants [s].
+    mass, damping, stiffness, force : (N,)
+        The coefficients at these instants, in SI units.
+
+    Returns
+    -------
+    (N,)
+        The position x, from rest under the first force.
+    """
+    h = t[1] - t[0]
+    x = np.empty_like(t)
+    x[0] = force[0] / stiffness[0]
+    rate = acceleration = 0.0
+    for k in range(1, len(t)):
+        # Position and velocity without the new acceleration.
+        coasting = x[k - 1] + h * rate + 0.25 * h**2 * acceleration
+        rate_before = rate + 0.5 * h * acceleration
+        left = force[k] - damping[k] * rate_before - stiffness[k] * coasting
+        inertia = mass[k] + 0.5 * h * damping[k] + 0.25 * h**2 * stiffness[k]
+        acceleration = left / inertia
+        rate = rate_before + 0.5 * h * acceleration
+        x[k] = coasting + 0.25 * h**2 * acceleration
+    return x
+
+
 def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
     """Make backlash of a joint (from 0): its link rests on the flank that its torque
     presses it to.
@@ -1029,10 +1112,11 @@ _stiction = partial(
 )
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
-#: Springs that no class of the challenge draws.
+#: Springs, of joints and of gears, that no class of the challenge draws.
 SPRINGS: Mapping[str, Maker] = {
     "stiffening_spring": plain(lambda world, joint, motion: motion.q[:, joint] ** 3),
     "elastic_coupling": _belt,
+    "joint_resonance": _resonance,
 }
 #: What a diagnosis meets as a nuisance.
 NUISANCE: Mapping[str, Maker] = {
