@@ -522,18 +522,18 @@ class CauseShares:
 
         energy : mean square of these hums over that of the error without them [-].
         """
-        rest = 1.0 / (1.0 + energy)
+        below = 1.0 / (1.0 + energy)  # share of the error below the cut-off
 
-        def mixed(shares: Mapping[str, float]) -> dict[str, float]:
+        def with_hum(shares: Mapping[str, float]) -> dict[str, float]:
             """Return shares of the error with the hums."""
-            out = {name: share * rest for name, share in shares.items()}
-            out[HUM] += 1.0 - rest
+            out = {name: share * below for name, share in shares.items()}
+            out[HUM] += 1.0 - below
             return out
 
         return CauseShares(
-            of_error=mixed(self.of_error),
-            beyond_model=mixed(self.beyond_model),
-            refit_share=self.refit_share * rest,
+            of_error=with_hum(self.of_error),
+            beyond_model=with_hum(self.beyond_model),
+            refit_share=self.refit_share * below,
         )
 
     @property

@@ -142,19 +142,24 @@ def size_with_interval(
         doubt = fit.residual_of(fit.scaled(by_joint))
         factors.append(np.tensordot(T, doubt, axes=joints_and_rows))
     of_independent_rows = inverse @ (A - prior) @ inverse
-
-    def sandwich(factors: Sequence[Array]) -> Array:
-        """Return the covariance (K, K) whose middle has these factors."""
-        factor = inverse @ np.hstack(factors)
-        return _at_least(factor @ factor.T, of_independent_rows)
-
-    covariance = sandwich(factors)
+    of_rows = _sandwich(inverse, factors[:1], of_independent_rows)
+    covariance = _sandwich(inverse, factors, of_independent_rows)
     return Size(
         beta=term.beta,
         covariance=covariance[:k, :k],
         covariance_given_constants=_given_others(covariance, k),
-        covariance_of_rows=_given_others(sandwich(factors[:1]), k),
+        covariance_of_rows=_given_others(of_rows, k),
     )
+
+
+def _sandwich(inverse: Array, factors: Sequence[Array], smallest: Array) -> Array:
+    """Return the covariance A^-1 F F' A^-1 (K, K), with variances at least ``smallest``.
+
+    inverse (K, K) : A^-1; factors : columns of F (K, ...), side by side; smallest
+    (K, K) : covariance of independent rows.
+    """
+    factor = inverse @ np.hstack(factors)
+    return _at_least(factor @ factor.T, smallest)
 
 
 def _given_others(covariance: Array, k: int) -> Array:

@@ -106,7 +106,7 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
     assert (first.effect, first.joints) == ("stribeck_friction", (3,))
     assert first.size == pytest.approx(hidden.size, rel=0.1)
     assert first.shape["vs"] == pytest.approx(hidden.shape["vs"], rel=0.2)
-    assert first.std < 0.15 * first.size
+    assert first.std < 0.2 * first.size
     assert first.unit == "N*m"
     before = np.array(first.held_out_rmse_before)
     after = np.array(first.held_out_rmse_after)

@@ -382,6 +382,35 @@ def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_ch
     assert tried == [first.key, other.key, first.key, third.key]
 
 
+def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model(
+    two_link,
+):
+    search = searched(two_link)
+    forms = {f.key: f for b in search.library.batches for f in b.forms}
+    columns_stay = forms["joint_spring", 0]
+    depends_on_model = forms["torque_gain", 0]
+    other = searched(two_link)
+    for form in (columns_stay, depends_on_model):
+        term = other.evidence_of(other.fit, form)
+        other.terms.append(term)
+        other._not_exchanged[term.key] = frozenset([term.text]), ()
+    search.take_attempts_of(other)
+    assert set(search._not_exchanged) == {columns_stay.key}
+
+
+def test_a_drop_beside_another_fit_is_that_of_the_whole_score(two_link):
+    search = searched(two_link)
+    forms = {f.key: f for b in search.library.batches for f in b.forms}
+    spring = search.evidence_of(search.fit, forms["joint_spring", 0])
+    beside = search.score.fit([search.evidence_of(search.fit, forms["torque_gain", 1])])
+    quick = search.score.with_drop_beside(beside, spring)
+    full = search.score.evidence_of(beside, spring.form, spring.columns)
+    assert quick.drop == pytest.approx(full.drop)
+    np.testing.assert_allclose(quick.beta, full.beta)
+    np.testing.assert_allclose(quick.squares, full.squares)
+    assert quick.rows_worth_one == spring.rows_worth_one
+
+
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
     """Not by how many rows the sandwich finds each of them worth."""
     one = ScoredEffect(

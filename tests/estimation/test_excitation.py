@@ -74,7 +74,7 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda
         panda,
         limits=limits,
         start=paper,
-        iterations=12,
+        iterations=8,
     )
     assert found.condition < 0.75 * before
     assert limits.excess(found.trajectory) <= 1.0
