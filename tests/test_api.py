@@ -181,7 +181,7 @@ def test_models_are_estimates_or_files(files, estimate, tmp_path):
         "Where the model fails, the worst joints first\n  joint "
     )
     assert list(fails.to_frame().index) == [f.joint for f in fails]
-    assert fails._repr_html_().count("<tr>") == len(fails)
+    assert fails._repr_html_().count("<tr><td>joint ") == len(fails)
     assert sdp.export(path, tmp_path / "robot.json") == ()
     assert (tmp_path / "robot.json").exists()
 

@@ -262,11 +262,15 @@ def memory(inputs: Inputs) -> list[Figure]:
             for verb, words in verbs.items():
                 used = run_process([*PROGRAM, *words])
                 what = f"{verb}, {count} rows"
-                rows.append(Figure.single(what, used.processor, "s", "processor time"))
                 resident = used.memory - imports[verb].memory
+                note = "other: peak of resident memory beyond imports [MB]"
+                rows.append(Figure.single(what, used.processor, "s", note, resident))
                 own = used.own - imports[verb].own
-                note = "peak beyond imports; other: with pages of files"
-                rows.append(Figure.single(f"{what}, memory", own, "MB", note, resident))
+                note = "peak beyond imports; other: resident, with pages of files"
+                own_row = Figure.single(
+                    f"{what}, own memory", own, "MB", note, resident
+                )
+                rows.append(own_row)
     return rows
 
 

@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import COULOMB_WIDTHS, ROWS, TRAVELS
@@ -32,6 +31,7 @@ from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
+from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Time between the end of a log and the next one's begin, put together as one log.
 _SECONDS_BETWEEN_LOGS = 1.0
@@ -73,7 +73,7 @@ class RegressionData:
     shared: Model | None
     independent: tuple[int, ...]
     motion: Motion
-    torque: scipy.interpolate.CubicSpline
+    torque: CubicSpline
     own_columns: Array
     laws: dict[str, Array]
     torque_mask: Array
@@ -190,9 +190,7 @@ class RegressionData:
         RegressionData
             With all instants later.
         """
-        torque = scipy.interpolate.CubicSpline(
-            self.torque.x + seconds, self.torque(self.torque.x)
-        )
+        torque = CubicSpline(self.torque.x + seconds, self.torque(self.torque.x))
         motion = replace(self.motion, t=self.motion.t + seconds)
         return replace(self, motion=motion, torque=torque)
 
@@ -261,9 +259,7 @@ class RegressionData:
             shared=shared,
             independent=_independent(shared),
             motion=motion,
-            torque=scipy.interpolate.CubicSpline(
-                np.concatenate(times), np.concatenate(torques)
-            ),
+            torque=CubicSpline(np.concatenate(times), np.concatenate(torques)),
             own_columns=own_columns,
             laws=laws,
             torque_mask=slides[rows].astype(float),
@@ -274,13 +270,13 @@ class RegressionData:
 
 
 def _one_spline(
-    torques: Sequence[scipy.interpolate.CubicSpline],
-) -> scipy.interpolate.CubicSpline:
+    torques: Sequence[CubicSpline],
+) -> CubicSpline:
     """Return one spline through the knots of several splines, whose times follow each
     other."""
     times = np.concatenate([torque.x for torque in torques])
     values = np.concatenate([torque(torque.x) for torque in torques])
-    return scipy.interpolate.CubicSpline(times, values)
+    return CubicSpline(times, values)
 
 
 def _seconds_to_follow_each_other(logs: Sequence[RegressionData]) -> list[float]:

@@ -27,7 +27,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import Size, size_of
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
-from sdp_vs_penalty.diagnosis.white_rows import exceeds_measured_torque
+from sdp_vs_penalty.diagnosis.white_rows import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -167,8 +167,11 @@ def _is_implausible(x: Judged) -> bool:
     measured torque on a joint. It is far above if the RMS of the parameters is more
     than three (IMPLAUSIBLE_SIGMAS) of the standard deviations that the effect declares.
     """
+    rows = x.search.data.rows
     beta = x.size.beta
-    if exceeds_measured_torque(x.search.data.rows, x.effect, beta):
+    torque = spread_columns(rows, x.effect) @ beta  # (n joints, M rows)
+    mean_square = np.mean(torque**2, axis=1)
+    if np.any(mean_square > np.mean(rows.torque**2, axis=0)):
         return True
     plausible = x.effect.plausible
     if plausible is None:

@@ -15,6 +15,9 @@ from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.estimation.constants import TURNS
 from sdp_vs_penalty.robot.arrays import Array
 
+#: Torque of a unit of an effect, in standard deviations of the noise, beyond which it
+#: is an instability; its square is still a number.
+_UNBOUNDED = 1e100
 #: (effect name, joint from 0; None: the whole robot).
 Key = tuple[str, int | None]
 
@@ -245,11 +248,19 @@ class Library:
 def white_candidate(data: WhiteData, form: Candidate) -> dict[int, Array]:
     """Compute a candidate's white columns, (M, k) by joint (from 0) that it acts on.
 
-    White columns are filtered and weighted so that the noise has variance 1.
+    White columns are filtered and weighted so that the noise has variance 1. Columns
+    that grow without bound are set to zero, which no search names: a resonance does
+    where a refitted link has a negative inertia.
     """
     # The filtered columns are not cached (keep): a library has thousands.
     blocks = data.rows.blocks(form.effect, keep=False)
-    return {b.joint: data.white(b.columns, b.joint) for b in blocks}
+    out = {}
+    for block in blocks:
+        white = data.white(block.columns, block.joint)
+        if not np.abs(white).max(initial=0.0) < _UNBOUNDED:  # also refuses NaN
+            white = np.zeros_like(white)
+        out[block.joint] = white
+    return out
 
 
 def may_join(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import SERIES
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
@@ -292,11 +293,13 @@ def _may_be_constant(search: Search, term: ScoredEffect) -> bool:
     """Return whether a finding has a constant part, or may stand for a slow curve.
 
     Less than one wave of a ripple, for example, looks like any torque that changes
-    slowly with the angle.
+    slowly with the angle; and a series of ripples may stand for a curve with a mean.
     """
     effect = term.form.effect
     coverage = search.data.rows.seen(effect.joints[0])
-    return term.key[0] in _WITH_A_CONSTANT or bool(effect.looks_like(0.0, coverage))
+    is_slow = bool(effect.looks_like(0.0, coverage))
+    n_alike = sum(other.key == term.key for other in search.terms)
+    return term.key[0] in _WITH_A_CONSTANT or is_slow or n_alike >= SERIES
 
 
 def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notice:

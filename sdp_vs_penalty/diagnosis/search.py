@@ -26,7 +26,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
-from sdp_vs_penalty.diagnosis.white_rows import WhiteData, exceeds_measured_torque
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
@@ -355,8 +355,14 @@ class Search:
     def is_impossible(self, term: ScoredEffect) -> bool:
         """Return whether an effect makes more torque on a joint than was measured
         there.
+
+        The sums of squares of white torque are compared. Such an effect would need
+        another one of about its size against it.
         """
-        return exceeds_measured_torque(self.data.rows, term.form.effect, term.beta)
+        return any(
+            np.sum((z @ term.beta) ** 2) > np.sum(self.data.y[joint] ** 2)
+            for joint, z in term.columns.items()
+        )
 
     # The steps.
 

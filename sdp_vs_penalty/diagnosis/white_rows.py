@@ -366,26 +366,6 @@ def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
     return out
 
 
-def exceeds_measured_torque(rows: SegmentedRuns, effect: Effect, beta: Array) -> bool:
-    """Return whether an effect makes more torque on a joint than was measured there.
-
-    The mean squares over all rows are compared. Such an effect would need another one
-    of about its size against it.
-
-    Parameters
-    ----------
-    rows
-        Filtered rows with the measured torque.
-    effect
-        The effect.
-    beta
-        (k,) its parameters, in SI units.
-    """
-    torque = spread_columns(rows, effect) @ beta  # (n joints, M rows)
-    mean_square = np.mean(torque**2, axis=1)
-    return bool(np.any(mean_square > np.mean(rows.torque**2, axis=0)))
-
-
 def model_columns(
     rows: SegmentedRuns,
     estimate: Estimate,

@@ -403,14 +403,15 @@ class Backlash(LinkDeviation):
         acceleration of the link from flank to flank.
         """
         side = np.sign(motion.link_torque[:, joint])
-        by_q, _, _ = motion.derivatives(joint)
+        slopes = motion.derivatives(joint)
+        by_q = slopes[0]
         counts_displacement_only = self.shape["law"] == 1.0
         if counts_displacement_only:
             return -by_q * side[:, None]
         # The difference to the first side is exactly 0 where the flank never changes,
         # so that smoothing leaves no velocity by rounding.
         crossed = motion.smoothed(side - side[0], self.shape["band"])
-        return -by_q * side[0] - _moved(motion, joint, crossed)
+        return -by_q * side[0] - _moved(motion, crossed, slopes)
 
 
 class JointElasticity(LinkDeviation):
@@ -450,10 +451,11 @@ class JointElasticity(LinkDeviation):
         band = self.shape["band"]
         c = self.shape["c"]
         torque = motion.smoothed(motion.link_torque[:, joint], band)
+        slopes = motion.derivatives(joint)
         if c:
             # Without this correction the compliance is up to a quarter too large.
-            torque = torque - c * _moved(motion, joint, torque)[:, joint]
-        return -_moved(motion, joint, torque)
+            torque = torque - c * _moved(motion, torque, slopes)[:, joint]
+        return -_moved(motion, torque, slopes)
 
 
 #: Damping ratio from which a swing is damped as by impacts and not as by a spring.
@@ -480,10 +482,11 @@ class JointResonance(LinkDeviation):
         "f": ShapeConstant(
             4.0,
             "Hz",
-            grid=(1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5),
+            grid=(1.6, 2.5, 4.0, 6.3),
             bounds=(0.7, 15.0),
         ),
-        "zeta": ShapeConstant(0.05, grid=(0.05,), bounds=(0.005, 0.3)),
+        # A search begins with a wide resonance, so that few frequencies do.
+        "zeta": ShapeConstant(0.05, grid=(0.1,), bounds=(0.005, 0.3)),
     }
     generalises = ("joint_elasticity",)
 
@@ -505,26 +508,44 @@ class JointResonance(LinkDeviation):
         compliance = self._compliance(motion, joint)
         if compliance == 0.0:
             return np.zeros_like(motion.q)
-        return -_moved(motion, joint, self._lag(motion, joint, compliance)) / compliance
+        slopes = motion.derivatives(joint)
+        own_slopes = tuple(x[:, joint] for x in slopes)
+        lag = self._lag(motion, joint, compliance, own_slopes)
+        return -_moved(motion, lag, slopes) / compliance
 
     def _compliance(self, motion: Motion, joint: int) -> float:
         """Return 1 / stiffness [rad/(N m), m/N] of the gear on which the joint's mean
-        inertia swings at f; 0 without inertia."""
+        inertia swings at f.
+
+        It is 0 where the inertia, or the stiffness with that of the weight, is not
+        positive at some instant, as in a model of least squares: nothing swings so.
+        """
         inertia = mean_inertia(self.robot, motion.model_links, joint)
         stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * inertia
-        return 1.0 / stiffness if stiffness > 0.0 else 0.0
+        by_q, _, by_ddq = motion.derivatives(joint)
+        smallest_stiffness = stiffness + by_q[:, joint].min()
+        smallest_inertia = by_ddq[:, joint].min()
+        if min(stiffness, smallest_stiffness, smallest_inertia) <= 0.0:
+            return 0.0
+        return float(1.0 / stiffness)
 
-    def _lag(self, motion: Motion, joint: int, compliance: float) -> Array:
+    def _lag(
+        self,
+        motion: Motion,
+        joint: int,
+        compliance: float,
+        slopes: Sequence[Array],
+    ) -> Array:
         """Compute by how much (N,) [rad, m] the link lags behind the encoder.
+
+        ``slopes`` are the derivatives (N,) of the joint's torque by its position,
+        velocity and acceleration.
 
         The linear differential equation of the lag is solved step by step, from a
         spring that is stretched at rest: central differences, with the spring's torque
         averaged over three instants, which is stable for any step.
         """
-        of_joint = motion.derivatives(joint)  # three (N, n) arrays
-        by_q = of_joint[0][:, joint]
-        by_dq = of_joint[1][:, joint]
-        by_ddq = of_joint[2][:, joint]
+        by_q, by_dq, by_ddq = slopes
         torque = motion.link_torque[:, joint]
         stiffness = 1.0 / compliance + by_q
         damping = by_dq + self.shape["zeta"] / (np.pi * self.shape["f"] * compliance)
@@ -580,14 +601,14 @@ def mean_inertia(robot: Robot, links: Array, joint: int) -> float:
     return float((moving - still)[:, joint].mean())
 
 
-def _moved(motion: Motion, joint: int, x: Array) -> Array:
-    """Return the change (N, n) of all joints' torque where the link of one joint (from
-    0) is displaced by x (N,) [rad, m].
+def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
+    """Return the change (N, n) of all joints' torque where the link of one joint is
+    displaced by x (N,) [rad, m].
 
     dtau = dtau/dq_j x + dtau/ddq_j x' + dtau/dddq_j x'', with the displacement's
-    velocity x' and acceleration x''.
+    velocity x' and acceleration x''. ``slopes`` are these derivatives, three (N, n).
     """
-    by_q, by_dq, by_ddq = motion.derivatives(joint)
+    by_q, by_dq, by_ddq = slopes
     x, rate, acceleration = motion.rates(x)
     change = by_q * x[:, None]
     change += by_dq * rate[:, None]

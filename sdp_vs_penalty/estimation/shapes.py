@@ -46,6 +46,7 @@ from sdp_vs_penalty.regression.regression import Regression, compress_cells, tri
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
+from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
@@ -316,9 +317,7 @@ def _with_banks(
         columns = first + np.arange(len(grid))
         first += len(grid)
         if grid not in splines:  # through the unit vectors: it returns weights
-            splines[grid] = scipy.interpolate.CubicSpline(
-                np.log(grid), np.eye(len(grid))
-            )
+            splines[grid] = CubicSpline(np.log(grid), np.eye(len(grid)))
         banks.append(
             _Bank(
                 effect.with_shape([joint]),

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.comparison import Comparisons, compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -23,6 +23,7 @@ from sdp_vs_penalty.render.pieces import LOOK, packed
 from sdp_vs_penalty.reports.sections import SECTIONS, JudgedRun, ReportData
 from sdp_vs_penalty.results.templates import render
 from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
 #: Templates, style and script of the report.
@@ -123,19 +124,9 @@ def report(
     except InputError as error:
         forward_result = str(error)
     progress("looking where it fails")
-    known = failures or {}
-    names_shown = dict.fromkeys((comparisons[0].name, comparisons[-1].name))
-    failures_shown = {
-        name: known.get(name)
-        or where_it_fails(
-            named[name],
-            runs,
-            filtered.settings,
-            noise=comparisons[0].noise,
-        )
-        for name in names_shown
-    }
-    give_back_memory(runs.samples)
+    failures_shown = _failures_shown(
+        named, runs, filtered.settings, comparisons, failures or {}
+    )
     checks = _checks(named, runs)
     give_back_memory(runs.samples)
     material = ReportData(
@@ -152,6 +143,29 @@ def report(
     progress("drawing")
     write_text(out, document(material, script.read_text("utf-8")))
     return material.verdict
+
+
+def _failures_shown(
+    models: Mapping[str, Estimate],
+    runs: Measurements,
+    settings: Preprocessing,
+    comparisons: Comparisons,
+    known: Mapping[str, Failures],
+) -> dict[str, Failures]:
+    """Return where the first and the last model fail, by name; ``known`` has those that
+    are worked out already.
+    """
+    names = dict.fromkeys((comparisons[0].name, comparisons[-1].name))
+    return {
+        name: known.get(name)
+        or where_it_fails(
+            models[name],
+            runs,
+            settings,
+            noise=comparisons[0].noise,
+        )
+        for name in names
+    }
 
 
 def document(material: ReportData, script: str) -> str:

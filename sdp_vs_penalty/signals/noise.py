@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
@@ -44,6 +43,7 @@ from sdp_vs_penalty.signals.repetition import (
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.spectrum import position_noise, torque_spectrum
+from sdp_vs_penalty.signals.splines import CubicSpline
 from sdp_vs_penalty.signals.standstill import STILL
 
 #: What the noise is known from.
@@ -438,9 +438,7 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     """
 
     residuals = [
-        scipy.interpolate.CubicSpline(
-            s.t_dense, s.torque_dense - s.dense @ s.motion.modelled
-        )
+        CubicSpline(s.t_dense, s.torque_dense - s.dense @ s.motion.modelled)
         for s in runs.segments
     ]
     parts = [runs.residual[r.rows] - residuals[r.other](r.later) for r in repeats]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import ORDER
 from sdp_vs_penalty.signals.runs import interpolated
+from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -335,7 +336,7 @@ def is_part(window: Filtered, longer: Filtered) -> bool:
     if not inside.any() or scale is None:
         return False
 
-    there = scipy.interpolate.CubicSpline(span, longer.q_dense)(t[inside])
+    there = CubicSpline(span, longer.q_dense)(t[inside])
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
 
@@ -405,8 +406,8 @@ def _same_positions(
     if scale is None or len(rows) < _FEWEST_ROWS:
         return rows[:0], later[:0]
     later = later[rows]
-    here = scipy.interpolate.CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
-    there = scipy.interpolate.CubicSpline(b.t_dense, b.q_dense)(later)
+    here = CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
+    there = CubicSpline(b.t_dense, b.q_dense)(later)
     is_same = np.all(np.abs(here - there) < ALIKE * scale, axis=1)
     return rows[is_same], later[is_same]
 

@@ -357,12 +357,12 @@ class Experiment:
         """Simulate the measurement of random trajectory ``number``, from 0."""
         count, duration = self.validation
         # Apart from the training ones, noise included, at any seed.
-        own_seed = 100_000 + count * seed + number
+        run_seed = 100_000 + count * seed + number
         return simulate(
-            random_trajectory(self.problem.robot, own_seed, duration),
+            random_trajectory(self.problem.robot, run_seed, duration),
             self.torque,
             self.sensor,
-            own_seed,
+            run_seed,
             name=f"validation trajectory {number + 1}",
         )
 

@@ -25,6 +25,7 @@ from sdp_vs_penalty.diagnosis import (
     diagnosis_rows,
     list_candidates,
     spectral_lines,
+    white_candidate,
     whiten_rows,
 )
 from sdp_vs_penalty.signals import coloured_noise
@@ -380,6 +381,47 @@ def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_ch
     assert tried == [first.key, other.key]
     search.exchange_one([first, third])
     assert tried == [first.key, other.key, first.key, third.key]
+
+
+def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model(
+    two_link,
+):
+    search = searched(two_link)
+    forms = {f.key: f for b in search.library.batches for f in b.forms}
+    columns_stay = forms["joint_spring", 0]
+    depends_on_model = forms["torque_gain", 0]
+    other = searched(two_link)
+    for form in (columns_stay, depends_on_model):
+        term = other.evidence_of(other.fit, form)
+        other.terms.append(term)
+        other._not_exchanged[term.key] = frozenset([term.text]), ()
+    search.take_attempts_of(other)
+    assert set(search._not_exchanged) == {columns_stay.key}
+
+
+def test_a_drop_beside_another_fit_is_that_of_the_whole_score(two_link):
+    search = searched(two_link)
+    forms = {f.key: f for b in search.library.batches for f in b.forms}
+    spring = search.evidence_of(search.fit, forms["joint_spring", 0])
+    beside = search.score.fit([search.evidence_of(search.fit, forms["torque_gain", 1])])
+    quick = search.score.with_drop_beside(beside, spring)
+    full = search.score.evidence_of(beside, spring.form, spring.columns)
+    assert quick.drop == pytest.approx(full.drop)
+    np.testing.assert_allclose(quick.beta, full.beta)
+    np.testing.assert_allclose(quick.squares, full.squares)
+    assert quick.rows_worth_one == spring.rows_worth_one
+
+
+@pytest.mark.parametrize("size", [1e160, np.inf, np.nan])
+def test_columns_without_bound_are_no_candidate(size):
+    columns = np.array([[1.0], [size]])
+    data: Any = SimpleNamespace(
+        rows=SimpleNamespace(
+            blocks=lambda *_, **__: [SimpleNamespace(joint=0, columns=columns)]
+        ),
+        white=lambda x, _: x,
+    )
+    assert not white_candidate(data, form())[0].any()
 
 
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():

@@ -2,6 +2,7 @@
 refused."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -269,3 +270,16 @@ def test_a_model_takes_names_and_effects_beside_each_other():
 def test_what_is_neither_a_name_nor_an_effect_is_refused(item):
     problem = load_problem("two_link")
     refusal(lambda: problem.model(["rigid_body", item]), "neither a name nor an Effect")
+
+
+def test_no_link_swings_on_an_inertia_that_is_not_positive(two_link):
+    """Least squares may give a link such an inertia at some instants."""
+    effect = effect_types()["joint_resonance"](two_link.robot, [0])
+    n_instants = 50
+    square = np.ones((n_instants, 2))
+    motion = SimpleNamespace(
+        q=0.0 * square,
+        model_links=two_link.nominal_links,
+        derivatives=lambda joint: (square, square, -square),
+    )
+    assert not effect.deviated(motion, 0).any()

@@ -412,21 +412,26 @@ class Study:
         n_folds : int
             Number of folds.
         """
-        new = {
+        estimator_by_key = {
             _unseen_key(method, effects, n_folds): self.estimator(method)
             for method, effects in judged_methods
         }
-        new = {key: value for key, value in new.items() if key not in self._made}
+        missing = {
+            key: estimator
+            for key, estimator in estimator_by_key.items()
+            if key not in self._made
+        }
         items = list[tuple[Estimator, FoldData]]()
-        for (*_, effects, _), estimator in new.items():
+        for (*_, effects, _), estimator in missing.items():
             self.progress(f"folds by phase, {estimator.name}")
             _, folds = self.once(_folds, effects, n_folds)
-            once = Remembered(self.fold_estimator(estimator))
-            items += [(once, fold) for fold in folds]
+            remembered = Remembered(self.fold_estimator(estimator))
+            items += [(remembered, fold) for fold in folds]
         # Folds come back in their order, estimator by estimator.
         judged_folds = iter(self._map_slow_first(_judged, items))
-        for key, estimator in new.items():
-            split, folds = self.once(_folds, key[2], n_folds)
+        for key, estimator in missing.items():
+            _, _, effects, _ = key
+            split, folds = self.once(_folds, effects, n_folds)
             of_method = [next(judged_folds) for _ in folds]
             self._made[key] = split.result(estimator, of_method)
 

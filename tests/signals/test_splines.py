@@ -1,0 +1,86 @@
+"""Splines and non-negative fits that need no slow imports: the same as SciPy's."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import scipy.interpolate
+import scipy.optimize
+from small_runs import write_run
+
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.signals import CubicSpline, nonnegative_fit
+
+
+@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize("n_knots", [2, 3, 4, 5, 60])
+def test_a_spline_is_that_of_scipy(n_knots, order):
+    rng = np.random.default_rng(n_knots)
+    x = np.cumsum(rng.uniform(0.1, 2.0, n_knots))
+    values = rng.normal(size=(n_knots, 3))
+    at = np.concatenate([x, np.linspace(x[0] - 0.5, x[-1] + 0.5, 50)])
+    right = scipy.interpolate.CubicSpline(x, values)(at, order)
+    ours = CubicSpline(x, values)(at, order)
+    np.testing.assert_allclose(ours, right, rtol=1e-9, atol=1e-9 * abs(right).max())
+
+
+def test_coefficients_of_a_spline_are_those_of_scipy():
+    x = np.log([0.01, 0.02, 0.05, 0.1, 0.3])
+    right = scipy.interpolate.CubicSpline(x, np.eye(5))
+    np.testing.assert_allclose(CubicSpline(x, np.eye(5)).c, right.c, atol=1e-12)
+
+
+@pytest.mark.parametrize("x", [[0.0, 0.0, 1.0], [0.0, np.nan, 1.0], [1.0, 0.0]])
+def test_knots_that_do_not_ascend_are_refused(x):
+    with pytest.raises(ValueError, match="ascend"):
+        CubicSpline(x, np.zeros((len(x), 1)))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_nonnegative_fit_is_that_of_scipy(seed):
+    rng = np.random.default_rng(seed)
+    k = 1 + seed % 4
+    columns = rng.normal(size=(40, k)) + 0.5 * (seed % 3)
+    target = rng.normal(size=40) + columns @ rng.normal(size=k)
+    right = scipy.optimize.nnls(columns, target)[0]
+    np.testing.assert_allclose(nonnegative_fit(columns, target), right, atol=1e-9)
+
+
+def test_a_nonnegative_fit_of_dependent_columns_fits_as_well():
+    rng = np.random.default_rng(1)
+    column = rng.uniform(size=(50, 1))
+    columns = np.hstack([column, 2.0 * column, np.zeros((50, 1))])
+    target = 3.0 * column[:, 0] + rng.normal(size=50)
+    fit = nonnegative_fit(columns, target)
+    right = scipy.optimize.nnls(columns, target)[1]
+    assert fit.min() >= 0.0
+    assert np.linalg.norm(columns @ fit - target) == pytest.approx(right)
+
+
+def test_a_nonnegative_fit_can_be_zero():
+    columns = np.ones((5, 1))
+    assert nonnegative_fit(columns, -np.ones(5)).tolist() == [0.0]
+
+
+SLOW = ["scipy.interpolate", "scipy.ndimage", "scipy.optimize"]
+
+
+@pytest.mark.parametrize(
+    ("work", "absent"),
+    [
+        ("sdp.check('two_link', run)", SLOW),
+        ("sdp.identify('two_link', run)", SLOW[:2]),
+    ],
+)
+def test_slow_parts_of_scipy_are_imported_where_they_are_used(work, absent, tmp_path):
+    run = tmp_path / "run.csv"
+    write_run(run, load_problem("two_link"), seconds=8.0)
+    program = (
+        f"import sys; import sdp_vs_penalty as sdp; run = {str(run)!r}; {work}; "
+        f"print([name for name in {absent} if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "[]", done.stderr
