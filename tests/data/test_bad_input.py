@@ -337,7 +337,8 @@ def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
     "value",
     [
         "x",
-        *(pytest.param(x, marks=pytest.mark.long) for x in ([1.0], float("nan"), {})),
+        [1.0],
+        *(pytest.param(x, marks=pytest.mark.long) for x in (float("nan"), {})),
     ],
     ids=repr,
 )
