@@ -23,7 +23,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.regression.evidence import cluster_sums
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.inertia import inertia_matrix
 
 #: Tolerance of a robot's file, as relative standard deviations: of a mass; of a centre
@@ -341,7 +341,7 @@ def fit_with_priors(search: Search, nominal: Array, deviations: Array) -> FitWit
     torque = data.y / level[:, None]
     gram = sum(z.T @ z for z in columns)
     # Unit columns: parameters of all units are compared by the torque that they make.
-    scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    scale = nonzero_or_one(np.sqrt(np.diagonal(gram)))
     precision = np.zeros(len(scale))
     precision[:p] = (deviations * scale[:p]) ** -2.0
     mean = np.zeros(len(scale))
