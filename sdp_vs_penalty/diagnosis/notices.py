@@ -1,9 +1,9 @@
 """Notices: facts about the machine that the model's parameters have taken in.
 
-Two are looked for: a load that the robot's file does not know, and a constant offset,
-which friction of unequal sides makes as well. Neither is a missing effect, since the
-model explains its torque. Both are estimated from the same white rows as the findings,
-and beside them.
+There are two kinds: a load that the robot's file does not know, and a constant offset,
+which may be friction that differs by direction. Neither is a missing effect, since the
+model explains its torque. Both are estimated together with the findings, from the same
+white rows.
 """
 
 from __future__ import annotations
