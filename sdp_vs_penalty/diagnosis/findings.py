@@ -673,8 +673,8 @@ class Diagnosis(Record, JsonRecord):
     def noise_known(self) -> bool:
         """Whether the noise was measured separately from the model's error.
 
-        True for noise from repetitions, and from a spectrum, which shows it within a
-        factor of two. False if it was taken from the residual itself.
+        True for noise from repetitions, and from a spectrum, which shows it roughly
+        (SPECTRUM_KNOWN). False if it was taken from the residual itself.
         """
         return self.noise_source != RESIDUAL
 
@@ -701,11 +701,18 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def hums(self) -> list[Event]:
-        """The hums, one for each joint and frequency (to a hundredth)."""
+        """The hums, one for each joint and frequency (to two digits).
+
+        Of the runs in which a joint hums the largest amplitude counts.
+        """
         hums = dict[tuple[int, str], Event]()
         for event in self.events:
-            if event.frequency is not None:
-                hums.setdefault((event.joint, f"{event.frequency:.2g}"), event)
+            if event.frequency is None:
+                continue
+            place = event.joint, f"{event.frequency:.2g}"
+            known = hums.setdefault(place, event)
+            if (event.amplitude or 0.0) > (known.amplitude or 0.0):
+                hums[place] = event
         return list(hums.values())
 
     @property

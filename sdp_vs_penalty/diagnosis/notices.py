@@ -1,9 +1,9 @@
 """Notices: facts about the machine that the model's parameters have taken in.
 
-Two are looked for: a load that the robot's file does not know, and a constant offset,
-which friction of unequal sides makes as well. Neither is a missing effect, since the
-model explains its torque. Both are estimated from the same white rows as the findings,
-and beside them.
+There are two kinds: a load that the robot's file does not know, and a constant offset,
+which may be friction that differs by direction. Neither is a missing effect, since the
+model explains its torque. Both are estimated together with the findings, from the same
+white rows.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.regression.evidence import cluster_sums
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.inertia import inertia_matrix
 
 #: Tolerance of a robot's file, as relative standard deviations: of a mass; of a centre
@@ -341,7 +341,7 @@ def fit_with_priors(search: Search, nominal: Array, deviations: Array) -> FitWit
     torque = data.y / level[:, None]
     gram = sum(z.T @ z for z in columns)
     # Unit columns: parameters of all units are compared by the torque that they make.
-    scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    scale = nonzero_or_one(np.sqrt(np.diagonal(gram)))
     precision = np.zeros(len(scale))
     precision[:p] = (deviations * scale[:p]) ** -2.0
     mean = np.zeros(len(scale))

@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 
 #: Steps of the lattice, in those of the grid that a search begins with.
-STEPS = 0.5, 0.25
+STEPS = 0.5, 0.25, 0.125
 
 #: Times that a constant that is as large as its effect follows it: what is left of an
 #: error falls by the share of the effect that is not of first order, a quarter for the
@@ -97,11 +97,11 @@ def _follow_size(judge: Judge, best: ScoredEffect, sized: str) -> ScoredEffect:
 
 
 def _refine_along(judge: Judge, start: ScoredEffect, name: str) -> ScoredEffect:
-    """Refine one shape constant: climb in steps that halve once, then fit a parabola.
+    """Refine one shape constant: climb in steps that halve twice, then fit a parabola.
 
-    The steps are 1/2 and 1/4 (STEPS) of the spacing of the grid of starting values. The
-    top of the parabola is rounded to 1/16 of the last step, so that a search meets the
-    same values again. A constant without bounds is not refined.
+    The steps are 1/2, 1/4 and 1/8 (STEPS) of the spacing of the grid of starting
+    values. The top of the parabola is rounded to 1/16 of the last step, so that a
+    search meets the same values again. A constant without bounds is not refined.
 
     Parameters
     ----------

@@ -58,8 +58,8 @@ def least_squares_refit(
     # Rows of the prior: theta / plausible size = 0, and links = those of the model.
     precision = 1.0 / plausible_sizes((*own_effects, *effects))
     prior_target = -precision * first
-    if not data.frozen:
-        links = data.estimate.model.rigid_indices
+    links = data.estimate.model.rigid_indices  # none in a model of friction alone
+    if not data.frozen and len(links):
         precision[links] = 1.0 / link_sizes(data.estimate).ravel()
         prior_target[links] = 0.0
     prior = np.diag(precision)

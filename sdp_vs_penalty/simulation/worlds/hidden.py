@@ -14,11 +14,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.random import Generator
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.signals.kernels import autoregressive
 from sdp_vs_penalty.simulation.worlds.world import (
     Array,
     TrueMotion,
@@ -379,10 +379,9 @@ def first_order(x: Array, step: float, lag: float) -> Array:
     half = 0.5 * (1.0 - decay)
     # y_i = decay y_(i-1) + half (x_i + x_(i-1)), from y_0 = x_0.
     inputs = np.concatenate([x[:1], half * (x[1:] + x[:-1])])
-    channels = inputs.reshape(len(x), -1).T
-    poles = np.array([1.0, -decay])
-    filtered = [autoregressive(poles, channel) for channel in channels]
-    return np.column_stack(filtered).reshape(x.shape)
+    # A system with ones on its diagonal, and -decay below it.
+    diagonals = np.repeat([[1.0], [-decay]], len(x), axis=1)
+    return np.asarray(scipy.linalg.solve_banded((1, 0), diagonals, inputs))
 
 
 def _unit(world: World, joint: int) -> float:
