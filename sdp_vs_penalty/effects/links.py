@@ -603,11 +603,11 @@ def mean_inertia(robot: Robot, links: Array, joint: int) -> float:
     """
     shape = _POSITIONS, robot.n
     q = np.random.default_rng(0).uniform(-_AVERAGED, _AVERAGED, shape)
-    rest = np.zeros(shape)
-    accelerated = rest + np.eye(robot.n)[joint]
-    moving = robot.inverse_dynamics(links, q, rest, accelerated)
-    still = robot.inverse_dynamics(links, q, rest, rest)
-    return float((moving - still)[:, joint].mean())
+    zero = np.zeros(shape)
+    unit_acceleration = zero + np.eye(robot.n)[joint]
+    accelerated = robot.inverse_dynamics(links, q, zero, unit_acceleration)
+    at_rest = robot.inverse_dynamics(links, q, zero, zero)
+    return float((accelerated - at_rest)[:, joint].mean())
 
 
 def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
