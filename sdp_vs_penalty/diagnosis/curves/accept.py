@@ -18,9 +18,9 @@ def accept_curves(
     """Accept the measured curves that data left out confirm, one after the other.
 
     Three conditions: the curve lowers its joint's RMS error on data left out by 1 %,
-    the sum of the joints' log errors does not rise by 1 %, and most of the test run
-    lies within the curve's table (outside, the table is held constant). Each curve is
-    judged together with those accepted before it.
+    the sum of the joints' log errors does not rise by 1 %, and most of the data left
+    out lie where the curve was measured (elsewhere, the table is held constant). Each
+    curve is judged together with those accepted before it.
 
     Parameters
     ----------
@@ -62,7 +62,10 @@ def accept_curves(
         joint = curve.joint
         lowers_its_joint = lowers(before[[joint]], after[[joint]])
         helps = lowers_its_joint and harm(before, after) < MINOR
-        if helps and judge.outside(curve.table) <= MOSTLY_NEW:
+        if not helps:
+            continue
+        share_outside = judge.outside(search.data.rows, curve.table, curve.by_fold)
+        if share_outside <= MOSTLY_NEW:
             accepted[number] = replace(curve, before=float(before[joint]), errors=after)
             before = after
     return tuple(accepted.values())
