@@ -23,6 +23,9 @@ _COHERENT = 0.9
 #: harmonics of a motion that repeats stand side by side.
 _ALONE = 5.0
 _NEAR = 2.0
+#: Half width of a line in a spectrum with a Hann window, in steps of its frequencies:
+#: the main lobe reaches two.
+_LOBE = 2.5
 #: Share of the torque's variance above the band from which a hum is reported.
 _LARGE_SHARE = 0.1
 #: A run shorter than this [s] shows no phase that is kept.
@@ -75,7 +78,7 @@ def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
     largest = 0.0
     hum = None
     for line in lines:
-        near = np.abs(frequency - line) < 2.5 * frequency[1]
+        near = np.abs(frequency - line) < _LOBE * frequency[1]
         energy = float(np.sum(above[near]))
         neighbours = (np.abs(frequency - line) < _NEAR) & ~near
         rival = float(above[neighbours].max(initial=0.0))
