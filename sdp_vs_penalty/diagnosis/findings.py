@@ -169,6 +169,7 @@ class Finding(Rated):
     joints from 1, empty for the whole robot; size : of the effect's parameter (the
     amplitude where there are several) in ``unit``, with its standard deviation std;
     std_of_rows : that from the scatter over the log alone, all else being exact;
+    size_in_search : the size that the search estimated, where ``size`` is a model's;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
     is weak, if it is; constants : the shape in words, with units; n_splits,
@@ -194,6 +195,7 @@ class Finding(Rated):
     n_splits: int = 0
     n_splits_showing: int = 0
     std_of_rows: float = 0.0
+    size_in_search: float | None = None
 
     @property
     def splits_sentence(self) -> str:
