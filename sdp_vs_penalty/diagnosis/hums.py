@@ -66,8 +66,11 @@ def find_hums_above(measurements: Measurements, cutoff: float) -> list[Event]:
 def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
     """Return the largest hum of a joint (from 0) in a stretch without gaps, or None."""
     t = run.t
-    rate = (len(t) - 1) / (t[-1] - t[0])
-    if t[-1] - t[0] < _SHORTEST or 2.0 * cutoff >= rate:
+    duration = t[-1] - t[0]
+    if duration < _SHORTEST:
+        return None
+    rate = (len(t) - 1) / duration
+    if 2.0 * cutoff >= rate:
         return None
     torque = run.tau[:, joint]
     window = np.hanning(len(t))
