@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
 from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
@@ -74,7 +75,8 @@ def add(
         ``name[:joints][@shape=value]``, several separated by commas, or what
         :func:`diagnose` found: all of it, or some of its findings. An effect that the
         model has already takes the new shape constants
-        (``coulomb_friction:7@v_s=0.08``).
+        (``coulomb_friction:7@v_s=0.08``). Intervals of findings include what the
+        search says of their sizes; those of effects that are named do not.
     measurements : path, arrays, DataFrame, Measurements, list of these
         The runs to identify it from.
     frozen : bool
@@ -133,7 +135,17 @@ def add(
         to_estimate = [e for e in added if not all_given(e)]
         all_effects = [*_own(estimate, retuned), *new]
         extended = again.identified_jointly(all_effects, to_estimate)
+    extended = with_intervals_of_search(extended, _findings_of(effects))
     return _with_noise_of(estimate, extended)
+
+
+def _findings_of(
+    effects: str | Diagnosis | Sequence[Finding | Retune | str],
+) -> list[Finding]:
+    """Return the findings among the effects that :func:`add` takes."""
+    if isinstance(effects, Diagnosis):
+        return list(effects.beside_curves)
+    return [e for e in effects if isinstance(e, Finding)]
 
 
 def _read_effects(

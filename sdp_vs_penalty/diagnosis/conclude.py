@@ -284,6 +284,7 @@ def describe_finding(
         unit=effect.parameters[effect.sized_by][0].unit,
         std=std,
         std_of_rows=std_of_rows,
+        size_in_search=size,
         parameters={p.name: float(b) for p, b in parameters},
         confidence="weak" if doubts else "confident",
         indistinguishable_from=equivalents,

@@ -61,8 +61,8 @@ SURE_HELP = 0.05
 #: left, in rows that are evidence, a matter: with 1000 degrees of freedom 1.4 times its
 #: variance.
 CHANCE = 1e-3
-#: Factor within which a spectrum tells the noise (.52 to 1.3 of the truth on 38 logs of
-#: two simulators, most too low): its square beyond what matters is asked.
+#: Factor within which a spectrum tells the noise in simulations (.5 to 1.7 of the truth
+#: on 51 logs): a residual has to be that many times the noise to be unexplained.
 SPECTRUM_NOISE_FACTOR = 2.0
 #: Share by which it has to raise a joint's error above its noise to matter.
 MIN_ERROR_RISE = 0.1

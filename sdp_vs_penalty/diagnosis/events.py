@@ -368,15 +368,17 @@ def find_hums(data: WhiteData, residual: Array) -> list[Event]:
     rows = data.rows
     out = []
     for j, lines in hum_lines(data, residual).items():
-        for segment in rows.segments:
+        for number, segment in enumerate(rows.segments):
             begin = float(segment.t[0])
             end = float(segment.t[-1])
-            is_known = (rows.t >= begin) & (rows.t <= end) & (residual[:, j] != 0.0)
+            # Not by time: the clocks of two runs may overlap.
+            is_known = (rows.segment == number) & (residual[:, j] != 0.0)
             t = rows.t[is_known]
+            series = residual[is_known, j]
             # One step of the segment's spectrum.
             step = 1.0 / max(end - begin, 1e-9)
-            frequency = refined_line(t, residual[is_known, j], lines[0], step)
-            phasor = line_phasor(t, residual[is_known, j], frequency)
+            frequency = refined_line(t, series, lines[0], step)
+            phasor = line_phasor(t, series, frequency)
             hum = Event(
                 j + 1,
                 begin,
@@ -401,11 +403,15 @@ def refined_line(t: Array, series: Array, line: float, step: float) -> float:
     line
         Frequency of the line [Hz].
     step
-        How far from it is looked [Hz], in steps of a twentieth.
+        Largest distance [Hz] from the line; frequencies a twentieth of it apart are
+        compared.
     """
+    if not len(t):
+        return line
     frequencies = line + step * np.linspace(-1.0, 1.0, 41)
-    waves = np.exp(-2j * np.pi * frequencies[:, None] * t)
-    return float(frequencies[np.argmax(np.abs(waves @ series))])
+    # One frequency at a time: a log may have millions of rows.
+    amplitudes = [abs(line_phasor(t, series, f)) for f in frequencies]
+    return float(frequencies[np.argmax(amplitudes)])
 
 
 def line_phasor(t: Array, series: Array, frequency: float) -> complex:

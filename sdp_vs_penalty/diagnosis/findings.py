@@ -169,6 +169,7 @@ class Finding(Rated):
     joints from 1, empty for the whole robot; size : of the effect's parameter (the
     amplitude where there are several) in ``unit``, with its standard deviation std;
     std_of_rows : that from the scatter over the log alone, all else being exact;
+    size_in_search : the size that the search estimated, where ``size`` is a model's;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
     is weak, if it is; constants : the shape in words, with units; n_splits,
@@ -194,6 +195,7 @@ class Finding(Rated):
     n_splits: int = 0
     n_splits_showing: int = 0
     std_of_rows: float = 0.0
+    size_in_search: float | None = None
 
     @property
     def splits_sentence(self) -> str:
@@ -671,8 +673,8 @@ class Diagnosis(Record, JsonRecord):
     def noise_known(self) -> bool:
         """Whether the noise was measured separately from the model's error.
 
-        True for noise from repetitions, and from a spectrum, which shows it within a
-        factor of two. False if it was taken from the residual itself.
+        True for noise from repetitions, and from a spectrum, which shows it roughly
+        (SPECTRUM_KNOWN). False if it was taken from the residual itself.
         """
         return self.noise_source != RESIDUAL
 
@@ -699,11 +701,18 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def hums(self) -> list[Event]:
-        """The hums, one for each joint and frequency (to a hundredth)."""
+        """The hums, one for each joint and frequency (to two digits).
+
+        Of the runs in which a joint hums the largest amplitude counts.
+        """
         hums = dict[tuple[int, str], Event]()
         for event in self.events:
-            if event.frequency is not None:
-                hums.setdefault((event.joint, f"{event.frequency:.2g}"), event)
+            if event.frequency is None:
+                continue
+            place = event.joint, f"{event.frequency:.2g}"
+            known = hums.setdefault(place, event)
+            if (event.amplitude or 0.0) > (known.amplitude or 0.0):
+                hums[place] = event
         return list(hums.values())
 
     @property

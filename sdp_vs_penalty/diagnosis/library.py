@@ -249,8 +249,8 @@ def white_candidate(data: WhiteData, form: Candidate) -> dict[int, Array]:
     """Compute a candidate's white columns, (M, k) by joint (from 0) that it acts on.
 
     White columns are filtered and weighted so that the noise has variance 1. Columns
-    that grow without bound are set to zero, which no search names: a resonance does
-    where a refitted link has a negative inertia.
+    that grow without bound are set to zero, which no search names: an effect of a
+    plug-in that integrates an unstable equation makes such columns.
     """
     # The filtered columns are not cached (keep): a library has thousands.
     blocks = data.rows.blocks(form.effect, keep=False)

@@ -1,9 +1,9 @@
 """Notices: facts about the machine that the model's parameters have taken in.
 
-Two are looked for: a load that the robot's file does not know, and a constant offset,
-which friction of unequal sides makes as well. Neither is a missing effect, since the
-model explains its torque. Both are estimated from the same white rows as the findings,
-and beside them.
+There are two kinds: a load that the robot's file does not know, and a constant offset,
+which may be friction that differs by direction. Neither is a missing effect, since the
+model explains its torque. Both are estimated together with the findings, from the same
+white rows.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.regression.evidence import cluster_sums
-from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.inertia import inertia_matrix
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.inertia import gyration_about_joint, inertia_matrix
 
 #: Tolerance of a robot's file, as relative standard deviations: of a mass; of a centre
 #: of mass, over the link's radius of gyration about its joint; of an inertia.
@@ -57,7 +57,7 @@ _WITH_A_CONSTANT = {
     "torque_offset",
 }
 #: Share of a unit column's square that keeps the normal equations regular.
-_LEAST_PRECISION = 1e-9
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,7 @@ def file_deviations(links: Array) -> Array:
     out = np.empty_like(links)
     for k, link in enumerate(links):
         moments = np.linalg.eigvalsh(inertia_matrix(link[4:]))
-        # The trace of an inertia is twice the second moment of the mass.
-        radius = np.sqrt(max(float(moments.sum()) / 2.0, 0.0) / max(link[0], 1e-12))
+        radius = float(gyration_about_joint(link))
         error_of_moment = link[0] * _FILE_CENTRE * radius
         out[k, 0] = _FILE_MASS * link[0]
         out[k, 1:4] = np.hypot(_FILE_MASS * link[1:4], error_of_moment)
@@ -341,12 +340,12 @@ def fit_with_priors(search: Search, nominal: Array, deviations: Array) -> FitWit
     torque = data.y / level[:, None]
     gram = sum(z.T @ z for z in columns)
     # Unit columns: parameters of all units are compared by the torque that they make.
-    scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    scale = nonzero_or_one(np.sqrt(np.diagonal(gram)))
     precision = np.zeros(len(scale))
     precision[:p] = (deviations * scale[:p]) ** -2.0
     mean = np.zeros(len(scale))
     mean[:p] = nominal * scale[:p]
-    A = gram / np.outer(scale, scale) + np.diag(precision + _LEAST_PRECISION)
+    A = gram / np.outer(scale, scale) + np.diag(precision + _RIDGE)
     inverse = np.linalg.inv(A)
     along_torque = sum(z.T @ y for z, y in zip(columns, torque, strict=True)) / scale
     theta = inverse @ (along_torque + precision * mean)

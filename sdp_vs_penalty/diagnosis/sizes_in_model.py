@@ -4,10 +4,13 @@ The search estimates each finding beside the others by linear algebra. What a us
 with is the model after `add`, under all constraints. So sizes are that model's wherever
 one is there. The two estimates weigh rows differently, so that what both lack makes them
 differ: the interval is as wide as the wider of theirs, and their difference is added.
+The model itself takes this interval when findings are added, so that every place which
+shows the size reads one interval: the model's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +23,7 @@ from sdp_vs_penalty.diagnosis.sizes import size_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.regression.base_parameters import base_rows
 
 
 def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
@@ -62,10 +66,7 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     covariance = model.uncertainty.covariance[np.ix_(indices, indices)]
     if not np.all(np.isfinite(covariance)):
         return finding
-    size, std_in_model = size_of(effect, theta, covariance)
-    # A load that has to be a body is known from that; the search ignores it.
-    is_body = effect.frozen_only
-    std = std_in_model if is_body else std_of_both(size, std_in_model, finding)
+    size, std = size_of(effect, theta, covariance)
     confidence = finding.confidence
     remarks = finding.remarks
     if confidence == "confident" and not std < SIGNIFICANT * abs(size):
@@ -89,6 +90,45 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     )
 
 
+def with_intervals_of_search(model: Estimate, findings: Sequence[Finding]) -> Estimate:
+    """Widen a model's intervals of the findings that it holds, by what the search says.
+
+    The standard deviation of a finding's size becomes that of two estimates of it
+    (:func:`std_of_both`). A load that has to be a body keeps the model's interval: the
+    search ignores that condition.
+
+    Parameters
+    ----------
+    model
+        The model to which the findings were added.
+    findings
+        The findings, with the sizes of the search.
+
+    Returns
+    -------
+    Estimate
+        The model with wider intervals; unchanged without findings.
+    """
+    factors = np.ones(len(model.theta))
+    for finding in findings:
+        held = effect_of(finding, model)
+        if held is None or held[0].frozen_only:
+            continue
+        effect, indices = held
+        covariance = model.uncertainty.covariance[np.ix_(indices, indices)]
+        if not np.all(np.isfinite(covariance)):
+            continue
+        size, std = size_of(effect, model.theta[indices], covariance)
+        if std > 0.0:
+            sized = indices[effect.sized_by]
+            factor = std_of_both(size, std, finding) / std
+            factors[sized] = np.maximum(factors[sized], factor)
+    if np.all(factors == 1.0):
+        return model
+    base = base_rows(model.problem, model.model).rows
+    return replace(model, uncertainty=model.uncertainty.widened(factors, base))
+
+
 def std_of_both(size: float, std: float, finding: Finding) -> float:
     """Return the standard deviation of a finding's size from two estimates of it.
 
@@ -107,7 +147,10 @@ def std_of_both(size: float, std: float, finding: Finding) -> float:
         Root of the sum of squares of the larger standard deviation, and of the
         difference of both sizes, which counts as a half width of 95 %.
     """
-    difference = (abs(size) - abs(finding.size)) / NORMAL_95
+    size_in_search = finding.size_in_search
+    if size_in_search is None:  # findings.json of an older version
+        size_in_search = finding.size
+    difference = (abs(size) - abs(size_in_search)) / NORMAL_95
     return float(np.hypot(max(std, finding.std_of_rows), difference))
 
 

@@ -79,11 +79,11 @@ _AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
 
 #: What no residual shows, because parameters of the model make it.
 TAKEN_IN = (
-    "Friction that differs by direction, which an offset makes; a load, which masses"
-    " make. `diagnose` says how large these are."
+    "Friction that differs by direction, and a load that the file does not know: the"
+    " model's offsets and masses take them in. `diagnose` says how large they are."
 )
 
-#: What a cause means that cannot be seen in a log, by its name.
+#: What makes an error that follows a torque of the model, by the name of its cause.
 MEANINGS = {
     MODELLED_TORQUE: "A wrong gain of the torque channel makes such an error.",
     TORQUE_RATE: "A torque channel that is late makes such an error.",

@@ -505,26 +505,35 @@ class JointResonance(LinkDeviation):
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per unit compliance of one joint's gear, on which
         its link swings at f."""
-        compliance = self._compliance(motion, joint)
+        slopes = motion.derivatives(joint)
+        slopes_of_joint = tuple(x[:, joint] for x in slopes)
+        compliance = self._compliance(motion, joint, slopes_of_joint)
         if compliance == 0.0:
             return np.zeros_like(motion.q)
-        slopes = motion.derivatives(joint)
-        own_slopes = tuple(x[:, joint] for x in slopes)
-        lag = self._lag(motion, joint, compliance, own_slopes)
+        lag = self._lag(motion, joint, compliance, slopes_of_joint)
         return -_moved(motion, lag, slopes) / compliance
 
-    def _compliance(self, motion: Motion, joint: int) -> float:
+    def _compliance(
+        self,
+        motion: Motion,
+        joint: int,
+        slopes: Sequence[Array],
+    ) -> float:
         """Return 1 / stiffness [rad/(N m), m/N] of the gear on which the joint's mean
         inertia swings at f.
 
-        It is 0 where the inertia, or the stiffness with that of the weight, is not
-        positive at some instant, as in a model of least squares: nothing swings so.
+        ``slopes`` are the derivatives (N,) of the joint's torque by its position,
+        velocity and acceleration.
+
+        The compliance is 0 where the inertia, or the stiffness with that of the weight,
+        is not positive at some instant, as in a model of least squares: nothing swings
+        so.
         """
         inertia = mean_inertia(self.robot, motion.model_links, joint)
         stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * inertia
-        by_q, _, by_ddq = motion.derivatives(joint)
-        smallest_stiffness = stiffness + by_q[:, joint].min()
-        smallest_inertia = by_ddq[:, joint].min()
+        by_q, _, by_ddq = slopes
+        smallest_stiffness = stiffness + by_q.min()
+        smallest_inertia = by_ddq.min()
         if min(stiffness, smallest_stiffness, smallest_inertia) <= 0.0:
             return 0.0
         return float(1.0 / stiffness)
@@ -594,11 +603,11 @@ def mean_inertia(robot: Robot, links: Array, joint: int) -> float:
     """
     shape = _POSITIONS, robot.n
     q = np.random.default_rng(0).uniform(-_AVERAGED, _AVERAGED, shape)
-    rest = np.zeros(shape)
-    accelerated = rest + np.eye(robot.n)[joint]
-    moving = robot.inverse_dynamics(links, q, rest, accelerated)
-    still = robot.inverse_dynamics(links, q, rest, rest)
-    return float((moving - still)[:, joint].mean())
+    zero = np.zeros(shape)
+    unit_acceleration = zero + np.eye(robot.n)[joint]
+    accelerated = robot.inverse_dynamics(links, q, zero, unit_acceleration)
+    at_rest = robot.inverse_dynamics(links, q, zero, zero)
+    return float((accelerated - at_rest)[:, joint].mean())
 
 
 def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:

@@ -474,7 +474,7 @@ class Uncertainty(JsonRecord):
             and stays.
         """
 
-        def widened(
+        def with_new_gains(
             intervals: tuple[Interval, ...], response: Array
         ) -> tuple[Interval, ...]:
             """Replace the variance of the old gain errors by that of the new; response
@@ -483,25 +483,43 @@ class Uncertainty(JsonRecord):
             old_variance = np.sum((response @ self.gain_errors) ** 2, axis=1)
             new_variance = np.sum((response @ errors) ** 2, axis=1)
             extra_std = np.sqrt(np.maximum(new_variance - old_variance, 0.0))
-            out = []
-            for interval, extra in zip(intervals, extra_std.tolist(), strict=True):
-                std = float(np.hypot(interval.std, extra))
-                more = NORMAL_95 * (std - interval.std)
-                is_bound = interval.lower == 0.0  # physical: it stays
-                lower = interval.lower if is_bound else interval.lower - more
-                out.append(
-                    replace(
-                        interval,
-                        std=std,
-                        lower=lower,
-                        upper=interval.upper + more,
-                    )
-                )
-            return tuple(out)
+            std = np.array([interval.std for interval in intervals])
+            return _with_stds(intervals, np.hypot(std, extra_std))
 
-        combined = widened(self.base, base @ self.gain_response) if self.base else ()
-        standard = widened(self.standard, self.gain_response)
+        combined: tuple[Interval, ...] = ()
+        if self.base:
+            combined = with_new_gains(self.base, base @ self.gain_response)
+        standard = with_new_gains(self.standard, self.gain_response)
         return replace(self, standard=standard, base=combined, gain_errors=errors)
+
+    def widened(self, factors: Array, base: Array) -> Uncertainty:
+        """Return the uncertainty with wider intervals of some parameters.
+
+        Parameters
+        ----------
+        factors : (p,) array
+            Factor of each parameter's standard deviation; at least 1.
+        base : (b, p) array
+            Coefficients of the base parameters in theta. A base parameter that is one
+            parameter alone gets that one's factor; all others stay.
+
+        Returns
+        -------
+        Uncertainty
+            With wider intervals. A lower end at zero is a physical bound and stays.
+        """
+        is_one_alone = np.count_nonzero(base, axis=1) == 1
+        of_leading = factors[np.argmax(base != 0.0, axis=1)]
+        base_factors = np.where(is_one_alone, of_leading, 1.0)
+        combined: tuple[Interval, ...] = ()
+        if self.base:
+            base_std = np.array([interval.std for interval in self.base])
+            combined = _with_stds(self.base, base_std * base_factors)
+        return replace(
+            self,
+            standard=_with_stds(self.standard, self.std * factors),
+            base=combined,
+        )
 
     def band(
         self,
@@ -543,6 +561,28 @@ class Uncertainty(JsonRecord):
         return {"level": LEVEL} | {
             k: x for k, x in super().to_dict().items() if k != "standard"
         }
+
+
+def _with_stds(intervals: Sequence[Interval], std: Array) -> tuple[Interval, ...]:
+    """Widen intervals to larger standard deviations std (k,); NaN leaves one as it is.
+
+    A lower end at zero is a physical bound and stays.
+    """
+    out = []
+    for interval, new_std in zip(intervals, std.tolist(), strict=True):
+        if np.isnan(new_std):
+            out.append(interval)
+            continue
+        more = NORMAL_95 * (new_std - interval.std)
+        is_bound = interval.lower == 0.0
+        wider = replace(
+            interval,
+            std=new_std,
+            lower=interval.lower if is_bound else interval.lower - more,
+            upper=interval.upper + more,
+        )
+        out.append(wider)
+    return tuple(out)
 
 
 def _sandwich_of(

@@ -7,6 +7,8 @@ they read back to the same double.
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.velocity_friction import WIDER_THAN_SIGN
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -212,6 +214,24 @@ def _stiffening(
     return f"{q} * ({first} + {q} * ({second} + {q} * {third}))"
 
 
+def _elastic_coupling(
+    e: Any,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
+    """Return C code for the pull on joint j (from 0) of a spring over several joints.
+
+    e : the effect; theta : all its stiffnesses, in the order of e.pairs; m : the model.
+    """
+    pulls = [
+        f"{number(stiffness)} * q[{second if j == first else first}]"
+        for stiffness, (first, second) in zip(theta, e.pairs, strict=True)
+        if j in (first, second)
+    ]
+    return " + ".join(pulls)
+
+
 Formula = Callable[[Any, int, Array, Estimate], str]
 #: By the name of an effect what it makes on a joint (from 0), given its parameters there.
 FORMULAS: Mapping[str, Formula] = {
@@ -226,6 +246,7 @@ FORMULAS: Mapping[str, Formula] = {
     "torque_ripple": _ripple,
     "position_dependent_friction": _position_dependent,
     "joint_coupling": _coupling,
+    "elastic_coupling": _elastic_coupling,
 }
 
 
@@ -248,8 +269,14 @@ def formulas(estimate: Estimate) -> Iterator[str]:
         formula = FORMULAS.get(effect.name)
         if formula is None:
             continue
-        # As many parameters for each joint.
-        theta_of_joints = estimate.theta[indices].reshape(len(effect.joints), -1)
-        for joint, theta in zip(effect.joints, theta_of_joints, strict=True):
+        theta_of_effect = estimate.theta[indices]
+        n_joints = len(effect.joints)
+        # One parameter acts on all joints, or each joint has as many of them.
+        theta_by_joint = (
+            np.tile(theta_of_effect, (n_joints, 1))
+            if effect.joins
+            else theta_of_effect.reshape(n_joints, -1)
+        )
+        for joint, theta in zip(effect.joints, theta_by_joint, strict=True):
             term = formula(effect, joint, theta, estimate)
             yield f"tau[{joint}] += {term}; /* {effect.name} */"

@@ -31,7 +31,7 @@ from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.effects import effect_in_words
@@ -762,12 +762,15 @@ def extend(job: JobRequest) -> Answer:
     """Add effects to the current model as `sdp-vs-penalty add` does, and judge the
     result.
 
-    ``job["effect"]`` names the effects. If ``job["findings"]`` holds a diagnosis, all
+    ``job["effects"]`` names the effects. If ``job["findings"]`` holds a diagnosis, all
     of its confident findings are added instead, with the constants that it estimated.
+    Effects that ``job["diagnosed"]`` found are added as findings.
     """
-    effects: str | Diagnosis = job["effect"]
+    effects: Diagnosis | list[Finding | str]
     if job.get("findings"):
         effects = Diagnosis.from_dict(job["findings"]).selected(confident=True)
+    else:
+        effects = chosen_effects(job)
     bigger = add(
         job.model,
         effects,
@@ -775,6 +778,27 @@ def extend(job: JobRequest) -> Answer:
         **job.common_options,
     )
     return summary(job, bigger)
+
+
+def chosen_effects(job: JobRequest) -> list[Finding | str]:
+    """Return the effects that a person chose to add to the current model.
+
+    Parameters
+    ----------
+    job
+        The request: texts of "effects", and the diagnosis "diagnosed", if there is one.
+
+    Returns
+    -------
+    list of Finding or str
+        A finding for each text that the diagnosis has; it carries its interval into the
+        model. Otherwise the text.
+    """
+    findings: dict[str, Finding] = {}
+    if job.get("diagnosed"):
+        effects = Diagnosis.from_dict(job["diagnosed"]).effects
+        findings = {finding.text: finding for finding in effects}
+    return [findings.get(text, text) for text in job["effects"]]
 
 
 def find(job: JobRequest) -> Answer:

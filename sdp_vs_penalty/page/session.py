@@ -677,7 +677,7 @@ class Session:
         diagnosis = self.findings
         frozen = self.frozen or (diagnosis is not None and diagnosis.frozen)
         request: dict[str, Any] = {
-            "effect": ",".join(texts),
+            "effects": [*texts],
             "frozen": frozen,
             "diagnosed": diagnosis and diagnosis.to_dict(),
         }

@@ -312,7 +312,7 @@ class RunFilter:
         """
         if states is None:
             at_samples = self._states(part, part.q, first, last)
-            states = [_every(self.stride, x) for x in at_samples]
+            states = [_subsample(self.stride, x) for x in at_samples]
         q, dq, ddq = states
         clock = part.clock(
             np.arange(
@@ -324,7 +324,7 @@ class RunFilter:
         temperature = part.temperature
         if temperature is not None:  # slow: it needs no filter
             at_samples_of_log = part.resampled(temperature, first, last + 1)
-            temperature = _every(self.stride, at_samples_of_log)
+            temperature = _subsample(self.stride, at_samples_of_log)
         command = path = motors = None
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
@@ -335,7 +335,7 @@ class RunFilter:
                 first,
                 last,
             )
-            motors = _every(self.stride, acceleration)
+            motors = _subsample(self.stride, acceleration)
         motion = Motion(
             clock,
             q,
@@ -377,12 +377,12 @@ class RunFilter:
         path = self._states(part, of_motion, first, last)[0]
         command = Command(
             part.clock(np.arange(begin, last + 1, stride)),
-            _every(stride, q),
-            _every(stride, dq),
-            _every(stride, ddq),
-            _every(stride, integral),
+            _subsample(stride, q),
+            _subsample(stride, dq),
+            _subsample(stride, ddq),
+            _subsample(stride, integral),
         )
-        return command, _every(stride, path)
+        return command, _subsample(stride, path)
 
     def torque(
         self,
@@ -400,7 +400,7 @@ class RunFilter:
         )
 
 
-def _every(stride: int, rows: Array) -> Array:
+def _subsample(stride: int, rows: Array) -> Array:
     """Copy every ``stride``-th of some rows (K, n), so that the others can be
     forgotten."""
     return rows if stride == 1 else rows[::stride].copy(order="K")

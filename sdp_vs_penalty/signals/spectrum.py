@@ -413,10 +413,10 @@ def _passed_by_windows(length: int) -> Array:
     window = np.hanning(length)
     places = np.linspace(-1.0, 1.0, length)
     polynomials = np.linalg.qr(np.vander(places, _DEGREE + 1))[0]
-    # Columns of the map from noise to windowed noise without its polynomial.
-    without = np.eye(length) - polynomials @ polynomials.T
-    spectra = np.fft.rfft(window[:, None] * without, axis=0)
-    return np.asarray(np.sum(np.abs(spectra) ** 2, axis=1) / np.sum(window**2))
+    # The polynomials are orthonormal: each takes its own power out of white noise.
+    spectra = np.fft.rfft(window[:, None] * polynomials, axis=0)
+    taken = np.sum(np.abs(spectra) ** 2, axis=1) / np.sum(window**2)
+    return np.asarray(1.0 - taken)
 
 
 def position_noise(parts: Sequence[Stretch], cutoff: float) -> Array | None:

@@ -213,6 +213,14 @@ def test_a_refit_leaves_links_where_upright_gravity_does_not_show_them(problem):
     assert np.all(np.abs(change) < 0.5 * link_sizes(model).ravel())
 
 
+def test_a_model_of_friction_alone_is_refitted(problem):
+    run = PointMassArm().run(1)
+    model = identify(problem, run, "ols", effects=EFFECTS[1:], check=False)
+    data = DiagnosisRuns(model, run, None).white_data
+    theta, _ = least_squares_refit(data, [])
+    assert np.all(np.isfinite(theta))
+
+
 def test_a_swing_that_is_damped_strongly_may_be_play(problem):
     damped = JointResonance(problem.robot, [0], f=2.0, zeta=0.28)
     sprung = JointResonance(problem.robot, [0], f=2.0, zeta=0.03)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.diagnosis import events, find_hums
 from sdp_vs_penalty.diagnosis.events import outliers
 from sdp_vs_penalty.signals import REPETITION, SPECTRUM, Repeat
 from sdp_vs_penalty.signals.coloured_noise import Pieces
@@ -80,3 +81,19 @@ def test_a_push_beside_corners_of_the_motion_is_an_event():
 def test_noise_has_no_events():
     white = residual([])
     assert not outliers(data_of(SPECTRUM), white, 0.1 * white).any()
+
+
+def test_a_hum_has_its_amplitude_in_each_run_whose_clocks_overlap(monkeypatch):
+    """The hum has opposite phases in two runs, which both begin at 0 s."""
+    monkeypatch.setattr(events, "hum_lines", lambda *_: {0: [3.3]})
+    t = np.arange(2000) / 100.0
+    hum = 0.3 * np.sin(2.0 * np.pi * 3.31 * t)
+    rows = SimpleNamespace(
+        segments=[SimpleNamespace(t=t), SimpleNamespace(t=t)],
+        t=np.concatenate([t, t]),
+        segment=np.repeat([0, 1], len(t)),
+    )
+    data: Any = SimpleNamespace(rows=rows)
+    hums = find_hums(data, np.concatenate([hum, -hum])[:, None])
+    amplitudes = [event.amplitude for event in hums]
+    np.testing.assert_allclose(amplitudes, 0.3, rtol=0.02)

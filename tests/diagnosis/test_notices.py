@@ -6,6 +6,8 @@ The logs are of an arm that shares no code with the library (point_mass_arm).
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from sdp_vs_penalty.diagnosis import (
     find_notices,
 )
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
+from sdp_vs_penalty.diagnosis.notices import fit_with_priors
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 Array = np.ndarray
@@ -53,6 +56,23 @@ def test_a_load_beyond_the_file_is_weighed(problem):
 
 def test_links_within_a_fifth_of_their_file_are_no_load(problem):
     assert not notices(problem, loaded(0.5))
+
+
+def test_a_parameter_without_torque_keeps_the_file_value():
+    """A link of grams has a file's tolerance of 1e-8 kg m^2."""
+    rng = np.random.default_rng(0)
+    torque = rng.normal(size=(1, 100))
+    no_torque = np.zeros_like(torque)
+    data = SimpleNamespace(
+        X=np.stack([torque, no_torque], axis=2),
+        y=2.0 * torque,
+        n=1,
+        clusters=[np.arange(100) // 10],
+    )
+    score = SimpleNamespace(fit=lambda *_: SimpleNamespace(level=np.ones(1)))
+    search: Any = SimpleNamespace(data=data, score=score, terms=[], fit=None)
+    fit = fit_with_priors(search, np.array([0.0, 1e-7]), np.array([np.inf, 1e-8]))
+    np.testing.assert_allclose(fit.theta, [2.0, 1e-7])
 
 
 def with_offset(torque: float) -> PointMassArm:

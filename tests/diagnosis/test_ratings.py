@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis import (
     effect_of,
     largest_sums,
     size_in_model,
+    std_of_both,
 )
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.signals import REPETITION
@@ -136,10 +137,17 @@ def test_a_size_that_the_model_does_not_tell_from_zero_is_weak(
 
 def test_two_estimates_of_a_size_widen_its_interval(spring):
     """The search says 1.0 +- 0.1, the model 1.3 +- 0.05: what both lack differs."""
-    searched = finding("joint_spring", 1, std_of_rows=0.1)
+    searched = finding("joint_spring", 1, std_of_rows=0.1, size_in_search=1.0)
+    std = std_of_both(1.3, 0.05, searched)
+    assert std == pytest.approx(np.hypot(0.1, 0.3 / 1.96), rel=1e-3)
+
+
+def test_the_size_of_the_search_outlasts_that_of_the_model(spring):
+    """A findings.json has the model's size; `add` still knows what the search said."""
+    searched = finding("joint_spring", 1, std_of_rows=0.1, size_in_search=1.0)
     sized = size_in_model(searched, model_with((spring, 1.3, 0.05)))
-    assert sized.size == 1.3
-    assert sized.std == pytest.approx(np.hypot(0.1, 0.3 / 1.96), rel=1e-3)
+    assert (sized.size, sized.std) == (1.3, pytest.approx(0.05))
+    assert std_of_both(1.3, 0.05, sized) == std_of_both(1.3, 0.05, searched)
 
 
 @pytest.mark.parametrize("seconds", [1, 8])

@@ -42,6 +42,7 @@ WRITTEN = [
     for name in FORMULAS
     for shape in OF_MOTION.get(name, ("",))
 ]
+WRITTEN.append("elastic_coupling:1+2")
 
 
 def torque(

@@ -18,6 +18,7 @@ pytest.importorskip("plotly", reason="the report needs the extra [report]")
 from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
+from sdp_vs_penalty.page import JobRequest, chosen_effects
 
 STORIES = {
     "spring": stories.spring,
@@ -220,6 +221,36 @@ def test_a_finding_has_the_size_and_interval_of_the_model_after_add(extended):
         if half is not None:
             own = 1.959964 * frame.loc[name, "std"]
             assert number(half, 2) == number(own, 2)
+
+
+def test_add_prints_the_size_and_interval_of_the_diagnosis(extended):
+    sure = [f for f in extended.diagnosis.effects if f.rating == "confident"]
+    for finding in sure:
+        assert finding.size_text in extended.said["add"]
+
+
+def test_the_page_adds_a_finding_with_what_the_search_says_of_it(extended):
+    diagnosis = extended.diagnosis
+    finding = diagnosis.effects[0]
+    texts = [finding.text, "rotor_inertia:1"]
+    job = JobRequest({"diagnosed": diagnosis.to_dict(), "effects": texts})
+    chosen, named = chosen_effects(job)
+    assert chosen.size_in_search == finding.size_in_search
+    assert named == "rotor_inertia:1"
+
+
+def test_a_model_has_one_interval_of_a_parameter(extended):
+    """A base parameter that is one parameter alone has that parameter's interval."""
+    model = load_estimate(extended.folder / "better.json")
+    base = model.base_frame()
+    added = {
+        name
+        for finding in extended.json("findings.json")["effects"]
+        for name in finding["parameters"]
+    }
+    names = sorted(added & {*base.index})
+    standard = model.to_frame().loc[names, "std"]
+    np.testing.assert_allclose(base.loc[names, "std"], standard, rtol=1e-9)
 
 
 def test_every_size_is_labelled_as_95_per_cent(diagnosed):
