@@ -23,6 +23,9 @@ _COHERENT = 0.9
 #: harmonics of a motion that repeats stand side by side.
 _ALONE = 5.0
 _NEAR = 2.0
+#: Half width of a line in a spectrum with a Hann window, in steps of its frequencies:
+#: the main lobe reaches two.
+_LOBE = 2.5
 #: Share of the torque's variance above the band from which a hum is reported.
 _LARGE_SHARE = 0.1
 #: A run shorter than this [s] shows no phase that is kept.
@@ -63,8 +66,11 @@ def find_hums_above(measurements: Measurements, cutoff: float) -> list[Event]:
 def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
     """Return the largest hum of a joint (from 0) in a stretch without gaps, or None."""
     t = run.t
-    rate = (len(t) - 1) / (t[-1] - t[0])
-    if t[-1] - t[0] < _SHORTEST or 2.0 * cutoff >= rate:
+    duration = t[-1] - t[0]
+    if duration < _SHORTEST:
+        return None
+    rate = (len(t) - 1) / duration
+    if 2.0 * cutoff >= rate:
         return None
     torque = run.tau[:, joint]
     window = np.hanning(len(t))
@@ -75,7 +81,7 @@ def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
     largest = 0.0
     hum = None
     for line in lines:
-        near = np.abs(frequency - line) < 2.5 * frequency[1]
+        near = np.abs(frequency - line) < _LOBE * frequency[1]
         energy = float(np.sum(above[near]))
         neighbours = (np.abs(frequency - line) < _NEAR) & ~near
         rival = float(above[neighbours].max(initial=0.0))

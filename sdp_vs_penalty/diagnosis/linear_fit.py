@@ -279,18 +279,20 @@ class Design:
             for t in terms
         )
 
-    def beside(self, joint: int, tolerated: tuple[str, ...]) -> JointProducts:
+    def joint_products(self, joint: int, tolerated: tuple[str, ...]) -> JointProducts:
         """Return a joint's products where it tolerates the errors with these texts.
 
         They are computed once for each selection.
         """
         key = joint, tolerated
         if key not in self._by_tolerated:
-            self._by_tolerated[key] = self._compute_beside(joint, tolerated)
+            self._by_tolerated[key] = self._compute_joint_products(joint, tolerated)
         return self._by_tolerated[key]
 
-    def _compute_beside(self, joint: int, tolerated: tuple[str, ...]) -> JointProducts:
-        """Compute the products that :meth:`beside` returns and keeps."""
+    def _compute_joint_products(
+        self, joint: int, tolerated: tuple[str, ...]
+    ) -> JointProducts:
+        """Compute the products that :meth:`joint_products` returns and keeps."""
         errors = self.errors_by_joint[joint]
         chosen = [i for text in tolerated for i in errors.numbers_by_text[text]]
         root = np.zeros((0, 0))
@@ -321,7 +323,7 @@ class Design:
         batch
             F candidates of k coefficients each.
         products
-            (n) the products of all joints, as :meth:`beside` returns them.
+            (n) the products of all joints, as :meth:`joint_products` returns them.
         """
         out = []
         for place, joint in enumerate(batch.joints):
@@ -722,7 +724,9 @@ class WhiteFitter:
         for term in terms:
             if isinstance(term, Nuisance):
                 tolerated[term.joint].append(term.text)
-        products = tuple(design.beside(j, tuple(x)) for j, x in enumerate(tolerated))
+        products = tuple(
+            design.joint_products(j, tuple(x)) for j, x in enumerate(tolerated)
+        )
         level = np.ones(len(design.y)) if near is None else near.level
         return self._fitted(design, products, tuple(columns), level)
 

@@ -24,7 +24,7 @@ from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.regression.evidence import cluster_sums
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
-from sdp_vs_penalty.robot.inertia import inertia_matrix
+from sdp_vs_penalty.robot.inertia import gyration_about_joint, inertia_matrix
 
 #: Tolerance of a robot's file, as relative standard deviations: of a mass; of a centre
 #: of mass, over the link's radius of gyration about its joint; of an inertia.
@@ -57,7 +57,7 @@ _WITH_A_CONSTANT = {
     "torque_offset",
 }
 #: Share of a unit column's square that keeps the normal equations regular.
-_LEAST_PRECISION = 1e-9
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,7 @@ def file_deviations(links: Array) -> Array:
     out = np.empty_like(links)
     for k, link in enumerate(links):
         moments = np.linalg.eigvalsh(inertia_matrix(link[4:]))
-        # The trace of an inertia is twice the second moment of the mass.
-        radius = np.sqrt(max(float(moments.sum()) / 2.0, 0.0) / max(link[0], 1e-12))
+        radius = float(gyration_about_joint(link))
         error_of_moment = link[0] * _FILE_CENTRE * radius
         out[k, 0] = _FILE_MASS * link[0]
         out[k, 1:4] = np.hypot(_FILE_MASS * link[1:4], error_of_moment)
@@ -346,7 +345,7 @@ def fit_with_priors(search: Search, nominal: Array, deviations: Array) -> FitWit
     precision[:p] = (deviations * scale[:p]) ** -2.0
     mean = np.zeros(len(scale))
     mean[:p] = nominal * scale[:p]
-    A = gram / np.outer(scale, scale) + np.diag(precision + _LEAST_PRECISION)
+    A = gram / np.outer(scale, scale) + np.diag(precision + _RIDGE)
     inverse = np.linalg.inv(A)
     along_torque = sum(z.T @ y for z, y in zip(columns, torque, strict=True)) / scale
     theta = inverse @ (along_torque + precision * mean)

@@ -11,11 +11,11 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import plausible_sizes
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.inertia import inertia_matrix
+from sdp_vs_penalty.robot.inertia import gyration_about_joint
 
-#: Least mass [kg] and radius [m] that a link is taken to have.
-_LEAST_MASS = 0.1
-_LEAST_RADIUS = 0.05
+#: Smallest mass [kg] and radius [m] that a link is taken to have.
+_SMALLEST_MASS = 0.1
+_SMALLEST_RADIUS = 0.05
 
 
 def least_squares_refit(
@@ -99,10 +99,8 @@ def link_sizes(estimate: Estimate) -> Array:
         its square [kg m^2].
     """
     links = estimate.problem.nominal_links
-    mass = np.maximum(links[:, 0], _LEAST_MASS)
-    # The trace of an inertia is twice the second moment of the mass.
-    second = np.trace(inertia_matrix(links[:, 4:]), axis1=1, axis2=2) / 2.0
-    radius = np.sqrt(np.maximum(second / mass, _LEAST_RADIUS**2))
+    mass = np.maximum(links[:, 0], _SMALLEST_MASS)
+    radius = np.maximum(gyration_about_joint(links, _SMALLEST_MASS), _SMALLEST_RADIUS)
     sizes = [mass, *(mass * radius,) * 3, *(mass * radius**2,) * 6]
     return np.column_stack(sizes)
 

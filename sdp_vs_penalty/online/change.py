@@ -49,13 +49,15 @@ class ChangeDetector:
 
     Parameters
     ----------
-    prior : of a payload; correlation : s, of the residuals; period : s of the loop;
-    forgetting : s, after which data count exp(-1).
+    prior : of a payload; n_drifts : offsets and shares of friction that may drift;
+    correlation : s, of the residuals; period : s of the loop; forgetting : s, after
+    which data count exp(-1).
     """
 
     def __init__(
         self,
         prior: PayloadPrior,
+        n_drifts: int,
         correlation: float,
         period: float,
         forgetting: float,
@@ -63,26 +65,28 @@ class ChangeDetector:
     ) -> None:
         """Allocate a ring buffer of snapshots of the data, CHANGE_STEP seconds apart.
 
-        A snapshot holds the information (11, 11) gathered since the last change, at an
-        instant at which the payload may have changed. The ring reaches CHANGE_REACH
-        seconds back.
+        A snapshot holds the information (11 + d, 11 + d) gathered since the last
+        change, at an instant at which the payload may have changed. The ring reaches
+        CHANGE_REACH seconds back.
 
-        prior : of a payload; correlation : correlation time of the residual torque [s];
-        period : of the control loop [s]; forgetting : time after which data count
-        exp(-1) [s]; delay : of the filters [s].
+        prior : of a payload; n_drifts : d; correlation : correlation time of the
+        residual torque [s]; period : of the control loop [s]; forgetting : time after
+        which data count exp(-1) [s]; delay : of the filters [s].
         """
         self.is_carrying = False
-        #: Information of the current stretch, fading: (11, 11) and its seconds.
-        self.total = Information()
+        #: Information of the current stretch, fading: (11 + d, 11 + d), its seconds.
+        self.total = Information(n_drifts)
         self._correlation = correlation  # s for which a residual agrees with itself
         # A ring of snapshots of the total: instants at which a change may have
         # happened.
         self._stride = max(1, round(c.CHANGE_STEP / period))  # calls a snapshot
         step = self._stride * period  # s between two snapshots
-        self._fade = float(np.exp(-step / forgetting))
+        self._fade = float(np.exp(-c.CHANGE_STEPS_PER_FADE * step / forgetting))
+        self._steps_to_fade = c.CHANGE_STEPS_PER_FADE
         self._half_step = 0.5 * step
         self._n_slots = max(4, round(c.CHANGE_REACH / step))
-        self._matrices = np.zeros((self._n_slots, WIDTH, WIDTH))
+        width = WIDTH + n_drifts
+        self._matrices = np.zeros((self._n_slots, width, width))
         self._seconds = np.zeros(self._n_slots)
         self._times = np.zeros(self._n_slots)
         self._count = 0  # slots that hold a snapshot
@@ -102,8 +106,8 @@ class ChangeDetector:
         self._waited = 0
         # Work space, so that a call allocates nothing.
         self._outer = np.zeros((WIDTH, WIDTH))
-        self._window = Information()
-        self._posterior = Posterior(prior)
+        self._window = Information(n_drifts)
+        self._posterior = Posterior(prior, n_drifts)
 
     def add(
         self,
@@ -116,9 +120,9 @@ class ChangeDetector:
 
         Parameters
         ----------
-        rows : (n, 11) array
-            Payload columns and residual [Y, e] of each joint.
-        weighted : (n, 11) array
+        rows : (n, 11 + d) array
+            Payload columns, residual and columns of drift [Y, e, N] of each joint.
+        weighted : (n, 11 + d) array
             The rows over the variance of the noise.
         period : float
             Period of the loop [s].
@@ -143,12 +147,16 @@ class ChangeDetector:
         """Store a snapshot of the data up to ``time`` [s], a candidate for a change's
         instant.
 
-        All data fade first by one factor, so that old data count less. The snapshot
-        overwrites the oldest one of the ring buffer once it is full.
+        Every CHANGE_STEPS_PER_FADE snapshots all data fade first by one factor, so that
+        old data count less. The snapshot overwrites the oldest one of the ring buffer
+        once it is full.
         """
-        self.total.fade(self._fade)
-        self._matrices *= self._fade
-        self._seconds *= self._fade
+        self._steps_to_fade -= 1
+        if self._steps_to_fade == 0:
+            self._steps_to_fade = c.CHANGE_STEPS_PER_FADE
+            self.total.fade(self._fade)
+            self._matrices *= self._fade
+            self._seconds *= self._fade
         place = self._next_slot
         np.copyto(self._matrices[place], self.total.matrix)
         self._seconds[place] = self.total.seconds
@@ -213,17 +221,18 @@ class ChangeDetector:
         weight = window.weight(self._correlation)
         posterior = self._posterior
         posterior.clear()
-        posterior.add(window.matrix, weight)
-        evidence_after = posterior.solve()
         if not self.is_carrying:
-            return evidence_after
+            posterior.add(window.matrix, weight)
+            return posterior.solve()
         # A payload was carried: the same one would go on to explain the window.
-        posterior.clear()
         weight_before = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
         posterior.add(matrix_before, weight_before)
         evidence_before = posterior.solve()
         posterior.add(window.matrix, weight)
         evidence_of_both = posterior.solve()
+        posterior.clear()
+        posterior.add_again()
+        evidence_after = posterior.solve()
         return max(evidence_after, 0.0) - (evidence_of_both - evidence_before)
 
     def _locate(self, place: int) -> Change | None:
@@ -254,7 +263,11 @@ class ChangeDetector:
             self._outer -= np.outer(vector_before, vector_before)
             # ln likelihood of a change at each snapshot, up to a constant: what came
             # before it is explained by the old payload.
-            score = np.tensordot(self._matrices[slots], self._outer, 2)
+            score = np.tensordot(
+                self._matrices[slots, :WIDTH, :WIDTH],
+                self._outer,
+                2,
+            )
             score *= 0.5 / self._correlation
             place = int(slots[np.argmax(score)])
         if not (is_carrying or self.is_carrying):

@@ -9,12 +9,17 @@ PAYLOAD_REACH = 0.2
 FORGETTING = 30.0
 #: s: friction and offsets drift over so long; 0 turns their tracking off.
 DRIFT = 60.0
+#: Standard deviation of friction that has drifted, as a share of friction itself.
+#: Offsets drift by the same share of dry friction.
+DRIFT_SHARE = 0.1
 #: Natural logarithm of the evidence that a change needs: odds of a million, since one
 #: of the million instants of a quarter of an hour at 1 kHz is a pick.
 CHANGE_EVIDENCE = 13.8
 #: s: steps between the instants at which a change may have happened, and how far back.
 CHANGE_STEP = 0.02
 CHANGE_REACH = 2.0
+#: Steps after which data fade: all kept instants at once, too costly for each step.
+CHANGE_STEPS_PER_FADE = 10
 #: s: shortest stretch after a change that is judged.
 CHANGE_SHORTEST = 0.06
 #: s: a change is believed if it still is one so long after it was suspected: a bump is

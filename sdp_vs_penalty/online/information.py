@@ -10,6 +10,15 @@ seconds, T seconds are worth 1 + T / tau independent instants, so the informatio
 
     Lambda = (1 / T + 1 / tau) G.
 
+Friction and offsets drift, and both raise torques as a payload does. So columns N (n,
+2n) of drift stand beside [Y, e]: joint j has an offset and a share of its friction, each
+over its standard deviation. The drift b ~ N(0, 1) of a stretch is integrated out
+(Schur complement): with w = 1 / T + 1 / tau and the blocks of G,
+
+    w G_YY - w G_YN (1 + w G_NN)^-1 w G_NY   takes the place of   w G_YY.
+
+A payload is then believed, and weighed, only beyond what such a drift explains.
+
 The evidence for a payload against none is the Gaussian Bayes factor under the prior
 P^-1 (MacKay, Information Theory, Inference, and Learning Algorithms, 2003, ch. 28):
 
@@ -24,7 +33,8 @@ import scipy
 from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Ten parameters of a payload, and the residual beside their columns.
+#: Ten parameters of a payload; the residual beside their columns. Columns of drift
+#: follow.
 SIZE = 10
 WIDTH = 11
 
@@ -60,21 +70,21 @@ class PayloadPrior:
 
 
 class Information:
-    """A stretch's matrix G (11, 11) and its length T [s], or those of several."""
+    """A stretch's matrix G (11 + d, 11 + d) and its length T [s], or those of several."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_drifts: int) -> None:
         """Start with no data: G = 0 and T = 0 s.
 
-        ``matrix`` is G (11, 11) = integral of [Y, e]^T S^-1 [Y, e] dt over a stretch of
-        time: Y (n, 10) are the regressor columns of a payload, e (n,) the residual
-        torque, and S the diagonal matrix of noise variances. ``seconds`` is the
-        stretch's length T.
+        ``matrix`` is G (11 + d, 11 + d) = integral of [Y, e, N]^T S^-1 [Y, e, N] dt
+        over a stretch of time: Y (n, 10) are the regressor columns of a payload, e (n,)
+        the residual torque, N (n, d) the columns of the ``n_drifts`` drifts, and S the
+        diagonal matrix of noise variances. ``seconds`` is the stretch's length T.
         """
-        self.matrix = np.zeros((WIDTH, WIDTH))
+        self.matrix = np.zeros((WIDTH + n_drifts, WIDTH + n_drifts))
         self.seconds = 0.0
 
     def clear(self) -> None:
-        """Remove all data: ``matrix`` (11, 11) and ``seconds`` become zero."""
+        """Remove all data: ``matrix`` and ``seconds`` become zero."""
         self.matrix[:] = 0.0
         self.seconds = 0.0
 
@@ -118,8 +128,10 @@ class Posterior:
     mean : (10,) scaled parameters; covariance : (10, 10), by :meth:`covariance`.
     """
 
-    def __init__(self, prior: PayloadPrior) -> None:
+    def __init__(self, prior: PayloadPrior, n_drifts: int) -> None:
         """Allocate the normal equations of a payload's ten parameters x.
+
+        ``n_drifts`` d offsets and shares of friction are integrated out of the data.
 
         ``precision`` Lambda (10, 10) and ``linear`` b (10,) define Lambda x = b;
         ``mean`` (10,) is the solution x. ``_factor`` holds the Cholesky factor of
@@ -134,7 +146,12 @@ class Posterior:
         self._work_vector = np.zeros(SIZE)
         self.linear = np.zeros(SIZE)
         self.mean = np.zeros(SIZE)
-        self._work_matrix = np.zeros((SIZE, SIZE), order="F")
+        self._work_matrix = np.zeros((WIDTH, WIDTH))
+        # Information of the drifts (d, d), and of drifts and [Y, e] (d, 11).
+        self._drift = np.zeros((n_drifts, n_drifts), order="F")
+        self._drift_diagonal = self._drift.T.reshape(-1)[:: n_drifts + 1]
+        self._cross = np.zeros((n_drifts, WIDTH), order="F")
+        self._explained = np.zeros((WIDTH, WIDTH))
 
     def clear(self) -> None:
         """Reset to the prior: precision = prior information, linear term = 0."""
@@ -142,12 +159,12 @@ class Posterior:
         self.linear[:] = 0.0
 
     def add(self, matrix: Array, weight: float) -> None:
-        """Add the data of a stretch.
+        """Add the data of a stretch, less what a drift in this stretch explains.
 
         Parameters
         ----------
-        matrix : (11, 11) array
-            Integral of [Y, e]^T [Y, e] / sigma^2 over the stretch [s].
+        matrix : (11 + d, 11 + d) array
+            Integral of [Y, e, N]^T [Y, e, N] / sigma^2 over the stretch [s].
         weight : float
             Weight of the stretch [1/s].
 
@@ -158,17 +175,57 @@ class Posterior:
         """
         # Lambda += weight Y^T Y, b += weight Y^T e, by work space without allocation.
         np.multiply(
-            matrix[:SIZE, :SIZE],
+            matrix[:WIDTH, :WIDTH],
             weight,
             out=self._work_matrix,
         )
-        self.precision += self._work_matrix
+        self._explain_by_drift(matrix, weight)
+        self._work_matrix -= self._explained
+        self.add_again()
+
+    def add_again(self) -> None:
+        """Add the stretch of the last :meth:`add` once more, after :meth:`clear`.
+
+        Returns
+        -------
+        None
+            ``precision`` and ``linear`` are updated.
+        """
+        self.precision += self._work_matrix[:SIZE, :SIZE]
+        self.linear += self._work_matrix[:SIZE, SIZE]
+
+    def _explain_by_drift(self, matrix: Array, weight: float) -> None:
+        """Write the part of a stretch's information that a drift explains to
+        ``_explained`` (11, 11).
+
+        With the information C (d, 11) of drifts and [Y, e], and L L^T = 1 + D of the
+        drifts alone, it is Z^T Z with L Z = C. ``matrix`` and ``weight`` [1/s] are
+        those of :meth:`add`.
+        """
         np.multiply(
-            matrix[:SIZE, SIZE],
+            matrix[WIDTH:, WIDTH:],
             weight,
-            out=self._work_vector,
+            out=self._drift,
         )
-        self.linear += self._work_vector
+        self._drift_diagonal += 1.0
+        scipy.linalg.lapack.dpotrf(
+            self._drift,
+            lower=1,
+            clean=0,
+            overwrite_a=1,
+        )
+        np.multiply(
+            matrix[WIDTH:, :WIDTH],
+            weight,
+            out=self._cross,
+        )
+        scipy.linalg.lapack.dtrtrs(
+            self._drift,
+            self._cross,
+            lower=1,
+            overwrite_b=1,
+        )
+        np.dot(self._cross.T, self._cross, out=self._explained)
 
     def solve(self) -> float:
         """Compute ``mean`` (10,) = Lambda^-1 b; return ln of the evidence of a payload.

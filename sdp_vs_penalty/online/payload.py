@@ -125,7 +125,9 @@ class PayloadEstimator:
     forgetting : float
         After this time data of a payload count exp(-1) [s].
     drift : float
-        Over this time offsets and friction change [s]; 0 where they are held.
+        Over this time offsets and friction change by DRIFT_SHARE of friction [s]; 0
+        where they are held. Torques of that size are no payload, and intervals of
+        masses include them.
 
     Raises
     ------
@@ -171,12 +173,13 @@ class PayloadEstimator:
         self.delay = self._filter.delay
         self._detector = ChangeDetector(
             self._prior,
+            2 * n,
             noise.correlation,
             self.period,
             forgetting,
             self.delay,
         )
-        self._posterior = Posterior(self._prior)
+        self._posterior = Posterior(self._prior, 2 * n)
         self._projection = ConeProjection()
         # A projection takes about ten Newton steps: they are spread over its period.
         self._steps_per_update = max(1, round(10.0 * self.period / c.PROJECTION_PERIOD))
@@ -194,9 +197,16 @@ class PayloadEstimator:
         self._newest_sample = np.zeros(2 * n)
         self._sample = np.zeros(2 * n)  # interpolated at the next tick
         self._smoothed = np.zeros((3, 2 * n))  # value, rate, acceleration
-        # Payload columns and residual [Y, e], and the same over the noise's variance.
-        self._rows = np.zeros((n, WIDTH))
-        self._weighted = np.zeros((n, WIDTH))
+        # Payload columns, residual and drift's columns [Y, e, N], and the same over
+        # the noise's variance.
+        width = WIDTH + 2 * n
+        self._rows = np.zeros((n, width))
+        self._weighted = np.zeros((n, width))
+        # N = [diag(offsets' drift), diag(friction's drift)], one standard deviation.
+        self._drift_share = c.DRIFT_SHARE if drift else 0.0
+        offset_drift = self._drift_share * self.arm.dry_friction
+        self._rows[:, WIDTH : WIDTH + n] = np.diag(offset_drift)
+        self._friction_drift = self._rows.reshape(-1)[WIDTH + n :: width + 1]
         # Noise of the residuals, and what raises it (see _weigh).
         self._variance = (noise.inflation * noise.std) ** 2
         self._acceleration = noise.acceleration
@@ -377,8 +387,14 @@ class PayloadEstimator:
         position, velocity, acceleration = self._smoothed[:, :n]
         torque = self._smoothed[0, n:]
         self.arm.update(position, velocity, acceleration)
-        # rows (n, 11) = [Y, e]: scaled payload columns Y (n, 10), residual e (n,).
+        # rows (n, 11 + 2n) = [Y, e, N]: scaled payload columns Y (n, 10), residual e
+        # (n,), columns of drift N (n, 2n).
         rows = self._rows
+        np.multiply(
+            self.arm.friction,
+            self._drift_share,
+            out=self._friction_drift,
+        )
         np.multiply(
             self.arm.columns,
             self._prior.scale,

@@ -304,6 +304,30 @@ def gyration(theta: ArrayLike) -> Array:
     return np.sqrt(np.maximum(squared, 0.0))
 
 
+def gyration_about_joint(theta: ArrayLike, smallest_mass: float = 1e-12) -> Array:
+    """Return the radius of gyration sqrt(tr(I) / 2 m) about the frame's origin.
+
+    The trace of an inertia is twice the second moment of the mass. The radius is zero
+    where the trace is not positive.
+
+    Parameters
+    ----------
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
+    smallest_mass : float
+        Mass [kg] that lighter links are taken to have.
+
+    Returns
+    -------
+    (...) array
+        Radius [m].
+    """
+    theta = np.asarray(theta, float)
+    moment = np.trace(inertia_matrix(theta[..., 4:]), axis1=-2, axis2=-1) / 2.0
+    mass = np.maximum(theta[..., 0], smallest_mass)
+    return np.asarray(np.sqrt(np.maximum(moment, 0.0) / mass))
+
+
 def second_moment(theta: ArrayLike) -> Array:
     """Return the second moment about the centre of mass, over the mass.
 

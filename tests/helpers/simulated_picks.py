@@ -23,10 +23,11 @@ def thinned(run: Measurements, rate: float) -> Measurements:
 
 @dataclass
 class SimulatedPicks:
-    """An estimate of a simulated arm, a run for the noise, and one motion without and
-    with a payload of ``mass`` [kg]."""
+    """An estimate of a simulated arm, the runs that it is from, a run for the noise, and
+    one motion without and with a payload of ``mass`` [kg]."""
 
     estimate: Estimate
+    training: list[Measurements]
     calibration: Measurements
     bare: Measurements
     loaded: Measurements
@@ -63,6 +64,7 @@ def simulated_picks(
     *training, calibration, bare = clean.runs
     return SimulatedPicks(
         identify(problem, training, check=False),
+        [thinned(run, rate) for run in training],
         thinned(calibration, rate),
         thinned(bare, rate),
         thinned(heavy.runs[3], rate),
