@@ -86,7 +86,10 @@ TAKEN_IN = (
 #: What makes an error that follows a torque of the model, by the name of its cause.
 MEANINGS = {
     MODELLED_TORQUE: "A wrong gain of the torque channel makes such an error.",
-    TORQUE_RATE: "A torque channel that is late makes such an error.",
+    TORQUE_RATE: (
+        "A torque channel that is late makes such an error, and near reversals so does"
+        " friction that turns round over some travel."
+    ),
     TORQUE_CURVATURE: "A gear that yields, or has play, makes such an error.",
 }
 

@@ -222,8 +222,6 @@ def test_without_a_test_run_each_fold_is_judged_by_what_the_others_measured(made
             {"q1", "q2"},
             {"q1": 3.0, "q2": 3.9},
         ),
-        # A spring beside a ripple explains it as well, with four constants for one.
-        (lambda m: 0.5 * m.q[:, 1] ** 3, {"q2"}, {r"q2\^3": 0.5 * SIZE}),
     ],
 )
 def test_a_law_is_found_as_one_and_added(law, of, constants):
