@@ -192,13 +192,25 @@ def _is_held(x: Judged) -> bool:
 
 
 def _is_of_a_series(x: Judged) -> bool:
-    """Return whether the same effect was found SERIES times or more on its joint.
+    """Return whether the same effect was found SERIES times or more on its joint, by
+    the same law.
 
     Ripples of many orders are the Fourier series of any local torque, such as a bump at
-    one angle. Each is there, but none is what its name says.
+    one angle. Each is there, but none is what its name says. Several laws of one
+    effect, such as the viscous and the Coulomb friction of a motor, are no series.
     """
-    alike = [t for t in x.search.terms if t.key == x.term.key]
+    alike = [
+        t
+        for t in x.search.terms
+        if t.key == x.term.key and _law(t.form.effect) == _law(x.effect)
+    ]
     return len(alike) >= SERIES
+
+
+def _law(effect: Effect) -> dict[str, float]:
+    """Return the shape constants of an effect that take few values, by name."""
+    constants = effect.shapes
+    return {name: x for name, x in effect.shape.items() if constants[name].choices}
 
 
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
