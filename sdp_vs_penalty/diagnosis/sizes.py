@@ -141,33 +141,36 @@ def size_with_interval(
         by_joint = dict(enumerate(torque_in_doubt))
         doubt = fit.residual_of(fit.scaled(by_joint))
         factors.append(np.tensordot(T, doubt, axes=joints_and_rows))
-    of_independent_rows = inverse @ (A - prior) @ inverse
-    of_rows = _sandwich(inverse, factors[:1], of_independent_rows)
-    covariance = _sandwich(inverse, factors, of_independent_rows)
+    covariance = _sandwich(inverse, factors, gram)
+    # Without the columns of the constants, as if these were exact.
+    inverse_given_constants = np.linalg.pinv(A[:k, :k], rcond=1e-12, hermitian=True)
+    of_effect = [factor[:k] for factor in factors]
+    gram_of_effect = gram[:k, :k]
     return Size(
         beta=term.beta,
         covariance=covariance[:k, :k],
-        covariance_given_constants=_given_others(covariance, k),
-        covariance_of_rows=_given_others(of_rows, k),
+        covariance_given_constants=_sandwich(
+            inverse_given_constants,
+            of_effect,
+            gram_of_effect,
+        ),
+        covariance_of_rows=_sandwich(
+            inverse_given_constants,
+            of_effect[:1],
+            gram_of_effect,
+        ),
     )
 
 
-def _sandwich(inverse: Array, factors: Sequence[Array], smallest: Array) -> Array:
-    """Return the covariance A^-1 F F' A^-1 (K, K), with variances at least ``smallest``.
+def _sandwich(inverse: Array, factors: Sequence[Array], gram: Array) -> Array:
+    """Return the covariance A^-1 F F' A^-1 (K, K); variances are at least those of
+    independent rows.
 
-    inverse (K, K) : A^-1; factors : columns of F (K, ...), side by side; smallest
-    (K, K) : covariance of independent rows.
+    inverse (K, K) : A^-1; factors : columns of F (K, ...), side by side; gram (K, K) :
+    T'T, which is F F' for independent rows.
     """
     factor = inverse @ np.hstack(factors)
-    return _at_least(factor @ factor.T, smallest)
-
-
-def _given_others(covariance: Array, k: int) -> Array:
-    """Return the covariance (k, k) of the first k of K parameters if the others are
-    exact: the inverse of their block of the inverse covariance (K, K).
-    """
-    precision = np.linalg.pinv(covariance, hermitian=True)[:k, :k]
-    return np.linalg.pinv(precision, hermitian=True)
+    return _at_least(factor @ factor.T, inverse @ gram @ inverse)
 
 
 def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
