@@ -226,6 +226,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "implausible": _is_implausible,
     "held": _is_held,
     "looks_like": lambda x: bool(x.looks_like),
+    "stand_in": lambda x: x.effect.is_stand_in,
     "series": _is_of_a_series,
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
 }

@@ -60,6 +60,7 @@ REASONS: Mapping[str, str] = {
     "implausible": "its size is not plausible",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "looks_like": "another cause makes a similar torque",
+    "stand_in": "its law may stand in for another one, which other motion follows",
     "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
@@ -78,6 +79,7 @@ TORQUE_IS_OPEN = (
     "alone",
     "implausible",
     "held",
+    "stand_in",
     "curve",
     "at_end",
 )

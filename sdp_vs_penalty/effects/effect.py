@@ -165,6 +165,10 @@ class Effect(ABC):
     #: them): where one of these fits as well, this one adds nothing.
     generalises: tuple[str, ...] = ()
 
+    #: Whether its law stands in for another one, so that other motion need not follow
+    #: it.
+    is_stand_in: bool = False
+
     #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
     resembles: tuple[str, ...] = ()
 

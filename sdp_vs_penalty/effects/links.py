@@ -493,14 +493,20 @@ class JointResonance(LinkDeviation):
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """Return a sentence on play, which damps a swing as no spring does; "" for a
         damping of springs."""
-        if size == 0.0 or self.shape["zeta"] < _DAMPED:
+        if size == 0.0 or not self.is_stand_in:
             return ""
         return "play of the gear swings as strongly damped: backlash looks so"
 
     @property
     def resembles(self) -> tuple[str, ...]:  # type: ignore[override]
         """The effects that look so: play, where the swing is damped strongly."""
-        return ("backlash",) if self.shape["zeta"] >= _DAMPED else ()
+        return ("backlash",) if self.is_stand_in else ()
+
+    @property
+    def is_stand_in(self) -> bool:  # type: ignore[override]
+        """Whether the swing is damped more than gears do: it stands in for play, or for
+        any error whose phase changes with the frequency."""
+        return self.shape["zeta"] >= _DAMPED
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per unit compliance of one joint's gear, on which

@@ -133,6 +133,7 @@ def test_no_drive_looks_ahead(problem):
         (("it lies at the end of the range in which it was looked for",), False),
         (("its gain is small",), False),
         ((REASONS["small_here"],), True),
+        ((REASONS["stand_in"],), False),
         (("another effect fits as well", "its gain is small"), False),
         (("what is sure raises a held-out error with it",), False),
     ],
@@ -225,4 +226,6 @@ def test_a_swing_that_is_damped_strongly_may_be_play(problem):
     damped = JointResonance(problem.robot, [0], f=2.0, zeta=0.28)
     sprung = JointResonance(problem.robot, [0], f=2.0, zeta=0.03)
     assert damped.resembles == ("backlash",)
+    assert damped.is_stand_in
     assert sprung.resembles == ()
+    assert not sprung.is_stand_in

@@ -209,14 +209,19 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "looks_like": "",
         "travel": 1.0,
         "of_its_kind": 2,
+        "stand_in": False,
+        "laws": 1,
     }
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
-    def term() -> Any:
+    def term(law: float = 0.0) -> Any:
         effect = SimpleNamespace(
             parameters=[0],
             joints=(0,),
             resembles=(),
+            shape={"law": law},
+            shapes={"law": SimpleNamespace(choices=(0.0, 1.0, 2.0))},
+            is_stand_in=case.stand_in,
             robot=SimpleNamespace(joints=[SimpleNamespace(kind="revolute")] * 2),
         )
         effect.plausible = (
@@ -250,7 +255,11 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         energy=lambda _: case.beside if others else 10.0
     )
     search = SimpleNamespace(
-        terms=[own, other, *(term() for _ in range(case.of_its_kind - 2))],
+        terms=[
+            own,
+            other,
+            *(term(k % case.laws) for k in range(2, case.of_its_kind)),
+        ],
         score=SimpleNamespace(fit=fit),
         fit=None,
     )
