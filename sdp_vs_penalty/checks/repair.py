@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -92,7 +92,6 @@ class LogTransform:
     events: tuple[LogEvent, ...] = ()
 
     @classmethod
-    @lru_cache(64)
     def unchanged(
         cls,
         n: int,

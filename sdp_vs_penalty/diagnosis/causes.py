@@ -573,7 +573,8 @@ class Refit:
         """Fit the model's columns (n, M, p) to errors (n, M) [N m or N] of n joints."""
         scale = nonzero_or_one(np.sqrt(np.mean(error**2, axis=1)))
         n, n_rows, n_parameters = columns.shape
-        columns = columns / scale[:, None, None]  # the others are forgotten
+        # Not under a new name: the unscaled columns need not stay in memory.
+        columns = columns / scale[:, None, None]
         basis = orthonormal(columns.reshape(n * n_rows, n_parameters))
         scaled_error = (error / scale[:, None]).ravel()
         remainder = scaled_error - basis @ (basis.T @ scaled_error)

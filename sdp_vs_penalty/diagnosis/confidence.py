@@ -202,15 +202,9 @@ def _is_of_a_series(x: Judged) -> bool:
     alike = [
         t
         for t in x.search.terms
-        if t.key == x.term.key and _law(t.form.effect) == _law(x.effect)
+        if t.key == x.term.key and t.form.effect.law_constants == x.effect.law_constants
     ]
     return len(alike) >= SERIES
-
-
-def _law(effect: Effect) -> dict[str, float]:
-    """Return the shape constants of an effect that take few values, by name."""
-    constants = effect.shapes
-    return {name: x for name, x in effect.shape.items() if constants[name].choices}
 
 
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.

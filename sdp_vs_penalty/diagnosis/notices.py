@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,12 +114,13 @@ def find_notices(search: Search, estimate: Estimate) -> tuple[Notice, ...]:
     """
     if search.data.frozen or not len(estimate.model.rigid_indices):
         return ()
-    load = load_beyond_file(search, estimate)
-    offsets = offsets_beside_friction(search, estimate)
+    rows = ScaledRows.of(search)
+    load = load_beyond_file(rows, estimate)
+    offsets = offsets_beside_friction(rows, search, estimate)
     return tuple(offsets if load is None else [load, *offsets])
 
 
-def load_beyond_file(search: Search, estimate: Estimate) -> Notice | None:
+def load_beyond_file(rows: ScaledRows, estimate: Estimate) -> Notice | None:
     """Compare the last link with the robot's file; return a notice of a load, or None.
 
     The last link's parameters are estimated without its file, beside other links that
@@ -129,8 +131,8 @@ def load_beyond_file(search: Search, estimate: Estimate) -> Notice | None:
 
     Parameters
     ----------
-    search
-        The findings beside the model.
+    rows
+        The rows of the model and the findings.
     estimate
         The model.
 
@@ -151,7 +153,7 @@ def load_beyond_file(search: Search, estimate: Estimate) -> Notice | None:
     deviations[rigid] = np.vstack([tolerances[:-1], loose]).ravel()
     nominal = np.zeros(len(estimate.theta))
     nominal[rigid] = links.ravel()
-    fit = fit_with_priors(search, nominal, deviations)
+    fit = fit_with_priors(rows, nominal, deviations)
     if not _describes(fit, rigid[:-10]):
         return None
     place = rigid[-10:-6]  # mass and first moment of the last link
@@ -246,7 +248,11 @@ def _describes(fit: FitWithPriors, places: NDArray[np.intp]) -> bool:
     return bool(squares.sum() < _FILE_DESCRIBES * max(float(from_data.sum()), 1.0))
 
 
-def offsets_beside_friction(search: Search, estimate: Estimate) -> list[Notice]:
+def offsets_beside_friction(
+    rows: ScaledRows,
+    search: Search,
+    estimate: Estimate,
+) -> list[Notice]:
     """List the joints whose constant offset is clear, and large beside Coulomb friction.
 
     An offset on a joint that moves both ways is the same torque as Coulomb friction
@@ -256,13 +262,15 @@ def offsets_beside_friction(search: Search, estimate: Estimate) -> list[Notice]:
 
     Parameters
     ----------
+    rows
+        The rows of the model and the findings.
     search
         The findings beside the model.
     estimate
         The model.
     """
     p = len(estimate.theta)
-    fit = fit_with_priors(search, np.zeros(p), np.full(p, np.inf))
+    fit = fit_with_priors(rows, np.zeros(p), np.full(p, np.inf))
     friction = np.zeros(estimate.robot.n)
     for index, parameter in enumerate(estimate.model.parameters):
         if parameter.effect == "coulomb_friction":
@@ -311,18 +319,87 @@ def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notic
     return Notice("offset", joint, offset, std, unit, text)
 
 
-def fit_with_priors(search: Search, nominal: Array, deviations: Array) -> FitWithPriors:
+@dataclass(frozen=True)
+class ScaledRows:
+    """White rows of the model and the findings, over each joint's residual.
+
+    columns (n) : of each joint, (M, K), the model's p first; each has length 1 over all
+    joints, so that parameters of all units are compared by the torque that they make;
+    torque (n, M); lengths (K,) : of the columns before; n_parameters : p; clusters :
+    ways to group the rows that err together.
+    """
+
+    columns: Sequence[Array]
+    torque: Array
+    lengths: Array
+    n_parameters: int
+    clusters: Sequence[NDArray[np.intp]]
+
+    @classmethod
+    def of(cls, search: Search) -> ScaledRows:
+        """Scale the rows of the model and of a search's findings."""
+        data = search.data
+        level = search.score.fit(search.terms, search.fit).level
+        unscaled = [
+            _columns_of_joint(data, search.terms, j) / level[j] for j in range(data.n)
+        ]
+        squares = sum(np.einsum("mk,mk->k", z, z) for z in unscaled)
+        lengths = nonzero_or_one(np.sqrt(squares))
+        return cls(
+            columns=[z / lengths for z in unscaled],
+            torque=data.y / level[:, None],
+            lengths=lengths,
+            n_parameters=data.X.shape[2],
+            clusters=data.clusters,
+        )
+
+    @cached_property
+    def gram(self) -> Array:
+        """(K, K) products Z'Z of the columns."""
+        return np.asarray(sum(z.T @ z for z in self.columns))
+
+    @cached_property
+    def with_torque(self) -> Array:
+        """(K,) products Z'y of the columns and the torque."""
+        pairs = zip(self.columns, self.torque, strict=True)
+        return np.asarray(sum(z.T @ y for z, y in pairs))
+
+    def scatter(self, theta: Array) -> Array:
+        """Return S (K, K): the products of the scores Z'r, summed over clusters.
+
+        r is the residual of parameters theta (K,). Of all ways to cluster the rows the
+        one with the largest trace is taken.
+        """
+        scores = np.zeros((self.torque.shape[1], len(theta)))
+        for z, y in zip(self.columns, self.torque, strict=True):
+            residual = y - z @ theta
+            scores += z * residual[:, None]
+        middles = [sums.T @ sums for sums in cluster_sums(self.clusters, scores)]
+        return max(middles, key=lambda middle: float(np.trace(middle)))
+
+    def padded(self, of_model: Array) -> Array:
+        """Return values of the model's parameters (p,), with zeros of the findings'
+        behind them, (K,)."""
+        out = np.zeros(len(self.lengths))
+        out[: self.n_parameters] = of_model
+        return out
+
+
+def fit_with_priors(
+    rows: ScaledRows,
+    nominal: Array,
+    deviations: Array,
+) -> FitWithPriors:
     """Estimate all parameters of the model beside the findings, with priors.
 
-    The estimate is (A + P)^-1 (Z'y + P t0), for white columns Z of the model and the
-    findings, divided by each joint's residual; A = Z'Z, prior precision P and prior
-    mean t0. Its covariance is (A + P)^-1 (S + P) (A + P)^-1: S sums the scores Z'r over
-    clusters of rows that err together.
+    The estimate is (A + P)^-1 (Z'y + P t0), for columns Z; A = Z'Z, prior precision P
+    and prior mean t0. Its covariance is (A + P)^-1 (S + P) (A + P)^-1: S sums the
+    scores Z'r over clusters of rows that err together.
 
     Parameters
     ----------
-    search
-        The findings beside the model.
+    rows
+        The rows of the model and the findings.
     nominal
         (p,) prior means of the model's parameters.
     deviations
@@ -333,38 +410,28 @@ def fit_with_priors(search: Search, nominal: Array, deviations: Array) -> FitWit
     FitWithPriors
         Estimate and covariance of the model's p parameters.
     """
-    data = search.data
-    p = data.X.shape[2]
-    level = search.score.fit(search.terms, search.fit).level
-    columns = [_columns_on(data, search.terms, j) / level[j] for j in range(data.n)]
-    torque = data.y / level[:, None]
-    gram = sum(z.T @ z for z in columns)
-    # Unit columns: parameters of all units are compared by the torque that they make.
-    scale = nonzero_or_one(np.sqrt(np.diagonal(gram)))
-    precision = np.zeros(len(scale))
-    precision[:p] = (deviations * scale[:p]) ** -2.0
-    mean = np.zeros(len(scale))
-    mean[:p] = nominal * scale[:p]
-    A = gram / np.outer(scale, scale) + np.diag(precision + _RIDGE)
+    p = rows.n_parameters
+    lengths = rows.lengths[:p]
+    precision = rows.padded((deviations * lengths) ** -2.0)
+    mean = rows.padded(nominal * lengths)
+    A = rows.gram + np.diag(precision + _RIDGE)
     inverse = np.linalg.inv(A)
-    along_torque = sum(z.T @ y for z, y in zip(columns, torque, strict=True)) / scale
-    theta = inverse @ (along_torque + precision * mean)
-    scores = np.zeros((data.y.shape[1], len(scale)))
-    for z, y in zip(columns, torque, strict=True):
-        residual = y - z @ (theta / scale)
-        scores += z * residual[:, None] / scale
-    middles = [sums.T @ sums for sums in cluster_sums(data.clusters, scores)]
-    largest = max(middles, key=lambda middle: float(np.trace(middle)))
-    covariance = inverse @ (largest + np.diag(precision)) @ inverse
+    theta = inverse @ (rows.with_torque + precision * mean)
+    middle = rows.scatter(theta) + np.diag(precision)
+    covariance = (inverse @ middle @ inverse)[:p, :p]
     return FitWithPriors(
-        theta=(theta / scale)[:p],
-        covariance=(covariance / np.outer(scale, scale))[:p, :p],
+        theta=theta[:p] / lengths,
+        covariance=covariance / np.outer(lengths, lengths),
         nominal=nominal,
         deviations=deviations,
     )
 
 
-def _columns_on(data: WhiteData, terms: Sequence[ScoredEffect], joint: int) -> Array:
+def _columns_of_joint(
+    data: WhiteData,
+    terms: Sequence[ScoredEffect],
+    joint: int,
+) -> Array:
     """Return the white columns (M, p + k) of the model and all findings on a joint."""
     M = data.X.shape[1]
     findings = [

@@ -195,8 +195,7 @@ def _has_same_law(effect: Effect, finding: Finding) -> bool:
     """Return whether an effect and a finding have the same law: equal values of all
     shape constants that only take a few given values.
     """
-    laws = [name for name, constant in effect.shapes.items() if constant.choices]
     return all(
-        name not in finding.shape or effect.shape[name] == finding.shape[name]
-        for name in laws
+        name not in finding.shape or constant == finding.shape[name]
+        for name, constant in effect.law_constants.items()
     )

@@ -127,8 +127,8 @@ class JointFailure(JsonRecord):
     RMS within 0.15 s of velocity reversals over that elsewhere; orders : waves per
     revolution, amplitude [N m], and amplitude over its surroundings, the most
     conspicuous first; stretches : where the error is large, with the cause seen there;
-    hums : above the cut-off of the filters, the largest first; rmse is without them,
-    the shares are with them; torque : RMS measured torque [N m or N], None in older
+    hums : above the cut-off of the filters, at most one: the largest; rmse is without
+    them, the shares are with them; torque : RMS measured torque [N m or N], None in older
     files.
     """
 

@@ -336,6 +336,13 @@ class Effect(ABC):
         return self.units[self.robot.joints[joint].kind == "prismatic"]
 
     @property
+    def law_constants(self) -> dict[str, float]:
+        """The shape constants, by name, that only take a few given values: which of its
+        laws the effect has."""
+        constants = self.shapes
+        return {name: x for name, x in self.shape.items() if constants[name].choices}
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The effect's parameters, its part of theta: joint by joint, or once for the
         whole robot."""

@@ -3,7 +3,7 @@ the model says."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -29,20 +29,6 @@ from sdp_vs_penalty.robot.robot import Robot
 _FARTHEST = 100.0
 
 
-@cache
-def _standard_parameters(link: int, effect: str) -> tuple[Parameter, ...]:
-    """Return the ten standard parameters of a link (from 1), which belong to the effect
-    of this name."""
-    return tuple(
-        Parameter(name, unit, effect, link)
-        for name, unit in zip(
-            inertia.parameter_names(link),
-            inertia.UNITS,
-            strict=True,
-        )
-    )
-
-
 class RigidBody(Effect):
     equation = "M(q) ddq + C(q, dq) dq + g(q) = Y(q, dq, ddq) theta"
     explanation = (
@@ -58,9 +44,13 @@ class RigidBody(Effect):
         """Ten standard parameters of each link: mass, first moments, inertia about the
         link's frame."""
         return tuple(
-            parameter
+            Parameter(name, unit, self.name, link)
             for link in range(1, self.robot.links + 1)
-            for parameter in _standard_parameters(link, self.name)
+            for name, unit in zip(
+                inertia.parameter_names(link),
+                inertia.UNITS,
+                strict=True,
+            )
         )
 
     def constraints(

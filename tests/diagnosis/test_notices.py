@@ -23,7 +23,7 @@ from sdp_vs_penalty.diagnosis import (
     find_notices,
 )
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
-from sdp_vs_penalty.diagnosis.notices import fit_with_priors
+from sdp_vs_penalty.diagnosis.notices import ScaledRows, fit_with_priors
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 Array = np.ndarray
@@ -71,7 +71,8 @@ def test_a_parameter_without_torque_keeps_the_file_value():
     )
     score = SimpleNamespace(fit=lambda *_: SimpleNamespace(level=np.ones(1)))
     search: Any = SimpleNamespace(data=data, score=score, terms=[], fit=None)
-    fit = fit_with_priors(search, np.array([0.0, 1e-7]), np.array([np.inf, 1e-8]))
+    rows = ScaledRows.of(search)
+    fit = fit_with_priors(rows, np.array([0.0, 1e-7]), np.array([np.inf, 1e-8]))
     np.testing.assert_allclose(fit.theta, [2.0, 1e-7])
 
 

@@ -198,7 +198,7 @@ def test_a_law_that_a_model_lacks_has_no_size_in_it(two_link):
 
 def _as_one_parameter(effect: Any) -> dict[str, Any]:
     """What identifies an effect in a model."""
-    names = ("name", "joints", "shape", "shapes", "whole_robot")
+    names = ("name", "joints", "shape", "law_constants", "whole_robot")
     return {name: getattr(effect, name) for name in names}
 
 

@@ -219,8 +219,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
             parameters=[0],
             joints=(0,),
             resembles=(),
-            shape={"law": law},
-            shapes={"law": SimpleNamespace(choices=(0.0, 1.0, 2.0))},
+            law_constants={"law": law},
             is_stand_in=case.stand_in,
             robot=SimpleNamespace(joints=[SimpleNamespace(kind="revolute")] * 2),
         )

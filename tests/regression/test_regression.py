@@ -10,7 +10,7 @@ from drawn import given, seeds, settings, st
 from random_robots import driven, tree
 from recorded import refusal
 
-from sdp_vs_penalty import Problem, identify, load_problem
+from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.regression import (
     BlackBox,
@@ -30,16 +30,16 @@ from sdp_vs_penalty.simulation import experiment
 FILTERS = Preprocessing(5.0, 8.0)
 
 
+def noisy_run(seed: int) -> tuple[Model, Measurements, Regression]:
+    """The model of a random tree, a run of it with noise, and its compressed data."""
+    effects = "rigid_body,viscous_friction,torque_offset"
+    model, _, run = driven(seed, seconds=12.0, dt=4e-3, effects=effects, noise=0.1)
+    return model, run, compress(FilteredRuns.of(run, FILTERS), model)
+
+
 @given(seeds)
 def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
-    model, _, run = driven(
-        seed,
-        12.0,
-        4e-3,
-        "rigid_body,viscous_friction,torque_offset",
-        0.1,
-    )
-    regression = compress(FilteredRuns.of(run, FILTERS), model)
+    model, _, regression = noisy_run(seed)
     rng = np.random.default_rng(seed)
     kept = rng.uniform(size=len(model.parameters)) < 0.8
     weights = rng.uniform(0.1, 3.0, model.robot.n)
@@ -61,14 +61,7 @@ def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
 
 @given(seeds)
 def test_factors_answer_what_all_rows_would(seed):
-    model, _, run = driven(
-        seed,
-        12.0,
-        4e-3,
-        "rigid_body,viscous_friction,torque_offset",
-        0.1,
-    )
-    regression = compress(FilteredRuns.of(run, FILTERS), model)
+    model, run, regression = noisy_run(seed)
     rows = FilteredRun(run, FILTERS).all_rows(model)
     wide = [c.dense_columns(len(model.parameters)) for c in rows.columns]
     torque = rows.torque
