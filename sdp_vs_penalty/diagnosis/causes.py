@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.standstill import STILL
@@ -377,34 +378,47 @@ def _hum_columns(states: States, joint_error: JointError) -> Array:
     pieces = [joint_error.error[rows.segment == k] for k in np.unique(rows.segment)]
     longest = max(len(p) for p in pieces)
     long_enough = [p for p in pieces if 2 * len(p) > longest]
-    lines = spectral_lines(long_enough, rows.rate, rows.n)
+    lines = spectral_lines(long_enough, rows.rate, rows.n, highest=rows.cutoff)
     waves = []
     for frequency in lines:
-        if frequency < rows.cutoff:
-            angle = 2.0 * np.pi * frequency * states.t
-            waves += [np.sin(angle), np.cos(angle)]
+        angle = 2.0 * np.pi * frequency * states.t
+        waves += [np.sin(angle), np.cos(angle)]
     return _stack_columns(waves, len(states.t))
 
 
-def _other_joint_columns(states: States, joint_error: JointError) -> list[Array]:
-    """List alternative sets of columns for the cause "other joints": two for each other
-    joint.
+#: What of another joint an error may depend on, in the order of the sets of columns.
+_QUANTITIES = ("velocity", "acceleration", "position")
 
-    The first set (M, k) has hat functions of that joint's velocity, the velocity, its
-    direction, and the acceleration; the second has hat functions of its position. Of
-    all sets the one that explains most counts.
+
+def _other_joint_columns(states: States, joint_error: JointError) -> list[Array]:
+    """List alternative sets of columns for the cause "other joints": three for each
+    other joint, named by :func:`other_joint_quantity`.
+
+    The first set (M, k) has hat functions of that joint's velocity, the velocity, and
+    its direction; the second has hat functions of its acceleration, and the
+    acceleration; the third has hat functions of its position. Of all sets the one that
+    explains most counts.
     """
     out = []
     for i in states.others(joint_error.joint):
-        direction = smooth_sign(states.dq[:, i])
-        of_velocity = [
-            hat_functions(states.dq[:, i]),
-            states.dq[:, [i]],
-            direction[:, None],
-        ]
-        out.append(np.hstack([*of_velocity, states.ddq[:, [i]]]))
+        velocity = states.dq[:, i]
+        acceleration = states.ddq[:, i]
+        direction = smooth_sign(velocity)
+        out.append(np.column_stack([hat_functions(velocity), velocity, direction]))
+        out.append(np.column_stack([hat_functions(acceleration), acceleration]))
         out.append(hat_functions(states.q[:, i]))
     return out
+
+
+def other_joint_quantity(joint: int, alternative: int) -> str:
+    """Return what a set of columns of the cause "other joints" depends on, such as
+    "acceleration of joint 4".
+
+    joint : of the error, from 0; alternative : number of the set, from 0.
+    """
+    number, quantity = divmod(alternative, len(_QUANTITIES))
+    other = number if number < joint else number + 1
+    return f"{_QUANTITIES[quantity]} of joint {other + 1}"
 
 
 def _modelled_torque_columns(states: States, joint_error: JointError) -> Array:
@@ -464,31 +478,55 @@ class CauseShares:
     name.
 
     of_error : share of the whole error. beyond_model : share of the part of the error
-    that no other parameters of the model could make; only this part tells causes apart,
-    since the model's own columns resemble several causes. refit_share : share of the
-    error's variance that other parameters of the model would remove.
+    that neither other parameters of the model nor the usual error would make; only this
+    part tells causes apart, since the model's own columns resemble several causes, and
+    every drive's friction and lag do. refit_share : share of the error's variance that
+    other parameters of the model would remove. usual_share : share of what they leave
+    that usual drives show as well (:mod:`~sdp_vs_penalty.diagnosis.usual_error`).
+    other_joint : what of another joint explains most, such as "velocity of joint 2".
     """
 
     of_error: Mapping[str, float]
     beyond_model: Mapping[str, float]
     refit_share: float = 0.0
+    usual_share: float = 0.0
+    other_joint: str = ""
+
+    @cached_property
+    def is_usual(self) -> bool:
+        """Whether no cause explains CHANGES (5 %) of what the usual error leaves."""
+        return not any(
+            min(self.beyond_model[name], self.of_error[name]) >= CHANGES
+            for name in self.names
+        )
+
+    @property
+    def likelihood(self) -> Mapping[str, float]:
+        """The shares that tell causes apart: those beyond the usual error, or of the
+        whole error where the usual error is all that is seen.
+        """
+        return self.of_error if self.is_usual else self.beyond_model
+
+    @property
+    def total_usual_share(self) -> float:
+        """Share of the whole error that usual drives show as well."""
+        return (1.0 - self.refit_share) * self.usual_share
 
     @cached_property
     def equivalent_causes(self) -> list[str]:
         """The causes that these data do not tell from the likeliest one.
 
-        Their shares beyond the model are within _SAME_SHARE (2 %) of its share. Causes
-        with a single column come first, then the one that explains most of the whole
-        error.
+        Their shares are within _SAME_SHARE (2 %) of its share. Causes with a single
+        column come first, then the one that explains most of the whole error.
         """
-        # The likeliest cause explains most beyond the model; causes in other joints
-        # have lower weights, since they are many.
-        weights = {name: self._weight(name, self.beyond_model) for name in self.names}
+        # Causes in other joints have lower weights, since they are many.
+        shares = self.likelihood
+        weights = {name: self._weight(name, shares) for name in self.names}
         best = max(self.names, key=weights.__getitem__)
-        smallest_share = self.beyond_model[best] - _SAME_SHARE
+        smallest_share = shares[best] - _SAME_SHARE
         tied = [best]
         for name in self.names:
-            share = self.beyond_model[name]
+            share = shares[name]
             if name != best and share > 0.0 and share >= smallest_share:
                 tied.append(name)
         return sorted(
@@ -504,14 +542,13 @@ class CauseShares:
         """All causes, the likeliest first.
 
         The causes that these data do not tell from the likeliest one come first. The
-        others follow by their share beyond the model, and at equal shares by that of
-        the whole error.
+        others follow by their share, and at equal shares by that of the whole error.
         """
         first = self.equivalent_causes
         others = [name for name in self.names if name not in first]
         others.sort(
             key=lambda name: (
-                -self._weight(name, self.beyond_model),
+                -self._weight(name, self.likelihood),
                 -self._weight(name, self.of_error),
             )
         )
@@ -523,17 +560,26 @@ class CauseShares:
         energy : mean square of these hums over that of the error without them [-].
         """
         below = 1.0 / (1.0 + energy)  # share of the error below the cut-off
+        beyond_refit = 1.0 - self.refit_share
+        beyond_usual = beyond_refit * (1.0 - self.usual_share)
+        below_beyond = beyond_usual / max(beyond_usual + energy, 1e-300)
 
-        def with_hum(shares: Mapping[str, float]) -> dict[str, float]:
-            """Return shares of the error with the hums."""
+        def with_hum(shares: Mapping[str, float], below: float) -> dict[str, float]:
+            """Return shares of an error with the hums, of which ``below`` is below the
+            cut-off.
+            """
             out = {name: share * below for name, share in shares.items()}
             out[HUM] += 1.0 - below
             return out
 
+        refit_share = self.refit_share * below
+        usual = self.usual_share * beyond_refit * below
         return CauseShares(
-            of_error=with_hum(self.of_error),
-            beyond_model=with_hum(self.beyond_model),
-            refit_share=self.refit_share * below,
+            of_error=with_hum(self.of_error, below),
+            beyond_model=with_hum(self.beyond_model, below_beyond),
+            refit_share=refit_share,
+            usual_share=usual / max(1.0 - refit_share, 1e-300),
+            other_joint=self.other_joint,
         )
 
     @property
@@ -584,39 +630,49 @@ class Refit:
             remainder=remainder.reshape(n, n_rows),
         )
 
+    def without_model(self, columns: Array, joint: int) -> Array:
+        """Return columns (M, ...) of a joint (from 0) minus what a refit of the model
+        makes of them: x - B B' x, with the joint's rows B (M, r) of the ``basis``.
+        """
+        basis = self.basis[joint]
+        return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+class ExplainedShares(NamedTuple):
+    """Shares of an error's variance that a cause explains on data left out, 0 to 1.
+
+    of_error : of the whole error; beyond_usual : of what neither other parameters of
+    the model nor the usual error would make; best_alternative : the set of the cause's
+    columns, from 0, that explains most of the latter.
+    """
+
+    of_error: float
+    beyond_usual: float
+    best_alternative: int
+
 
 @dataclass(frozen=True)
 class SplitError:
     """One joint's error (M,), and the part of it (M,) that no other parameters of the
-    model could make.
+    model could make, over the joint's RMS error.
 
-    basis (M, r) : this joint's rows of a basis of the model's columns
-    (:class:`Refit`); fold (M,) : fold of each row, for shares on data left out.
+    refit, joint (from 0) : what other parameters make of columns; fold (M,) : fold of
+    each row, for shares on data left out; turning (M, k) : columns of usual friction
+    beyond the model; lag (M,) : the error of the lag that the other joints show
+    (:class:`~sdp_vs_penalty.diagnosis.usual_error.UsualError`).
     """
 
     error: Array
-    beyond_model: Array
-    basis: Array
+    refit: Refit
+    joint: int
     fold: NDArray[np.intp]
+    turning: Array
+    lag: Array
 
-    @classmethod
-    def of_joint(
-        cls,
-        joint: int,
-        error: Array,
-        refit: Refit,
-        fold: NDArray[np.intp],
-    ) -> Self:
-        """Split the error (M,) [N m or N] of a joint (from 0) by a refit.
-
-        fold (M,) : fold of each row.
-        """
-        return cls(
-            error=error / refit.scale[joint],
-            beyond_model=refit.remainder[joint],
-            basis=refit.basis[joint],
-            fold=fold,
-        )
+    @property
+    def beyond_model(self) -> Array:
+        """(M,) the part of the error that no other parameters of the model make."""
+        return np.asarray(self.refit.remainder[self.joint])
 
     @property
     def refit_share(self) -> float:
@@ -626,7 +682,28 @@ class SplitError:
         energy = max(float(np.sum(self.error**2)), 1e-300)
         return max(0.0, 1.0 - float(np.sum(self.beyond_model**2)) / energy)
 
-    def explained_shares(self, alternatives: Sequence[Array]) -> tuple[float, float]:
+    @cached_property
+    def _beyond_lag(self) -> Array:
+        """(M,) the part beyond the model, less the lag that the joints share."""
+        return np.asarray(self.beyond_model - self.lag)
+
+    @cached_property
+    def _turning_share(self) -> float:
+        """Share of the part beyond the lag that usual friction explains on data left
+        out.
+        """
+        return held_out_share(self.turning, self._beyond_lag, self.fold)
+
+    @cached_property
+    def usual_share(self) -> float:
+        """Share of the part beyond the model that usual drives show as well: friction
+        that turns round over a short travel, and a lag that the joints share.
+        """
+        energy = max(float(np.sum(self.beyond_model**2)), 1e-300)
+        beyond_lag = float(np.sum(self._beyond_lag**2)) / energy
+        return max(0.0, 1.0 - beyond_lag * (1.0 - self._turning_share))
+
+    def explained_shares(self, alternatives: Sequence[Array]) -> ExplainedShares:
         """Return the shares of an error that a cause explains on data left out.
 
         A model that was fitted to these rows has absorbed a part of what it lacks. The
@@ -641,32 +718,49 @@ class SplitError:
 
         Returns
         -------
-        float
-            Share of the error's variance, 0 to 1.
-        float
-            Share of the variance of the part beyond the model.
+        ExplainedShares
+            Shares of the whole error, and of what neither other parameters of the model
+            nor the usual error would make.
         """
-        of_error = of_beyond = 0.0
+        of_error = []
+        beyond_usual = []
         for columns in alternatives:
-            columns_beyond = self._without_model(columns)
-            # Of a column that the model itself can make only rounding remains.
-            energy = np.sum(columns**2, axis=0)
-            is_visible = np.sum(columns_beyond**2, axis=0) > _ABSORBED * energy
-            share_beyond = held_out_share(
-                columns_beyond[:, is_visible],
-                self.beyond_model,
-                self.fold,
-            )
-            of_beyond = max(of_beyond, share_beyond)
-            of_error = max(of_error, held_out_share(columns, self.error, self.fold))
-        beyond_as_share_of_error = (1.0 - self.refit_share) * of_beyond
-        return max(of_error, beyond_as_share_of_error), of_beyond
+            visible = self._visible_beyond_model(columns)
+            share = held_out_share(visible, self.beyond_model, self.fold)
+            share_of_error = held_out_share(columns, self.error, self.fold)
+            beyond_as_share_of_error = (1.0 - self.refit_share) * share
+            of_error.append(max(share_of_error, beyond_as_share_of_error))
+            beyond_usual.append(self._share_beyond_usual(visible))
+        if not alternatives:
+            return ExplainedShares(0.0, 0.0, 0)
+        return ExplainedShares(
+            of_error=max(of_error),
+            beyond_usual=max(beyond_usual),
+            best_alternative=int(np.argmax(beyond_usual)),
+        )
 
-    def _without_model(self, columns: Array) -> Array:
-        """Return columns (M, ...) of this joint minus what a refit of the model makes
-        of them: x - B B' x, with this joint's rows B (M, r) of the ``basis``.
+    def _share_beyond_usual(self, columns: Array) -> float:
+        """Return the share that columns (M, k) explain of what the usual error leaves
+        beyond the model.
+
+        It is the gain of columns and usual friction together over that friction alone.
         """
-        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+        left = 1.0 - self._turning_share
+        if not columns.shape[1] or left <= 0.0:
+            return 0.0
+        together = np.hstack([self.turning, columns])
+        share = held_out_share(together, self._beyond_lag, self.fold)
+        return max(0.0, (share - self._turning_share) / left)
+
+    def _visible_beyond_model(self, columns: Array) -> Array:
+        """Return columns (M, k) beyond the model, without those that it makes itself.
+
+        Of a column that the model itself can make only rounding remains.
+        """
+        beyond = self.refit.without_model(columns, self.joint)
+        energy = np.sum(columns**2, axis=0)
+        is_visible = np.sum(beyond**2, axis=0) > _ABSORBED * energy
+        return np.asarray(beyond[:, is_visible])
 
 
 def held_out_share(

@@ -132,6 +132,17 @@ class Search:
         self.fit = self.bare
         self.nuisances = Nuisances(data, self.bare, rules)
 
+    @property
+    def criterion(self) -> float:
+        """Criterion of Bayes and Schwarz (BIC) of the fit with the effects found.
+
+        It is the deviance plus log N for each of their coefficients, with the N rows of
+        all joints.
+        """
+        n_coefficients = sum(t.form.n_coefficients for t in self.terms)
+        price = np.log(self.data.y.size)
+        return float(self.fit.deviance(self.fit.rss) + n_coefficients * price)
+
     def take_attempts_of(self, other: Search) -> None:
         """Take over for which chosen effects another search has found no exchange.
 

@@ -8,7 +8,10 @@ the model's torque, its rate and its curvature, which a wrong gain, a late chann
 gear that yields follow. Shares are on data left out: a smooth function of the quantity
 is fitted to some stretches of the motion and judged on others, so that chance explains
 nothing. They are shares of what other parameters of the model would leave, fitted to
-all joints at once: the rest resembles the model, whatever its cause.
+all joints at once: the rest resembles the model, whatever its cause. Friction that
+turns round over a short travel and a lag that the joints share are in nearly every log
+(:mod:`~sdp_vs_penalty.diagnosis.usual_error`): causes are judged beyond them, and the
+worst joint is the one whose error beyond them is the most times its noise.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from sdp_vs_penalty.diagnosis.causes import (
     FAST,
     HIGH_SPEED,
     MODELLED_TORQUE,
+    OTHER_JOINTS,
     REVERSAL,
     STANDSTILL,
     TORQUE_CURVATURE,
@@ -41,9 +45,11 @@ from sdp_vs_penalty.diagnosis.causes import (
     SplitError,
     States,
     from_reversal,
+    other_joint_quantity,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
 from sdp_vs_penalty.diagnosis.hums import find_hums_above
+from sdp_vs_penalty.diagnosis.usual_error import UsualError, usual_errors
 from sdp_vs_penalty.diagnosis.white_rows import (
     diagnosis_rows,
     folds_of,
@@ -82,6 +88,9 @@ TAKEN_IN = (
     "Friction that differs by direction, and a load that the file does not know: the"
     " model's offsets and masses take them in. `diagnose` says how large they are."
 )
+
+#: What most drives show, whatever else a model lacks.
+USUAL = "friction that turns round over a short travel, and a lag that joints share"
 
 #: What makes an error that follows a torque of the model, by the name of its cause.
 MEANINGS = {
@@ -122,14 +131,19 @@ class JointFailure(JsonRecord):
     rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, the share of
     the residual's variance that repeats; refit_share : share of the variance that other
     parameters of the model would remove; held_out_shares : by cause, the share of what
-    a refit would leave that a function of the cause explains on data left out; causes
-    are ranked by it; shares_of_error : the same of the whole residual; reversal_lift :
-    RMS within 0.15 s of velocity reversals over that elsewhere; orders : waves per
+    a refit and the usual error would leave that a function of the cause explains on
+    data left out; causes are ranked by it; shares_of_error : the same of the whole
+    residual; reversal_lift : RMS within 0.15 s of velocity reversals over that
+    elsewhere; orders : waves per
     revolution, amplitude [N m], and amplitude over its surroundings, the most
     conspicuous first; stretches : where the error is large, with the cause seen there;
     hums : above the cut-off of the filters, at most one: the largest; rmse is without
     them, the shares are with them; torque : RMS measured torque [N m or N], None in older
-    files.
+    files; usual_share : share of what a refit would leave that usual drives show as
+    well: friction that turns round over a short travel, and a lag that joints share;
+    other_joint : what of another joint explains most, such as "velocity of joint 2";
+    scatter : of the torque from sample to sample [N m or N], by which joints are
+    compared; None where the log is too slow to show it.
     """
 
     joint: int
@@ -144,6 +158,15 @@ class JointFailure(JsonRecord):
     refit_share: float = 0.0
     hums: tuple[Hum, ...] = ()
     torque: float | None = None
+    usual_share: float = 0.0
+    other_joint: str = ""
+    scatter: float | None = None
+
+    @property
+    def unusual_error(self) -> float:
+        """RMS error beyond the usual error of drives [N m or N], with the hums."""
+        share = 1.0 - self.causes.total_usual_share
+        return float(self.total_error * np.sqrt(max(share, 0.0)))
 
     @property
     def total_error(self) -> float:
@@ -158,18 +181,25 @@ class JointFailure(JsonRecord):
         Files of older versions have the latter only, which then stands for both.
         """
         of_error = self.shares_of_error or self.held_out_shares
-        return CauseShares(of_error, self.held_out_shares, self.refit_share)
+        return CauseShares(
+            of_error=of_error,
+            beyond_model=self.held_out_shares,
+            refit_share=self.refit_share,
+            usual_share=self.usual_share,
+            other_joint=self.other_joint,
+        )
 
     def numbers(self) -> dict[str, float | None]:
         """Return all numbers of the joint by their labels, such as "error [N m or N]".
 
         Shares are in per cent of the error's variance; those of causes, of the part of
-        the variance that a refit of the model would leave. None stands for an unknown
-        number.
+        the variance that a refit of the model and the usual error would leave. None
+        stands for an unknown number.
         """
         shares = {
             "all that repeats": self.explainable_share,
             "a refit would take": self.refit_share,
+            "usual in drives": self.causes.total_usual_share,
             **self.held_out_shares,
         }
         numbers = {
@@ -215,6 +245,9 @@ class JointFailure(JsonRecord):
             refit_share=float(data.get("refit_share", 0.0)),
             hums=tuple(Hum(**one) for one in data.get("hums", ())),
             torque=data.get("torque"),
+            usual_share=float(data.get("usual_share", 0.0)),
+            other_joint=data.get("other_joint", ""),
+            scatter=data.get("scatter"),
         )
 
 
@@ -226,8 +259,9 @@ def _energy_of(hums: Iterable[Hum]) -> float:
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
     """List the likeliest causes of an error, with the share that each explains.
 
-    Shares are of the variance that a refit of the model would leave. Causes that
-    explain less than CHANGES (5 %) of the error are left out.
+    Shares are of the variance that a refit of the model and the usual error would
+    leave; of the whole variance, where no cause is seen beyond the usual error. Causes
+    that explain less than CHANGES (5 %) of the error, or of that part, are left out.
 
     Parameters
     ----------
@@ -243,9 +277,9 @@ def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, f
     """
     causes = failure.causes
     return [
-        (name, causes.beyond_model[name])
+        (name, causes.likelihood[name])
         for name in causes.ranking[:most_named]
-        if causes.of_error[name] >= CHANGES
+        if min(causes.of_error[name], causes.likelihood[name]) >= CHANGES
     ]
 
 
@@ -265,9 +299,15 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
         On the likeliest causes, on velocity reversals, and on waves per revolution.
     """
     strongest = dependences(failure)
-    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in strongest]
+    named = []
+    for name, share in strongest:
+        percent = f"{100.0 * share:.0f} %"
+        detail = ""
+        if name == OTHER_JOINTS and failure.other_joint:
+            detail = f", most on the {failure.other_joint}"
+        named.append(f"{name} ({percent}{detail})")
     if named:
-        out = [f"The error depends most on {words(named)}."]
+        out = [_dependence_sentence(failure.causes, named)]
         equivalent = failure.causes.equivalent_causes
         if len(equivalent) > 1 and set(equivalent) & set(dict(strongest)):
             out.append(f"These data do not tell {words(equivalent)} apart.")
@@ -282,7 +322,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."
         )
-    if strongest and strongest[0][0] in MEANINGS:
+    if strongest and strongest[0][0] in MEANINGS and not failure.causes.is_usual:
         out.append(MEANINGS[strongest[0][0]])
     if failure.hums:
         hums = words(
@@ -297,6 +337,31 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
             f"Waves per revolution (amplitude, that over its surroundings): {waves}."
         )
     return out
+
+
+def _dependence_sentence(causes: CauseShares, named: Sequence[str]) -> str:
+    """Return the sentence on what an error depends on.
+
+    Parameters
+    ----------
+    causes
+        Shares of the error.
+    named
+        The likeliest causes with their shares, such as "velocity (40 %)".
+    """
+    usual_share = causes.total_usual_share
+    percent = f"{100.0 * usual_share:.0f} %"
+    if usual_share < CHANGES:
+        return f"The error depends most on {words(named)}."
+    if causes.is_usual:
+        return (
+            f"The error depends most on {words(named)}. {percent} of it is what most"
+            f" drives show: {USUAL}."
+        )
+    return (
+        f"The error depends most on {words(named)} beyond what most drives show"
+        f" ({USUAL}: {percent} of it)."
+    )
 
 
 class Failures(Record, list[JointFailure]):
@@ -318,21 +383,27 @@ class Failures(Record, list[JointFailure]):
 
     @fact("")
     def strongest_cause(self) -> str:
-        """Of the joint whose error is the most times its noise: the cause that explains
-        most of it on data left out."""
+        """Of the worst joint: the cause that explains most of its error on data left
+        out."""
         worst = self.worst_first[0]
         strongest = dependences(worst, 1)
         return strongest[0][0] if strongest else UNNAMED
 
     @property
     def worst_first(self) -> list[JointFailure]:
-        """The joints sorted by RMS error over noise floor, the largest first.
+        """The joints sorted by their error beyond the usual one, the largest first.
 
-        Errors are divided by the joints' RMS torques where a noise floor is unknown.
+        Errors are RMS, over the scatter of the joints' torques from sample to sample: it
+        compares the noise of joints of one log even where the level of that noise is
+        not known. Where the log does not show it, they are over the noise floors, and
+        over the RMS torques where a floor is unknown.
         """
-        is_known = all(failure.noise_floor for failure in self)
-        usual = [f.noise_floor if is_known else f.torque for f in self]
-        above = [f.total_error / (x or 1.0) for f, x in zip(self, usual, strict=True)]
+        units: list[float | None] = [f.torque for f in self]
+        if all(f.scatter for f in self):
+            units = [f.scatter for f in self]
+        elif all(f.noise_floor for f in self):
+            units = [f.noise_floor for f in self]
+        above = [f.unusual_error / (x or 1.0) for f, x in zip(self, units, strict=True)]
         return [self[int(k)] for k in np.argsort(above)[::-1]]
 
     def to_dict(self) -> dict[str, Any]:
@@ -506,6 +577,9 @@ class _Judge:
             held_out_shares=dict(shares.beyond_model),
             shares_of_error=dict(shares.of_error),
             refit_share=shares.refit_share,
+            usual_share=shares.usual_share,
+            other_joint=shares.other_joint,
+            scatter=torque_scatter(self.runs, j, self.rows.cutoff, hums),
             reversal_lift=_reversal_lift(velocity, error, self.rows, keep),
             orders=orders,
             hums=hums,
@@ -552,20 +626,40 @@ class _Judge:
         some folds of the rows, and judged on the others.
         """
         keep = self.keep
-        errors = SplitError.of_joint(
-            error.joint,
-            error.error[keep],
-            self.refit,
-            self.folds[keep],
+        usual = self.usual_errors[error.joint]
+        errors = SplitError(
+            error=error.error[keep] / self.refit.scale[error.joint],
+            refit=self.refit,
+            joint=error.joint,
+            fold=self.folds[keep],
+            turning=usual.turning,
+            lag=usual.lag,
         )
         of_error = dict[str, float]()
         beyond_model = dict[str, float]()
+        other_joint = ""
         for name, columns_of in CAUSE_COLUMNS.items():
             columns = columns_of(self.states, error)
             alternatives = columns if isinstance(columns, list) else [columns]
-            shares = errors.explained_shares([x[keep] for x in alternatives])
-            of_error[name], beyond_model[name] = shares
-        return CauseShares(of_error, beyond_model, errors.refit_share)
+            explained = errors.explained_shares([x[keep] for x in alternatives])
+            of_error[name] = explained.of_error
+            beyond_model[name] = explained.beyond_usual
+            if name == OTHER_JOINTS and explained.beyond_usual > 0.0:
+                other_joint = other_joint_quantity(
+                    error.joint, explained.best_alternative
+                )
+        return CauseShares(
+            of_error=of_error,
+            beyond_model=beyond_model,
+            refit_share=errors.refit_share,
+            usual_share=errors.usual_share,
+            other_joint=other_joint,
+        )
+
+    @cached_property
+    def usual_errors(self) -> list[UsualError]:
+        """The usual error of each joint: friction that turns round, and shared lag."""
+        return usual_errors(self.states, self.refit, self.keep)
 
     @cached_property
     def runs(self) -> Sequence[Measurements]:
@@ -627,6 +721,67 @@ def _reversal_lift(
         return float("nan")
     ratio = np.mean(error_near**2) / np.mean(error_elsewhere**2)
     return float(np.sqrt(ratio))
+
+
+#: Samples in a period of the filters' cut-off, from which on the third differences of
+#: the torque hold its noise, and hardly its motion.
+_SAMPLES_A_PERIOD = 5.0
+#: Sum of the squares of (1, -3, 3, -1): what a third difference makes of white noise.
+_THIRD_DIFFERENCE = 20.0
+#: Samples of a window, and the share of windows that are quiet: friction that turns
+#: round, a knock, and a servo that shakes its joint are torque, and no noise of it.
+_WINDOW = 25
+_QUIET_SHARE = 0.25
+
+
+def torque_scatter(
+    runs: Sequence[Measurements],
+    joint: int,
+    cutoff: float,
+    hums: Sequence[Hum],
+) -> float | None:
+    """Return the scatter of a joint's torque from sample to sample [N m or N].
+
+    It is the standard deviation of white noise with the third differences of the
+    quiet windows, less what hums make of them. Low-passes in a drive make it smaller
+    than the noise, in all joints alike.
+
+    Parameters
+    ----------
+    runs
+        The recordings.
+    joint
+        The joint, from 0.
+    cutoff
+        Cut-off of the filters [Hz].
+    hums
+        The joint's hums above it.
+
+    Returns
+    -------
+    float or None
+        None where the log has too few samples for it, or no scatter.
+    """
+    mean_squares = [np.zeros(0)]
+    frequencies = []
+    for run in runs:
+        differences = np.diff(run.tau[:, joint], 3)
+        n_windows = len(differences) // _WINDOW
+        if n_windows:
+            windows = differences[: n_windows * _WINDOW].reshape(n_windows, _WINDOW)
+            mean_squares.append(np.mean(windows**2, axis=1))
+            frequencies.append(1.0 / float(np.median(np.diff(run.t))))
+    if not frequencies or min(frequencies) < _SAMPLES_A_PERIOD * cutoff:
+        return None
+    changing = np.concatenate(mean_squares)
+    changing = changing[changing > 0.0]  # windows of one coarse level show nothing
+    if not len(changing):
+        return None
+    variance = float(np.quantile(changing, _QUIET_SHARE))
+    for hum in hums:
+        gain = (2.0 * np.sin(np.pi * hum.frequency / min(frequencies))) ** 6
+        variance -= 0.5 * hum.amplitude**2 * gain
+    return float(np.sqrt(variance / _THIRD_DIFFERENCE)) if variance > 0.0 else None
 
 
 class _FullRate(NamedTuple):
@@ -797,8 +952,8 @@ def _causes_of_rows(
         Names.
     """
     best = next(name for name in shares.ranking if name not in _AT_INSTANTS)
-    share_of_best = shares.beyond_model[best]
-    is_known = shares.of_error[best] >= CHANGES
+    share_of_best = shares.likelihood[best]
+    is_known = min(shares.of_error[best], share_of_best) >= CHANGES
     usual_name = best if is_known else UNNAMED
     names = np.array([usual_name], dtype=object).repeat(len(velocity))
     speed = np.abs(velocity)
@@ -811,6 +966,6 @@ def _causes_of_rows(
         rows_of_cause[REVERSAL] = np.abs(seconds) <= NEAR
     # Later causes overwrite earlier ones where both are seen.
     for name, its_rows in rows_of_cause.items():
-        if not is_known or shares.beyond_model.get(name, 0.0) > share_of_best:
+        if not is_known or shares.likelihood.get(name, 0.0) > share_of_best:
             names[its_rows] = name
     return names

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, dependences
 
 #: The signal that shows what a cause of where_it_fails.py explains.
 SHOWN_BY = {
@@ -73,12 +74,8 @@ class ModelStep:
         """
         if not self.failures:
             return default
-        shares = self.failures[j]["held_out_shares"]
-        cause = max(
-            shares,
-            key=lambda name: shares[name],
-            default="",
-        )
+        strongest = dependences(JointFailure.from_dict(self.failures[j]), 1)
+        cause = strongest[0][0] if strongest else ""
         return SHOWN_BY.get(cause, default)
 
     @staticmethod

@@ -23,8 +23,11 @@ from sdp_vs_penalty.diagnosis import (
     CauseShares,
     Failures,
     JointFailure,
+    LagFit,
     dependences,
     held_out_share,
+    shared_lags,
+    torque_scatter,
 )
 
 Array = np.ndarray
@@ -226,3 +229,87 @@ def test_few_reversals_show_what_follows_them():
     columns = rng.normal(size=(400, 30)) * np.geomspace(1.0, 1e-2, 30)
     error = columns[:, 0] + rng.normal(size=400)
     assert held_out_share(columns, error, np.arange(400) // 80) > 0.3
+
+
+def failure(joint: int, rmse: float, **fields) -> JointFailure:
+    """A failure of a joint with a known error, whose noise floor is not known."""
+    return JointFailure(joint, rmse, None, None, {}, 1.0, (), **fields)
+
+
+def test_an_error_that_most_drives_show_makes_no_joint_the_worst():
+    usual = failure(1, 5.0, usual_share=0.96, scatter=1.0)
+    unusual = failure(2, 3.0, usual_share=0.1, scatter=1.0)
+    assert Failures([usual, unusual], ["N m", "N m"]).worst_first[0].joint == 2
+
+
+def test_joints_are_compared_by_the_scatter_of_their_torques():
+    """A noise floor that friction has made too large does not hide a joint."""
+    large = failure(1, 5.0, scatter=1.0)
+    small = failure(2, 1.0, scatter=0.1)
+    assert Failures([large, small], ["N m", "N m"]).worst_first[0].joint == 2
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.03])
+def test_an_error_that_is_usual_alone_depends_on_what_explains_all_of_it(beyond):
+    causes = CauseShares(
+        of_error={"reversal": 0.8, "load": 0.2},
+        beyond_model={"reversal": 0.0, "load": beyond},
+        usual_share=0.8,
+    )
+    assert causes.ranking[0] == "reversal"
+
+
+def test_a_cause_beyond_the_usual_error_comes_before_the_usual_one():
+    causes = CauseShares(
+        of_error={"reversal": 0.8, "load": 0.2},
+        beyond_model={"reversal": 0.0, "load": 0.4},
+        usual_share=0.8,
+    )
+    assert causes.ranking[0] == "load"
+
+
+def lag_fits(delays: list[float]) -> list[LagFit]:
+    """Joints with torques of their own, each later by its delay [s]."""
+    rng = np.random.default_rng(5)
+    fits = []
+    for delay in delays:
+        lag = rng.normal(size=(400, 2)) * np.array([1.0, 30.0])
+        error = -delay * lag[:, 0] + 1e-4 * rng.normal(size=400)
+        fits.append(LagFit.of_joint(np.zeros((400, 1)), lag, error))
+    return fits
+
+
+def test_a_lag_that_joints_share_is_usual():
+    fits = lag_fits([0.002, 0.002, 0.002])
+    for fit, lag in zip(fits, shared_lags(fits), strict=True):
+        assert np.std(fit.error - lag) < 0.1 * np.std(fit.error)
+
+
+def test_a_channel_that_is_later_than_the_others_keeps_its_excess():
+    fits = lag_fits([0.002, 0.010, 0.002])
+    lag = shared_lags(fits)[1]
+    assert np.std(fits[1].error - lag) > 0.6 * np.std(fits[1].error)
+
+
+def test_a_single_joint_shares_no_lag():
+    (lag,) = shared_lags(lag_fits([0.01]))
+    assert not lag.any()
+
+
+def noisy_run(torque: Array) -> Measurements:
+    """A run at 200 Hz with this torque of one joint, and noise of 0.1 N m."""
+    t = np.arange(len(torque)) / 200.0
+    noise = np.random.default_rng(1).normal(scale=0.1, size=len(t))
+    return Measurements(t, np.sin(t)[:, None], (torque + noise)[:, None])
+
+
+@pytest.mark.parametrize("step", [0.0, 20.0])
+def test_steps_of_friction_are_no_scatter(step):
+    t = np.arange(4000) / 200.0
+    friction = step * np.sign(np.cos(2.0 * np.pi * 0.5 * t))
+    run = noisy_run(5.0 * np.sin(2.0 * t) + friction)
+    assert torque_scatter([run], 0, 10.0, ()) == pytest.approx(0.1, rel=0.25)
+
+
+def test_a_slow_log_does_not_show_the_scatter():
+    assert torque_scatter([noisy_run(np.zeros(400))], 0, 60.0, ()) is None
