@@ -1,6 +1,6 @@
 """Facts about the channels of a run."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -379,16 +379,22 @@ def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
         if glance.moving[j] and _is_unsigned(x, glance.run.q):
             unsigned.append(j)
     if unsigned:
-        yield Issue.of(
-            kind="torque magnitude",
-            severity="warning",
-            joints=unsigned,
-            what="{where} never changes sign: the logger wrote magnitudes.",
-            certainty="likely: a torque that is as near to zero as often is below it, too",
-            remedy="log the torque with its sign",
-            where=", ".join(f"tau{j + 1}" for j in unsigned),
-            nature=EXPLANATION,
-        )
+        yield unsigned_torques(unsigned)
+
+
+def unsigned_torques(joints: Sequence[int]) -> Issue:
+    """Return the issue that the torques of some joints (from 0) are magnitudes."""
+    return Issue.of(
+        kind="torque magnitude",
+        severity="warning",
+        joints=joints,
+        what="{where} never changes sign: the logger wrote magnitudes.",
+        certainty="likely: it turns back at zero in corners, and with signs the arm"
+        " explains it clearly better",
+        remedy="log the torque with its sign",
+        where=", ".join(f"tau{j + 1}" for j in joints),
+        nature=EXPLANATION,
+    )
 
 
 def _dead(glance: RunSummary, j: int, value: float) -> Issue:

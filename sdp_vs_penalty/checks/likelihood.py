@@ -1054,14 +1054,16 @@ class Likelihood:
 
         Their sums of products with a torque (n, M) are then mean powers. The means are
         taken out because a constant torque, such as a weight, is neither friction nor
-        inertia. The velocity changes its sign where the repair says that time runs
-        backwards.
+        inertia. The velocity is made orthogonal to the acceleration, so that a rotor's
+        inertia takes no mean power: in all of a motion it takes none, but in few rows
+        of sharp trapezoids it may take more than friction does. The velocity changes
+        its sign where the repair says that time runs backwards.
         """
         motion = self.motion(repair)
         dq = -motion.dq.T if repair.reversed else motion.dq.T
         states = np.stack([dq, motion.ddq.T]) / len(motion.t)
         states = states - states.mean(axis=2, keepdims=True)
-        return np.asarray(states * self.torque_mask(repair))
+        return without_inertial_power(states * self.torque_mask(repair))
 
     def _make_inertia_and_weight(self, repair: LogTransform) -> Array:
         """Make two linear functions (2, s) of the links' parameters theta (s,).
@@ -1114,3 +1116,16 @@ def _torque_energies(grams: Array) -> Array:
     so that the last diagonal entry is its square.
     """
     return grams[..., -1, -1]
+
+
+def without_inertial_power(states: Array) -> Array:
+    """Return velocities and accelerations (2, n, M) of n joints, the velocities without
+    their part in proportion to the acceleration.
+
+    The mean product of such a velocity with the torque of an inertia is zero.
+    """
+    velocity, acceleration = states
+    energy = np.sum(acceleration**2, axis=1, keepdims=True)
+    common = np.sum(velocity * acceleration, axis=1, keepdims=True)
+    share = common / nonzero_or_one(energy)
+    return np.stack([velocity - share * acceleration, acceleration])

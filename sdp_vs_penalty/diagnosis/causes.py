@@ -378,12 +378,11 @@ def _hum_columns(states: States, joint_error: JointError) -> Array:
     pieces = [joint_error.error[rows.segment == k] for k in np.unique(rows.segment)]
     longest = max(len(p) for p in pieces)
     long_enough = [p for p in pieces if 2 * len(p) > longest]
-    lines = spectral_lines(long_enough, rows.rate, rows.n)
+    lines = spectral_lines(long_enough, rows.rate, rows.n, highest=rows.cutoff)
     waves = []
     for frequency in lines:
-        if frequency < rows.cutoff:
-            angle = 2.0 * np.pi * frequency * states.t
-            waves += [np.sin(angle), np.cos(angle)]
+        angle = 2.0 * np.pi * frequency * states.t
+        waves += [np.sin(angle), np.cos(angle)]
     return _stack_columns(waves, len(states.t))
 
 

@@ -464,13 +464,25 @@ def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
         pieces = consecutive(repeats) if repeats else rows.pieces[j]
         longest = max((len(p) for p in pieces), default=0)
         series = [searched_torque[p, j] for p in pieces if 2 * len(p) > longest]
-        frequencies = spectral_lines(series, rows.rate, rows.n)
-        # Above the cut-off the low-passed spectrum is not flat around a frequency, as
-        # the test of a line assumes.
-        lines = [f for f in frequencies if f < rows.cutoff]
+        lines = spectral_lines(series, rows.rate, rows.n, highest=rows.cutoff)
         if lines:
             out[j] = lines
     return out
+
+
+def _median_of_neighbours(power: Array, half: int) -> Array:
+    """Return the median of each value of a spectrum (K,) and ``half`` values on each
+    side of it.
+
+    The first value stands for those before it. The last ones are mirrored: a line there
+    is no neighbour of its own.
+    """
+    if len(power) <= half:
+        return scipy.ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
+    padded = np.pad(power, (half, 0), mode="edge")
+    padded = np.pad(padded, (0, half), mode="reflect")
+    median = scipy.ndimage.median_filter(padded, size=2 * half + 1)
+    return np.asarray(median[half : half + len(power)])
 
 
 def spectral_lines(
@@ -479,6 +491,7 @@ def spectral_lines(
     tests: int,
     lowest: float = 0.8,
     smooth: float = 1.0,
+    highest: float = np.inf,
 ) -> list[float]:
     """Find frequencies [Hz] at which a periodogram stands out of its surroundings.
 
@@ -494,6 +507,9 @@ def spectral_lines(
         Frequency [Hz] below which lines are the motion's own harmonics.
     smooth
         Width [Hz] over which the noise's spectrum is taken as flat.
+    highest
+        Frequency [Hz] above which a filter has made the spectrum fall: a line below it
+        is compared with its neighbours below it.
 
     Returns
     -------
@@ -512,7 +528,10 @@ def spectral_lines(
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     # At least 8 neighbours on each side, and no more than there are, whatever the clock.
     half = max(8, min(int(smooth / frequency[1]), length))
-    median = scipy.ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
+    in_band = frequency <= highest
+    power = power[in_band]
+    frequency = frequency[in_band]
+    median = _median_of_neighbours(power, half)
     # The sum of ``pooled`` exponentials has a gamma distribution: its mean from its
     # median, and 2 pooled times power over mean is chi-squared.
     level = median / float(scipy.special.gammaincinv(pooled, 0.5)) * pooled

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD
 from sdp_vs_penalty.diagnosis.library import Candidate, Key
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
@@ -44,6 +45,8 @@ def refer_columns_to_current_model(
         torque.
     """
     known_sets = list[set[Key]]()  # (effect, joint) of the findings of each round
+    best = None  # the round with the lowest criterion
+    lowest = np.inf
     first_library = search.library
     if search.terms and not delays_torque(search):
         search = look_for_delays(search, progress)
@@ -61,7 +64,14 @@ def refer_columns_to_current_model(
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)
-    return search
+        criterion = search.criterion
+        has_improved = criterion < lowest - EVIDENCE_TO_ADD
+        if criterion < lowest:
+            best = search
+            lowest = criterion
+        if not has_improved:
+            break
+    return search if best is None else best
 
 
 def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:

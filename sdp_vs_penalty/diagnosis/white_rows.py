@@ -94,7 +94,7 @@ def with_estimate(
             return motion
         torque_of_others = sum(e.torque(theta, motion) for e, theta in other_effects)
         gains = np.array(model.gains or (1.0,))  # no gains: all are 1
-        return replace(motion, torque=motion.model_torque + torque_of_others * gains)
+        return motion.with_torque(motion.model_torque + torque_of_others * gains)
 
     def motion_seen_by_model(motion: Motion) -> Motion:
         """Add the model's torque and links to a motion."""

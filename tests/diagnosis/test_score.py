@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from small_runs import small_run
 
 from sdp_vs_penalty import Problem, identify
@@ -371,7 +372,7 @@ def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_ch
     other = next(t for t in scored if t.joints == {1})
     tried = []
 
-    def none_to_replace(term, others):
+    def none_to_replace(term, others, fit):
         tried.append(term.key)
         return []
 
@@ -614,6 +615,25 @@ def test_a_hum_is_a_line_and_noise_is_not():
         for _ in range(200)
     )
     assert false <= 3
+
+
+def test_noise_below_a_sharp_filter_has_no_line_at_its_edge():
+    """The spectrum above the edge says nothing of the noise below it."""
+    kernel = scipy.signal.firwin(301, 8.0, fs=40.0)
+    rng = np.random.default_rng(11)
+    false = 0
+    for _ in range(100):
+        noise = np.convolve(rng.normal(size=800), kernel, "same")
+        false += bool(spectral_lines([noise], 40.0, 5, highest=8.0))
+    assert false <= 2
+
+
+def test_a_hum_near_the_edge_of_a_filter_is_found():
+    t = np.arange(800) / 40.0
+    series = np.random.default_rng(12).normal(size=800)
+    series += 0.8 * np.sin(2.0 * np.pi * 7.6 * t)
+    lines = spectral_lines([series], 40.0, 5, highest=8.0)
+    assert [round(f, 1) for f in lines] == [7.6]
 
 
 def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near():

@@ -15,6 +15,7 @@ from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
+from sdp_vs_penalty.formatting import words
 
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.
@@ -169,13 +170,16 @@ def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
 
 def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     """Return the note that a joint's torque holds a law of its motion which the model
-    lacks."""
+    lacks.
+
+    The law is the nearest of a few; which one it is, a diagnosis judges.
+    """
     return Fault(
         kind=f"law: {event.at}",
         severity="note",
         joints=(event.joint,),
-        what=f"{joints_text([event.joint])} behaves as if it had {event.at}, which the"
-        " model lacks.",
+        what=f"the model lacks a law of {joints_text([event.joint])}'s own motion; of"
+        f" {words(list(LAWS))}, {event.at} comes nearest.",
         remedy="identify, and let `diagnose` name it",
         removal=repair.without_event(event),
         log_odds_against=odds_against_one_of(log.n * len(LAWS)),

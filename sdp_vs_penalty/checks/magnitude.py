@@ -1,0 +1,127 @@
+"""Whether a torque that never is negative is a magnitude: does the arm explain it with
+signs clearly better than as it is logged?
+
+Weight and friction alone may keep the sign of a torque, and let it come near to zero.
+Only the motion tells: a magnitude contradicts every arm, with any parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+#: Signs are estimated anew so many times; they settle in a few.
+_ITERATIONS = 30
+#: A torque that is smaller than this share of its largest value may change its sign.
+_NEAR_ZERO = 0.2
+#: An arm contradicts a torque if it leaves so many times the energy that it leaves of
+#: the same torque with signs.
+_TIMES = c.CONTRADICTS[0]
+#: Singular values below this share of the largest are rounding.
+_ROUNDING = 1e-8
+
+
+def is_magnitude(
+    problem: Problem,
+    run: Measurements,
+    settings: Preprocessing,
+    joint: int,
+) -> bool:
+    """Whether signs explain a torque clearly better than none.
+
+    The arm's model, with all parameters free, is fitted to the torque as it is logged,
+    and to the torque with the signs that the model itself gives it. The first has to
+    leave _TIMES (2) as much energy as the second: a model's error is no noise, so that
+    a smaller fall of it says nothing.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    run : Measurements
+        A single run.
+    settings : Preprocessing
+        Filters.
+    joint : int
+        Of a torque that never is negative, from 0.
+
+    Returns
+    -------
+    bool
+        False where the run is too short to be filtered.
+    """
+    model = problem.model()
+    try:
+        rows = FilteredRun(run, settings.resolve(run)).all_rows(model)
+    except InputError:
+        return False
+    torque = rows.torque[:, joint]
+    columns = rows.columns[joint]
+    basis = _orthonormal(columns.columns)
+    squares_as_logged = _squares_left(torque, basis)
+    nominal = columns.columns @ problem.nominal(model)[columns.indices]
+    squares_signed = [
+        _squares_left(signs * torque, basis)
+        for first_signs in _first_signs(rows, joint, nominal)
+        if np.ptp(signs := _settled(first_signs, torque, basis)) > 0.0
+    ]
+    smallest = min(squares_signed, default=np.inf)
+    return _TIMES * smallest < squares_as_logged
+
+
+def _first_signs(rows: Rows, joint: int, nominal: Array) -> Iterator[Array]:
+    """Yield signs (M,) of a joint's torque from which the estimation begins.
+
+    They are those of the nominal arm, those of the velocity (friction alone), and signs
+    that change wherever the torque comes near to zero.
+    """
+    torque = rows.torque[:, joint]
+    yield _signs(nominal)
+    yield _signs(rows.motion.dq[:, joint])
+    is_near = torque < _NEAR_ZERO * torque.max()
+    n_crossings = np.cumsum(np.diff(is_near, prepend=is_near[0]) & is_near)
+    yield np.where(n_crossings % 2 == 0, 1.0, -1.0)
+
+
+def _settled(signs: Array, torque: Array, basis: Array) -> Array:
+    """Return the signs (M,) that the model gives a torque (M,) that has these signs.
+
+    basis (M, r) : orthonormal basis of the model's columns.
+    """
+    for _ in range(_ITERATIONS):
+        modelled = basis @ (basis.T @ (signs * torque))
+        next_signs = _signs(modelled)
+        if np.array_equal(next_signs, signs):
+            break
+        signs = next_signs
+    return signs
+
+
+def _signs(x: Array) -> Array:
+    """Return 1 or -1 for each value of x; 1 for zero."""
+    return np.where(x < 0.0, -1.0, 1.0)
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Return an orthonormal basis (M, r) of columns (M, k)."""
+    norms = np.linalg.norm(columns, axis=0)
+    unit = columns[:, norms > 0.0] / norms[norms > 0.0]
+    left, values, _ = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(left[:, values > _ROUNDING * values.max(initial=0.0)])
+
+
+def _squares_left(torque: Array, basis: Array) -> float:
+    """Return the sum of squares of a torque (M,) that columns leave, with their
+    orthonormal basis (M, r).
+    """
+    error = torque - basis @ (basis.T @ torque)
+    return float(error @ error)
