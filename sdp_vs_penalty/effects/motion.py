@@ -379,6 +379,25 @@ class Motion:
             self.within,
         )
 
+    def sign_ahead(self, joint: int, lead: float) -> Array:
+        """Compute the smooth sign of a joint's velocity a little later.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+        lead
+            How much later [s]: the velocity there is dq + lead ddq, to first order.
+
+        Returns
+        -------
+        Array
+            (N,) values in [-1, 1].
+        """
+        acceleration = self.ddq[:, joint]
+        velocity = self.dq[:, joint] + lead * acceleration
+        return smooth_sign(velocity, self.width(joint), acceleration, self.within)
+
     def sign_along(self, ratios: Array) -> Array:
         """Compute the smooth sign of a combination of velocities.
 
