@@ -156,8 +156,10 @@ def diagnose_runs(
     explanation = explain_in_order(finished_search, runs.estimate)
     judged = explanation.terms
     held_out = held_out_errors(explanation, judge)
+    give_back_memory(runs.searched.samples)
     explanation = drop_harmful(explanation, held_out, finished_search)
     unexplained = unexplained_error(explanation.search)
+    give_back_memory(runs.searched.samples)
     explanation = with_equivalence_sets(explanation, judge)
     measured = measure_curves(explanation.search, unexplained.joints_above_noise)
     curves = accept_curves(explanation.search, measured, judge)
