@@ -81,13 +81,16 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
             number[lag:] == number[:-lag],
         ]
     )
-    long_parts = [(first, end) for first, end in spans(is_same) if end - first >= RUN]
-    is_copy = mask_of(len(is_same), long_parts)
-    if not is_copy.any():
-        return
     # One pose, held by a simulator without noise, is no copy.
-    travel = np.ptp(glance.run.q[is_copy], axis=0).max()
-    if travel < 0.05 * np.ptp(glance.run.q, axis=0).max():
+    q = glance.run.q
+    least_travel = 0.05 * np.ptp(q, axis=0).max()
+    moving_parts = [
+        (first, end)
+        for first, end in spans(is_same)
+        if end - first >= RUN and np.ptp(q[first:end], axis=0).max() >= least_travel
+    ]
+    is_copy = mask_of(len(is_same), moving_parts)
+    if not is_copy.any():
         return
     what = (
         "{rows} rows are copies, bit by bit, of rows {lag} earlier: a part of the run is"
@@ -155,11 +158,16 @@ def _frozen_measurements(glance: RunSummary) -> Rows:
 
 def _frozen_packets(glance: RunSummary, is_held: Rows) -> Rows:
     """Return the rows (N,) of long stretches that repeat the row before (``is_held``),
-    if a joint moves by more than four usual steps behind the stretch."""
+    if a joint moves by more than four usual steps behind the stretch.
+
+    Usual steps are those of a joint that moves: an arm that waits between the steps of
+    its command stands still in most rows."""
     parts = spans(is_held)
     lengths = np.diff(parts)[:, 0]
     steps = np.abs(np.diff(glance.run.q, axis=0))
-    far = 4.0 * np.median(steps, axis=0)
+    moving_steps = np.where(steps > 0.0, steps, np.nan)
+    moving_steps[:, ~np.any(steps > 0.0, axis=0)] = 0.0
+    far = 4.0 * np.nanmedian(moving_steps, axis=0)
     # A logger faster than its source holds every sample for some rows: that is usual.
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
     is_long = lengths >= max(STUCK, TIMES * usual)

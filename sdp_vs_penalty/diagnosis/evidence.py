@@ -137,9 +137,12 @@ class _Trial:
             (k,) coefficients of the columns T.
         """
         rss = self.products.rss_with(beta * self.is_visible)
+        deviance_before = self.fit.own_deviance
+        if before is not self.fit:  # with the degrees of freedom of this fit
+            deviance_before = float(self.fit.deviance(before.rss))
         deviance_after = self.fit.deviance(rss)
         prior = np.sum((beta / self.prior_std) ** 2)
-        return float(self.fit.deviance(before.rss) - deviance_after - prior)
+        return float(deviance_before - deviance_after - prior)
 
     @property
     def deviance_drop(self) -> float:
@@ -471,7 +474,7 @@ class EvidenceScorer(WhiteFitter):
         energy
             (..., k) sums of squares of the weighted columns.
         """
-        energy_of_torque = float(np.sum(fit.target[joints] ** 2))
+        energy_of_torque = float(np.sum(fit.torque_energy[joints]))
         as_large_as_torque = np.sqrt(energy_of_torque / np.maximum(energy, 1e-200))
         return np.where(np.isnan(plausible), as_large_as_torque, plausible)
 

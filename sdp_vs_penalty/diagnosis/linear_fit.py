@@ -369,7 +369,8 @@ class WhiteFit:
     make that the joint tolerates (:class:`JointProducts`).
 
     design : its columns A (n joints, M rows, p) and torque y; products (n) : of each
-    joint's columns; columns_kept : which of the p columns take part; level (n,) :
+    joint's columns; gram (n, p, p) : A'P A of each joint; with_torque (n, p) : A'P y of
+    each joint; columns_kept : which of the p columns take part; level (n,) :
     standard deviation of each joint's residual, by which its rows are divided; whitener
     W (p, r) : A W / level is orthonormal; theta (p,) : coefficients; rss (n,) :
     unweighted squared errors; degrees (n,) : rows less the joint's share of the rank;
@@ -379,6 +380,8 @@ class WhiteFit:
 
     design: Design
     products: tuple[JointProducts, ...]
+    gram: Array
+    with_torque: Array
     columns_kept: tuple[int, ...]
     whitener: Array
     theta: Array
@@ -394,6 +397,16 @@ class WhiteFit:
         return np.asarray(self.design.y / self.level[:, None])
 
     @cached_property
+    def torque_energy(self) -> Array:
+        """(n,) squares of each joint's torque over the variance of its residual."""
+        return np.asarray(self.design.torque_squared / self.level**2)
+
+    @cached_property
+    def own_deviance(self) -> float:
+        """The fit's deviance (:meth:`deviance`)."""
+        return float(self.deviance(self.rss))
+
+    @cached_property
     def residual(self) -> Array:
         """(n, M) what the fit and the tolerated errors leave of the torque, divided by
         each joint's level."""
@@ -404,21 +417,11 @@ class WhiteFit:
                 residual[j] = products.removed(residual[j], along)
         return np.asarray(residual / self.level[:, None])
 
-    @cached_property
+    @property
     def basis(self) -> Array:
         """(n, M, r) the fit's weighted columns A W / level, which are orthonormal where
         no errors are tolerated."""
         return self.design.times(self.whitener) / self.level[:, None, None]
-
-    @cached_property
-    def gram(self) -> Array:
-        """(n, p, p) the products A'P A of each joint's columns."""
-        return np.array([x.gram for x in self.products])
-
-    @cached_property
-    def with_torque(self) -> Array:
-        """(n, p) the products A'P y of each joint's columns and torque."""
-        return np.array([x.with_torque for x in self.products])
 
     @cached_property
     def keys_of_effects(self) -> frozenset[Key]:
@@ -649,6 +652,8 @@ class WhiteFitter:
         These are rows with equal columns of the model and equal torque, whose effects
         with re-estimable shape constants are the same.
         """
+        if self.data.X is data.X and self.data.y is data.y:
+            return True
         same_effects = list(self.data.own_effects) == list(data.own_effects)
         return (
             same_effects
@@ -841,8 +846,7 @@ class WhiteFitter:
             The most iterations, each of which raises the likelihood (six were needed at
             most on three arms); one leaves the levels as they are.
         """
-        columns_kept = np.array(columns, int)
-        among_kept = np.ix_(columns_kept, columns_kept)
+        columns_kept = np.array(columns, np.intp)
         n, p = design.Ay.shape
         gram = np.array([x.gram for x in products])
         Ay = np.array([x.with_torque for x in products])
@@ -850,17 +854,14 @@ class WhiteFitter:
         n_tolerated = np.array([x.n_tolerated for x in products])
         # Of all columns: a selection from each joint's Gram matrix would cost more.
         flat_gram = gram.reshape(n, -1)
+        # Places of the products of the kept columns in a flat (p, p) matrix.
+        among_kept = columns_kept[:, None] * p + columns_kept
         all_theta = np.zeros(p)  # zero for columns that take no part
         n_rows = self.data.count + n_tolerated
         for _ in range(rounds):
-            weighted_gram = (level**-2.0 @ flat_gram).reshape(p, p)
-            weighted_Ay = level**-2.0 @ Ay
-            L = _triangle(weighted_gram[among_kept])
-            all_theta[columns_kept] = scipy.linalg.cho_solve(
-                (L, True),
-                weighted_Ay[columns_kept],
-                check_finite=False,
-            )
+            weights = level**-2.0
+            L = _triangle((weights @ flat_gram)[among_kept])
+            all_theta[columns_kept] = _solve(L, (weights @ Ay)[columns_kept])
             rss = squares_of_torque - 2.0 * Ay @ all_theta
             rss += (gram @ all_theta) @ all_theta
             rss = np.maximum(rss, 0.0)  # rounding may make it negative
@@ -869,21 +870,18 @@ class WhiteFitter:
             if np.all(np.abs(level - level_of_fit) < 1e-2 * level):
                 break
         # With the weighted Gram matrix L L', the columns A L^-T are orthonormal.
-        L_inverse = scipy.linalg.solve_triangular(
-            L,
-            np.eye(len(L)),
-            lower=True,
-            check_finite=False,
-        )
+        L_inverse = _inverse_triangle(L)
         W = np.zeros((p, len(columns_kept)))
         W[columns_kept] = L_inverse.T
         # The trace of the joint's block of the projection on the fit's columns.
-        covariance = np.zeros((p, p))
+        covariance = np.zeros(p * p)
         covariance[among_kept] = L_inverse.T @ L_inverse
-        rank_of_joint = flat_gram @ covariance.ravel() / level_of_fit**2
+        rank_of_joint = flat_gram @ covariance / level_of_fit**2
         return WhiteFit(
             design=design,
             products=products,
+            gram=gram,
+            with_torque=Ay,
             columns_kept=columns,
             whitener=W,
             theta=all_theta,
@@ -976,15 +974,21 @@ def _errors_on(
 
 def _inverse_root(gram: Array) -> Array:
     """Return L^-1 (m, m) of a positive definite matrix L L' (m, m)."""
-    L = _triangle(gram)
-    return np.asarray(
-        scipy.linalg.solve_triangular(
-            L,
-            np.eye(len(L)),
-            lower=True,
-            check_finite=False,
-        )
-    )
+    return _inverse_triangle(_triangle(gram))
+
+
+def _solve(L: Array, b: Array) -> Array:
+    """Solve L L' x = b (m,) for a lower triangle L (m, m); return x (m,)."""
+    if not len(b):  # LAPACK refuses an empty matrix
+        return b
+    return np.asarray(scipy.linalg.lapack.dpotrs(L, b, lower=True)[0])
+
+
+def _inverse_triangle(L: Array) -> Array:
+    """Return the inverse (m, m) of a lower triangle L (m, m)."""
+    if not len(L):
+        return L
+    return np.asarray(scipy.linalg.lapack.dtrtri(L, lower=True)[0])
 
 
 def orthonormal(columns: Array) -> Array:
@@ -1060,6 +1064,11 @@ def with_ridge(A: Array) -> Array:
     return np.asarray(A + 1e-10 * diagonal[..., None] * np.eye(A.shape[-1]))
 
 
+def _with_ridge_of_one(a: float) -> float:
+    """Return a matrix of one number as :func:`with_ridge` does."""
+    return a + 1e-10 * (a + 1e-300)
+
+
 def bounded_least_squares(
     A: Array,
     Xy: Array,
@@ -1083,7 +1092,7 @@ def bounded_least_squares(
         non-negative least squares.
     """
     if len(Xy) == 1:
-        coefficient = float(Xy[0] / with_ridge(A)[0, 0])
+        coefficient = float(Xy[0] / _with_ridge_of_one(float(A[0, 0])))
         return np.array([max(coefficient, 0.0) if nonnegative[0] else coefficient])
     beta = np.linalg.solve(with_ridge(A), Xy)
     if not np.any(beta[nonnegative] < 0.0):

@@ -519,11 +519,12 @@ class Search:
         with_rivals = []
         for term in terms:
             others = [t for t in terms if t is not term]
-            judged = self.beside(term, others)
+            fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
+            judged = self.score.evidence_of(fit, term.form, term.columns)
             on_its_joints = frozenset(t.text for t in terms if t.joints & term.joints)
             before, rivals = self._not_exchanged.get(term.key, (None, ()))
             if before != on_its_joints:
-                candidates = self._candidates_to_replace(judged, others)
+                candidates = self._candidates_to_replace(judged, others, fit)
                 exchanged = self._exchange(judged, candidates, others)
                 if exchanged is not None:
                     return exchanged
@@ -537,14 +538,14 @@ class Search:
         self,
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
+        fit: WhiteFit,
     ) -> list[ScoredEffect]:
         """List the candidates that may replace the effect ``term``, the best first.
 
-        They act on one of its joints, and are added to a fit with the ``others`` alone.
-        Shape constants of candidates whose evidence is far below the effect's are not
-        refined.
+        They act on one of its joints, and are added to ``fit``, which holds the
+        ``others`` alone. Shape constants of candidates whose evidence is far below the
+        effect's are not refined.
         """
-        fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
         candidates = self.top_candidates(
             fit,
             others,

@@ -87,6 +87,11 @@ class _Probe(Motion):
         assert self.signs is not None
         return self.signs[:, joint]
 
+    def sign_ahead(self, joint: int, lead: float) -> Array:
+        """Return the prescribed sign (N,) of dry friction on one joint (from 0),
+        without the lead [s]."""
+        return self.sign(joint)
+
     def sign_along(self, ratios: Array) -> Array:
         """Return the prescribed sign (N,) of dry friction along the contact with these
         ratios (n,)."""

@@ -525,7 +525,7 @@ class JointResonance(LinkDeviation):
         is not positive at some instant, as in a model of least squares: nothing swings
         so.
         """
-        inertia = mean_inertia(self.robot, motion.model_links, joint)
+        inertia = float(motion.mean_inertias[joint])
         stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * inertia
         by_q, _, by_ddq = slopes
         smallest_stiffness = stiffness + by_q.min()
@@ -570,40 +570,6 @@ class JointResonance(LinkDeviation):
         right_side[2:] = (torque[:-2] + 2.0 * torque[1:-1] + torque[2:]) / 4.0
         bands[1, 0] = 0.0  # the first two instants are at rest
         return np.asarray(scipy.linalg.solve_banded((2, 0), bands, right_side))
-
-
-#: Positions between which a joint's inertia is averaged [rad, m], and how many.
-_AVERAGED = 1.5
-_POSITIONS = 16
-
-
-def mean_inertia(robot: Robot, links: Array, joint: int) -> float:
-    """Return the mean inertia of a joint over positions of the arm.
-
-    The positions are the same for all motions, so that a frequency stands for one
-    stiffness in all recordings.
-
-    Parameters
-    ----------
-    robot
-        The robot.
-    links
-        (links, 10) parameters of its links: m [kg], m c [kg m], inertia [kg m^2].
-    joint
-        The joint from 0.
-
-    Returns
-    -------
-    float
-        Inertia [kg m^2, kg].
-    """
-    shape = _POSITIONS, robot.n
-    q = np.random.default_rng(0).uniform(-_AVERAGED, _AVERAGED, shape)
-    zero = np.zeros(shape)
-    unit_acceleration = zero + np.eye(robot.n)[joint]
-    accelerated = robot.inverse_dynamics(links, q, zero, unit_acceleration)
-    at_rest = robot.inverse_dynamics(links, q, zero, zero)
-    return float((accelerated - at_rest)[:, joint].mean())
 
 
 def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
@@ -709,19 +675,38 @@ class KinematicError(Effect):
         interpolated by cubic splines.
         """
         thinned = _thinned(motion)
+        return _interpolated(motion, thinned, self._torques_at(motion, thinned))
+
+    def torque(self, theta: Array, motion: Motion) -> Array:
+        """Compute the torque (N, n) [N m, N] of all displacements and rotations.
+
+        Only the sum is interpolated between the instants of :meth:`torques`.
+        """
+        thinned = _thinned(motion)
+        torque = self._torques_at(motion, thinned) @ theta
+        return _interpolated(motion, thinned, torque)
+
+    def _torques_at(self, motion: Motion, instants: NDArray[np.intp]) -> Array:
+        """Compute the torque (K, n, k) per unit of each displacement and rotation at K
+        instants of a motion, given by their numbers."""
         derivatives = self.robot.placement_derivatives(
             motion.model_links,
-            motion.q[thinned],
-            motion.dq[thinned],
-            motion.ddq[thinned],
+            motion.q[instants],
+            motion.dq[instants],
+            motion.ddq[instants],
         )
-        columns = np.stack(
+        return np.stack(
             [derivatives[:, :, j, k] for j, k in self._joint_axis_pairs], axis=2
         )
-        if len(thinned) == len(motion.t):
-            return columns
-        spline = scipy.interpolate.CubicSpline(motion.t[thinned], columns)
-        return np.asarray(spline(motion.t))
+
+
+def _interpolated(motion: Motion, instants: NDArray[np.intp], values: Array) -> Array:
+    """Interpolate values (K, ...) at K instants of a motion, given by their numbers, at
+    all its N instants by cubic splines; return (N, ...)."""
+    if len(instants) == len(motion.t):
+        return values
+    spline = scipy.interpolate.CubicSpline(motion.t[instants], values)
+    return np.asarray(spline(motion.t))
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:

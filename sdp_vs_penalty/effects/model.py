@@ -284,9 +284,7 @@ class Model:
         """
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
-        # Known columns are computed all the same where others need their torque.
-        left_out = () if self.needs_reference else known
-        blocks = self._independent_blocks(motion, left_out, smooth)
+        blocks = self._independent_blocks(motion, known, smooth)
         dependent = {k: e for k, e in enumerate(self.effects) if depends(e)}
         needs_current_model = bool(dependent) and motion.current is None
         if needs_current_model:
@@ -294,8 +292,12 @@ class Model:
         for k, effect in dependent.items():
             if not effect.needs_torque:
                 blocks[k] = effect.blocks(motion)
-        if needs_current_model:
+        if needs_current_model and any(e.needs_torque for e in dependent.values()):
             torque = self._made(blocks, self._referred, motion)
+            for k, effect in enumerate(self.effects):
+                if k in known and k not in dependent:  # whose columns were not computed
+                    theta = self._referred[self.indices[k]]
+                    torque += effect.torque(theta, motion)
             motion = replace(motion, torque=torque)
         for k, effect in dependent.items():
             if effect.needs_torque:

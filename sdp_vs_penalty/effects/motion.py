@@ -18,6 +18,9 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
 SIGN_WIDTH = 0.01
+#: Positions between which a joint's inertia is averaged [rad, m], and how many.
+_AVERAGED = 1.5
+_POSITIONS = 16
 #: Instants of a long motion at which derivatives are computed at a time.
 _ROWS_AT_A_TIME = 8192
 
@@ -34,6 +37,25 @@ class CurrentModel:
 
     robot: Robot
     links: Array
+
+    @cached_property
+    def mean_inertias(self) -> Array:
+        """(n,) mean inertia of each joint over positions of the arm [kg m^2, kg].
+
+        The positions are the same for all motions, so that a frequency stands for one
+        stiffness in all recordings.
+        """
+        n = self.robot.n
+        shape = _POSITIONS, n
+        q = np.random.default_rng(0).uniform(-_AVERAGED, _AVERAGED, shape)
+        zero = np.zeros(shape)
+        at_rest = self.robot.inverse_dynamics(self.links, q, zero, zero)
+        means = []
+        for joint in range(n):
+            acceleration = zero + np.eye(n)[joint]
+            torque = self.robot.inverse_dynamics(self.links, q, zero, acceleration)
+            means.append((torque - at_rest)[:, joint].mean())
+        return np.array(means)
 
 
 @dataclass(frozen=True)
@@ -308,6 +330,27 @@ class Motion:
                 chosen[name] = values[which]
         return replace(self, **chosen)
 
+    def with_torque(self, torque: Array) -> Motion:
+        """Return the motion with another torque of the current model.
+
+        What was computed from the states and the links alone is kept.
+
+        Parameters
+        ----------
+        torque
+            (N, n) torque [N m, N].
+
+        Returns
+        -------
+        Motion
+            A copy with that torque.
+        """
+        out = replace(self, torque=torque)
+        for name in ("link_torque", "_derivatives", "_signs", "_legs"):
+            if name in self.__dict__:
+                out.__dict__[name] = self.__dict__[name]
+        return out
+
     def sign(
         self,
         joint: int,
@@ -335,6 +378,25 @@ class Motion:
             self.ddq[:, joint],
             self.within,
         )
+
+    def sign_ahead(self, joint: int, lead: float) -> Array:
+        """Compute the smooth sign of a joint's velocity a little later.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+        lead
+            How much later [s]: the velocity there is dq + lead ddq, to first order.
+
+        Returns
+        -------
+        Array
+            (N,) values in [-1, 1].
+        """
+        acceleration = self.ddq[:, joint]
+        velocity = self.dq[:, joint] + lead * acceleration
+        return smooth_sign(velocity, self.width(joint), acceleration, self.within)
 
     def sign_along(self, ratios: Array) -> Array:
         """Compute the smooth sign of a combination of velocities.
@@ -542,6 +604,12 @@ class Motion:
         return smooth
 
     @property
+    def mean_inertias(self) -> Array:
+        """(n,) mean inertia of each joint of the current model over positions of the
+        arm [kg m^2, kg]; ValueError without a current model."""
+        return self._model.mean_inertias
+
+    @property
     def model_links(self) -> Array:
         """(n, 10) standard parameters of the current model's links; ValueError without
         a current model."""
@@ -570,12 +638,23 @@ class Motion:
         three (N, n) arrays
             Change of all torques by the joint's position, velocity and acceleration.
         """
-        of_joint = []
-        for derivative in self._derivatives:
-            of_joint.append(derivative[:, :, joint].copy())
-            drop_pages(derivative)
-        by_q, by_dq, by_ddq = of_joint
-        return by_q, by_dq, by_ddq
+        last = self._last_derivatives
+        if joint not in last:
+            last.clear()
+            of_joint = []
+            for derivative in self._derivatives:
+                of_joint.append(derivative[:, :, joint].copy())
+                drop_pages(derivative)
+            by_q, by_dq, by_ddq = of_joint
+            if len(self.t) > _ROWS_AT_A_TIME:  # too much memory to keep
+                return by_q, by_dq, by_ddq
+            last[joint] = by_q, by_dq, by_ddq
+        return last[joint]
+
+    @cached_property
+    def _last_derivatives(self) -> dict[int, tuple[Array, Array, Array]]:
+        """What :meth:`derivatives` returned last, by its joint."""
+        return {}
 
     @cached_property
     def _derivatives(self) -> list[Array]:

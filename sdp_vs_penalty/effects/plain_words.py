@@ -32,6 +32,7 @@ SEEN_AGAINST = {
     "drift_offset": "time",
     "elastic_coupling": "position",
     "external_wrench": "position",
+    "friction_lead": "reversal",
     "joint_elasticity": "load",
     "joint_resonance": "load",
     "joint_spring": "position",
@@ -226,6 +227,10 @@ SENTENCES = {
     "external_wrench": (
         "something pulls the last link with {size}, mostly towards {towards} of the"
         " world: a cable, a balancer or a contact"
+    ),
+    "friction_lead": (
+        "dry friction of {joint} turns round {sign:before|after} its velocity does"
+        " ({size})"
     ),
     "global_delay": "all torques are logged {time} later than the positions",
     "joint_coupling": (

@@ -67,6 +67,25 @@ class CoulombFriction(JointEffect):
         return motion.sign(joint, self.shape["v_s"])
 
 
+class FrictionLead(JointEffect):
+    equation = "f_l (tanh((dq + lead ddq) / v_s) - tanh(dq / v_s))"
+    explanation = (
+        "Dry friction turns round before its joint does (f_l > 0), as in a simulator"
+        " whose friction is a soft constraint (MuJoCo's solreffriction), or after it"
+        " (f_l < 0), as bristles do. f_l / f_c times the lead is how much earlier, to"
+        " first order. A simulation from torques leaves it out."
+    )
+    reference = "Todorov, Erez, Tassa, IROS 2012 (MuJoCo); Dahl, AIAA Journal 1976"
+    symbol = "f_l"
+    sought = False
+    shapes = {"lead": ShapeConstant(0.01, "s")}
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        """Return the sign of the velocity ``lead`` [s] ahead, less that of the velocity
+        (N,)."""
+        return motion.sign_ahead(joint, self.shape["lead"]) - motion.sign(joint)
+
+
 class AsymmetricViscousFriction(JointEffect):
     equation = "f_va |dq|"
     explanation = (

@@ -40,7 +40,7 @@ from sdp_vs_penalty.regression.regression import Regression, compress, compress_
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
-from sdp_vs_penalty.signals.phases import phase_folds
+from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
@@ -54,6 +54,10 @@ LAWS = {
     )
     for more, also in (("", ()), (" with feed-forward", ("servo_feedforward",)))
 }
+
+
+#: The effect of dry friction that turns round before or after the velocity does.
+_LEAD = "friction_lead"
 
 
 class _Terms(Effect):
@@ -138,25 +142,42 @@ def _law(name: str, d: float) -> Array:
 _Joint = tuple[Array, list[tuple[Array, Array]]]
 
 
+@dataclass(frozen=True)
+class ServoLaw:
+    """A servo's law as chosen from a log.
+
+    name : key of LAWS; delay : of the command [s]; has_lead : whether dry friction
+    turns round before or after the velocity does; held_out : error of each law on
+    motion left out, over that of the best law [-].
+    """
+
+    name: str
+    delay: float
+    has_lead: bool
+    held_out: dict[str, float]
+
+
 def find_law(
     load: Sequence[Effect],
     runs: FilteredRuns,
     names: Sequence[str],
     delay: float | None,
-) -> tuple[str, float, dict[str, float]]:
+) -> ServoLaw:
     """Choose a servo's law and its delay from a log without torque.
 
     Among the laws whose held-out error is within one standard error of the smallest (or
     within what a wrong law of friction causes), the one with the fewest gains is
     chosen. The delay is found by steps: Taylor's series of the command reaches
     DELAY_REACH, so that terms are compressed again about a delay that lies beyond. A
-    delay that lowers the held-out error too little is zero.
+    delay that lowers the held-out error too little is zero. Laws are compared with a
+    lead of the dry friction in the load: without it, a feed-forward or a delay would
+    stand for the lead.
 
     Parameters
     ----------
     load : sequence of Effect
         Effects against which the drives work. Coulomb friction gets columns for several
-        velocities over which its sign changes.
+        velocities over which its sign changes, and one for its lead.
     runs : FilteredRuns
         Runs without torque.
     names : sequence of str
@@ -166,17 +187,15 @@ def find_law(
 
     Returns
     -------
-    str
-        The law.
-    float
-        Its delay [s].
-    dict of str to float
-        Held-out error of each law over that of the best law [-].
+    ServoLaw
+        The law, its delay, and the held-out errors.
     """
     wide_load = _with_several_turns(load)
+    split = phase_folds(runs.measurements, runs.settings, c.SHAPE_FOLDS)
     about = delay or 0.0  # delay of the compressed terms [s]
-    first_terms = _joints(wide_load, runs, about)
-    terms = first_terms
+    cells = _cells(wide_load, runs, split, about)
+    terms = _joints(cells, split)
+    first_terms = terms
     while True:
         extra = dict.fromkeys(names, 0.0)
         if delay is None:
@@ -189,7 +208,8 @@ def find_law(
         if is_inside or total > 0.95 * LATEST:
             break
         about = total
-        terms = _joints(wide_load, runs, about)
+        cells = _cells(wide_load, runs, split, about)
+        terms = _joints(cells, split)
     if delay is None:
         without_delay = _score(first_terms, chosen, 0.0)
         rise = float(np.mean(without_delay - scores[chosen]))
@@ -200,7 +220,40 @@ def find_law(
         name: float(np.exp(0.5 * np.mean(score - scores[best])))
         for name, score in scores.items()
     }
-    return chosen, total, ratios
+    has_lead = _has_lead(
+        cells,
+        split,
+        name=chosen,
+        score=scores[chosen],
+        T=about,
+        is_open=delay is None,
+    )
+    return ServoLaw(chosen, total, has_lead, ratios)
+
+
+def _has_lead(
+    cells: Regression,
+    split: PhaseFolds,
+    *,
+    name: str,
+    score: Array,
+    T: float,
+    is_open: bool,
+) -> bool:
+    """Decide whether the dry friction turns round before or after the velocity does.
+
+    It does where the lead's columns lower the law's held-out error by more than LEAD,
+    and by more than two standard errors. ``score`` (folds,) is the law's with these
+    columns. The delay T [s] of the terms is found anew without them if it is open.
+    """
+    is_lead = np.array([p.effect == _LEAD for p in cells.parameters])
+    if not is_lead.any():
+        return False
+    terms = _joints(cells.keeping(~is_lead), split)
+    extra = _extra_delay(terms, name, T) if is_open else 0.0
+    rise = _score(terms, name, extra) - score
+    standard_error = float(rise.std(ddof=1)) / np.sqrt(len(rise))
+    return float(rise.mean()) > max(2.0 * np.log(c.LEAD), 2.0 * standard_error)
 
 
 def _with_several_turns(load: Sequence[Effect]) -> list[Effect]:
@@ -218,6 +271,9 @@ def _with_several_turns(load: Sequence[Effect]) -> list[Effect]:
             effects.append(effect)
     if not any(effect.name == "torque_offset" for effect in load):
         effects.append(effect_types()["torque_offset"](load[0].robot))
+    names = {effect.name for effect in effects}
+    if "coulomb_friction" in names and _LEAD not in names:
+        effects.append(effect_types()[_LEAD](load[0].robot))
     return effects
 
 
@@ -237,17 +293,16 @@ def _fewest_gains(scores: Mapping[str, Array]) -> tuple[str, str]:
     return best, best
 
 
-def _joints(
+def _cells(
     load: Sequence[Effect],
     runs: FilteredRuns,
+    split: PhaseFolds,
     T: float,
-) -> list[_Joint]:
-    """Compress each joint's servo terms, delayed by T [s], with its load projected out.
+) -> Regression:
+    """Compress the load and the servo terms, delayed by T [s], by joint and fold.
 
-    A servo's law relates its seven terms (command, position, their derivatives and
-    integrals) and the load's torque. Least squares removes the load's columns, so that
-    laws can be compared by the terms alone. Returns for each joint the terms (r, 7) of
-    all rows, and for each fold of the motion (training terms, test terms).
+    The load's columns are the first ones, the seven terms of each joint the last.
+    Blocks are the parts of the motion from which the folds are made.
     """
     robot = load[0].robot
     model = Model(
@@ -255,10 +310,19 @@ def _joints(
         (*load, _Terms(robot, T)),
         allow_duplicates=True,
     )
-    split = phase_folds(runs.measurements, runs.settings, c.SHAPE_FOLDS)
-    cells = compress_cells(runs, model, split)
+    return compress_cells(runs, model, split)
+
+
+def _joints(cells: Regression, split: PhaseFolds) -> list[_Joint]:
+    """Project the load out of each joint's servo terms.
+
+    A servo's law relates its seven terms (command, position, their derivatives and
+    integrals) and the load's torque. Least squares removes the load's columns, so that
+    laws can be compared by the terms alone. Returns for each joint the terms (r, 7) of
+    all rows, and for each fold of the motion (training terms, test terms).
+    """
     out = []
-    for joint in range(robot.n):
+    for joint in range(cells.joints):
         # Rows (r, k + 7) of each block: k columns of the load, 7 terms; the torque (the
         # last column) is zero in such a log.
         rows_of_block = {
@@ -529,12 +593,14 @@ def servo_log(
     given_delay = _given_delay(drives)
     names = _laws_of(drives) if drives else tuple(LAWS)
     progress("choosing the servo law")
-    law, delay, errors = find_law(load, runs, names, given_delay)
+    law = find_law(load, runs, names, given_delay)
+    if law.has_lead and not chosen:
+        load.append(effect_types()[_LEAD](problem.robot))
     progress("balancing the gains")
     effects_of_law = drives or [
-        effect_types()[name](problem.robot) for name in LAWS[law]
+        effect_types()[name](problem.robot) for name in LAWS[law.name]
     ]
-    moves_delay = given_delay is None and delay > 0.0
+    moves_delay = given_delay is None and law.delay > 0.0
     loop = _Loop(
         problem,
         runs,
@@ -545,7 +611,7 @@ def servo_log(
     )
     # Estimate the load's shape constants with the gains fixed: gain times control error
     # is then the torque.
-    model, theta = loop.fitted_at_delay(delay)
+    model, theta = loop.fitted_at_delay(law.delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
     shapes = estimate_shapes(
         replace(model, known=gains),
@@ -554,12 +620,12 @@ def servo_log(
         widest=c.TURNS[-1],
     )
     loop = replace(loop, load=with_shapes(load, shapes))
-    model, _ = loop.fitted_at_delay(delay)
+    model, _ = loop.fitted_at_delay(law.delay)
     model, rows, distance = _refined(loop, model, instruments, progress)
     details = {
-        "law": "as given" if drives else law,
+        "law": "as given" if drives else law.name,
         "delay": model.effects[-1].shape["T"],
-        "held_out": errors,
+        "held_out": law.held_out,
         "shapes": [s.to_dict() for s in shapes],
         "motion": distance.tolist(),
     }

@@ -427,3 +427,17 @@ def test_a_frozen_position_beside_a_velocity_that_goes_on_is_named():
     q = run.q.copy()
     q[1000:1300, 1] = q[1000, 1]
     assert found("frozen position", replace(run, q=q)) is not None
+
+
+@pytest.mark.parametrize("kind", ["frozen packets", "repeated run"])
+def test_an_arm_that_waits_between_the_steps_of_its_command_is_no_copy(kind):
+    """A servo answers steps within a tenth of a second, and rests under a coarse
+    encoder until the next one."""
+    t = np.arange(0.0, 24.0, 1.0 / RATE)
+    step = np.floor(t / 1.5).astype(int)
+    goals = np.random.default_rng(0).uniform(-0.6, 0.6, (step[-1] + 2, 2))
+    since = (t % 1.5)[:, None]
+    share = 1.0 - np.exp(-since / 0.05) * (1.0 + since / 0.05)
+    q = goals[step] + share * (goals[step + 1] - goals[step])
+    groups = {"q": stepped(q, 2.0 * np.pi / 2**14), "qcmd": goals[step + 1]}
+    assert found(kind, Measurements.of(t, groups, ("run",))) is None

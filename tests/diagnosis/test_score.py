@@ -372,7 +372,7 @@ def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_ch
     other = next(t for t in scored if t.joints == {1})
     tried = []
 
-    def none_to_replace(term, others):
+    def none_to_replace(term, others, fit):
         tried.append(term.key)
         return []
 

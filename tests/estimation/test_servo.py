@@ -137,6 +137,18 @@ def test_the_law_is_chosen_and_its_delay_found(arm):
     assert value(loop, "kh1") == pytest.approx(80.0, rel=0.05)
 
 
+@pytest.mark.parametrize("lead", [0.0, 0.01])
+def test_friction_that_turns_before_the_velocity_is_no_delay_of_the_servo(arm, lead):
+    """A simulator's soft friction turns early: law, delay and gains stay right."""
+    found = sdp.identify(arm, log(lead=lead), known={"kp1": KP}, check=False)
+    names = [p.name for p in found.model.parameters]
+    assert ("f_l1" in names) == (lead > 0.0)
+    assert found.details["servo"]["law"] == "PD"
+    assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
+    assert value(found, "kd1") == pytest.approx(KD + VISCOUS, rel=0.01)
+    assert value(found, "m1") == pytest.approx(MASS, rel=0.02)
+
+
 @pytest.mark.parametrize("torque", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_instruments_take_the_bias_of_noise_away(arm, torque):
     """Positions to millimetres, through a filter that lets much of their noise pass,

@@ -39,8 +39,9 @@ def log(
     seed: int = 0,
     torque: bool = False,
     load: float = 0.0,
+    lead: float = 0.0,
 ) -> Measurements:
-    """20 s at 100 Hz; steps of 0.5 ms; load [kg]."""
+    """20 s at 100 Hz; steps of 0.5 ms; load [kg]; friction turns ``lead`` [s] early."""
     h = 5e-4
     t = np.arange(0.0, 20.0, h)
     told = command(t, seed)
@@ -50,16 +51,15 @@ def log(
     v = 0.0
     sums = OFFSET / ki if ki else 0.0
     start = told[0]
+    a = 0.0
     for k in range(len(t)):
         q[k] = x
         sums += h * (late[k] - x)
         drive = KP * (late[k] - x) - KD * v + ki * sums - kh * (x - start)
         tau[k] = drive
-        v += (
-            h
-            * (drive - VISCOUS * v - COULOMB * np.tanh(v / 0.05) - OFFSET)
-            / (MASS + load)
-        )
+        dry = COULOMB * np.tanh((v + lead * a) / 0.05)
+        a = (drive - VISCOUS * v - dry - OFFSET) / (MASS + load)
+        v += h * a
         x += h * v
     rng = np.random.default_rng(seed + 1)
     logged = q[::20] + noise * rng.normal(size=len(t[::20]))
