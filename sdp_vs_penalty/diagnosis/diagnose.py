@@ -141,13 +141,16 @@ def diagnose_runs(
         Findings and verdict.
     """
     progress("noise, and columns of all candidates")
+    candidates = runs.candidates
+    give_back_memory(runs.searched.samples)
     finished_search = search(
         runs.white_data,
-        runs.candidates,
+        candidates,
         rules,
         progress,
     )
     finished_search = refer_columns_to_current_model(finished_search, progress)
+    give_back_memory(runs.searched.samples)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
     explanation = explain_in_order(finished_search, runs.estimate)

@@ -136,7 +136,7 @@ def refer_once(search: Search) -> Search:
     theta, _ = least_squares_refit(data, [t.form.effect for t in search.terms])
     # The model's parameters come first, then those of each finding.
     widths = [t.form.n_coefficients for t in search.terms]
-    n_of_model = data.raw.shape[2]
+    n_of_model = data.X.shape[2]
     starts = n_of_model + np.cumsum([0, *widths])[:-1]  # of the findings
     own_theta, *thetas = np.split(theta, starts)
     estimate = data.estimate
@@ -180,6 +180,7 @@ def beside_model(
         data.noise,
         estimate,
         data.frozen,
+        like=data,
     )
     out = Search(
         data,

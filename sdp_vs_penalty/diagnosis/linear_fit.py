@@ -417,7 +417,7 @@ class WhiteFit:
                 residual[j] = products.removed(residual[j], along)
         return np.asarray(residual / self.level[:, None])
 
-    @cached_property
+    @property
     def basis(self) -> Array:
         """(n, M, r) the fit's weighted columns A W / level, which are orthonormal where
         no errors are tolerated."""
@@ -652,6 +652,8 @@ class WhiteFitter:
         These are rows with equal columns of the model and equal torque, whose effects
         with re-estimable shape constants are the same.
         """
+        if self.data.X is data.X and self.data.y is data.y:
+            return True
         same_effects = list(self.data.own_effects) == list(data.own_effects)
         return (
             same_effects
@@ -859,11 +861,7 @@ class WhiteFitter:
         for _ in range(rounds):
             weights = level**-2.0
             L = _triangle((weights @ flat_gram)[among_kept])
-            all_theta[columns_kept] = scipy.linalg.lapack.dpotrs(
-                L,
-                (weights @ Ay)[columns_kept],
-                lower=True,
-            )[0]
+            all_theta[columns_kept] = _solve(L, (weights @ Ay)[columns_kept])
             rss = squares_of_torque - 2.0 * Ay @ all_theta
             rss += (gram @ all_theta) @ all_theta
             rss = np.maximum(rss, 0.0)  # rounding may make it negative
@@ -979,8 +977,17 @@ def _inverse_root(gram: Array) -> Array:
     return _inverse_triangle(_triangle(gram))
 
 
+def _solve(L: Array, b: Array) -> Array:
+    """Solve L L' x = b (m,) for a lower triangle L (m, m); return x (m,)."""
+    if not len(b):  # LAPACK refuses an empty matrix
+        return b
+    return np.asarray(scipy.linalg.lapack.dpotrs(L, b, lower=True)[0])
+
+
 def _inverse_triangle(L: Array) -> Array:
     """Return the inverse (m, m) of a lower triangle L (m, m)."""
+    if not len(L):
+        return L
     return np.asarray(scipy.linalg.lapack.dtrtri(L, lower=True)[0])
 
 

@@ -52,7 +52,7 @@ def least_squares_refit(
     torque = data.rows.residual if data.frozen else data.rows.torque
     first = np.zeros(p)
     if not data.frozen:
-        first[: data.raw.shape[2]] = data.estimate.theta
+        first[: data.X.shape[2]] = data.estimate.theta
     if not p:
         return first, torque
     # Rows of the prior: theta / plausible size = 0, and links = those of the model.

@@ -9,7 +9,7 @@ gear that yields follow. Shares are on data left out: a smooth function of the q
 is fitted to some stretches of the motion and judged on others, so that chance explains
 nothing. They are shares of what other parameters of the model would leave, fitted to
 all joints at once: the rest resembles the model, whatever its cause. Friction that
-turns round over a short travel and a lag that the joints share are in nearly every log
+turns round over a short travel, and a lag that the joints share, are in nearly every log
 (:mod:`~sdp_vs_penalty.diagnosis.usual_error`): causes are judged beyond them, and the
 worst joint is the one whose error beyond them is the most times its noise.
 """
@@ -90,7 +90,10 @@ TAKEN_IN = (
 )
 
 #: What most drives show, whatever else a model lacks.
-USUAL = "friction that turns round over a short travel, and a lag that joints share"
+USUAL = (
+    "friction that turns round over a short travel, and a lag or noise of positions that"
+    " joints share"
+)
 
 #: What makes an error that follows a torque of the model, by the name of its cause.
 MEANINGS = {

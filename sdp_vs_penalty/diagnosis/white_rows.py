@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FORGETS
 from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, sensitivities
@@ -138,6 +139,25 @@ class WhiteData:
         """Whether the noise was measured; if not, it is the model's own residual."""
         return self.noise.source != RESIDUAL
 
+    def has_columns_of(self, estimate: Estimate, noise: Noise, frozen: bool) -> bool:
+        """Return whether another estimate has the same white columns on these rows.
+
+        That is so where the effects of both models are the same, and follow from the
+        motion alone. ``frozen`` : whether the other model is held fixed.
+        """
+        if frozen or self.frozen or noise is not self.noise:
+            return False
+        model = self.estimate.model
+        other = estimate.model
+        if model.gains != other.gains or model.sign_width != other.sign_width:
+            return False
+        if len(model.effects) != len(other.effects):
+            return False
+        return all(
+            a.same_columns(b) and not depends(a)
+            for a, b in zip(model.effects, other.effects, strict=True)
+        )
+
     @cached_property
     def own_effects(self) -> dict[tuple[str, int], tuple[Effect, int]]:
         """The model's effects whose shape constant might be re-estimated.
@@ -197,9 +217,10 @@ class WhiteData:
         derivatives = sensitivities(effects, thetas)
         return [(d, self.columns(d)) for d in derivatives]
 
-    @cached_property
+    @property
     def raw(self) -> Array:
-        """(n, M, p) the model's own filtered columns, not whitened."""
+        """(n, M, p) the model's own filtered columns, not whitened; put together at each
+        call."""
         return model_columns(self.rows, self.estimate, self.frozen)
 
     def white(self, columns: Array, joint: int) -> Array:
@@ -277,6 +298,7 @@ def whiten_with_noise(
     noise: Noise,
     estimate: Estimate,
     frozen: bool,
+    like: WhiteData | None = None,
 ) -> WhiteData:
     """Weight filtered rows with a known noise, so that it is independent, variance 1.
 
@@ -290,7 +312,12 @@ def whiten_with_noise(
         The model whose columns are weighted too.
     frozen
         True: the model is held fixed, and the torque is what it leaves unexplained.
+    like
+        The same rows with another estimate. Where its white columns are those of this
+        one, they are used again.
     """
+    if like is not None and like.has_columns_of(estimate, noise, frozen):
+        return replace(like, rows=rows, estimate=estimate)
     torque = rows.residual if frozen else rows.torque
     X, y = white_rows(
         rows,

@@ -646,6 +646,8 @@ class Motion:
                 of_joint.append(derivative[:, :, joint].copy())
                 drop_pages(derivative)
             by_q, by_dq, by_ddq = of_joint
+            if len(self.t) > _ROWS_AT_A_TIME:  # too much memory to keep
+                return by_q, by_dq, by_ddq
             last[joint] = by_q, by_dq, by_ddq
         return last[joint]
 
