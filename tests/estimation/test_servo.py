@@ -142,7 +142,7 @@ def test_friction_that_turns_before_the_velocity_is_no_delay_of_the_servo(arm, l
     """A simulator's soft friction turns early: law, delay and gains stay right."""
     found = sdp.identify(arm, log(lead=lead), known={"kp1": KP}, check=False)
     names = [p.name for p in found.model.parameters]
-    assert ("f_l1" in names) == (lead > 0.0)
+    assert ("f_e1" in names) == (lead > 0.0)
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
     assert value(found, "kd1") == pytest.approx(KD + VISCOUS, rel=0.01)
