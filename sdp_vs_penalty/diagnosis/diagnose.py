@@ -157,8 +157,10 @@ def diagnose_runs(
     explanation = explain_in_order(finished_search, runs.estimate)
     judged = explanation.terms
     held_out = held_out_errors(explanation, judge)
+    give_back_memory(runs.searched.samples)
     explanation = drop_harmful(explanation, held_out, finished_search)
     unexplained = unexplained_error(explanation.search)
+    give_back_memory(runs.searched.samples)
     explanation = with_equivalence_sets(explanation, judge)
     errors_of_gains = gain_errors(runs.estimate, gain_uncertainty)
     # Without one stand-in another may fit as well as a third: until none is dropped.

@@ -99,6 +99,13 @@ class Columns(NamedTuple):
     new: list[Effect]
     kept: NDArray[np.bool_]
 
+    def with_zeros(self, theta: Array) -> Array:
+        """Return the parameters (p,) of all columns: ``theta`` of the kept ones, zeros
+        for the others."""
+        out = np.zeros(len(self.kept))
+        out[self.kept] = theta
+        return out
+
 
 @dataclass
 class HeldOut:
@@ -193,8 +200,9 @@ class HeldOut:
                 self.frozen,
             )
             for split, theta in zip(same_effects, fits, strict=True):
+                all_parameters = columns.with_zeros(theta)
                 for test in split.tests:
-                    yield test.keeping(columns.kept).joint_losses(theta)
+                    yield test.joint_losses(all_parameters)
 
     def least_squares_errors(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (n,) [N m or N] on data left out, by least squares.
@@ -211,8 +219,9 @@ class HeldOut:
                 columns = split.columns_of(self.estimate, chosen)
                 train = split.train.keeping(columns.kept)
                 theta = least_squares_parameters(self.estimate, columns, train)
+                all_parameters = columns.with_zeros(theta)
                 for test in split.tests:
-                    squares += test.keeping(columns.kept).joint_losses(theta)
+                    squares += test.joint_losses(all_parameters)
                     rows += test.joint_rows()
             self._least_squares_errors[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._least_squares_errors[key]
@@ -375,21 +384,21 @@ class _Table:
         self.frozen = frozen
         self.own_columns = model_columns(rows, estimate, frozen)
         #: The effects of the last call and their columns.
-        self._last: tuple[tuple[Effect, ...], Array] | None = None
+        self._last: tuple[tuple[Effect, ...], list[Array]] | None = None
 
-    def _columns(self, effects: tuple[Effect, ...]) -> Array:
-        """Return the columns (n joints, M rows, p + 1) of the model and of effects.
+    def _columns(self, effects: tuple[Effect, ...], joint: int) -> Array:
+        """Return the columns (M rows, p + 1) of the model and of effects on a joint
+        (from 0).
 
         The last column is the target: the torque, or the residual of a fixed model. The
-        result of the last call is kept.
+        effects' columns of the last call are kept.
         """
         if self._last is None or self._last[0] is not effects:
-            torque = self.rows.residual if self.frozen else self.rows.torque
-            blocks = [self.own_columns]
-            blocks += [spread_columns(self.rows, e) for e in effects]
-            blocks.append(torque.T[:, :, None])
-            self._last = effects, np.concatenate(blocks, axis=2)
-        return self._last[1]
+            self._last = effects, [spread_columns(self.rows, e) for e in effects]
+        torque = self.rows.residual if self.frozen else self.rows.torque
+        blocks = [self.own_columns, *self._last[1]]
+        on_joint = [block[joint] for block in blocks]
+        return np.column_stack([*on_joint, torque[:, joint]])
 
     def compressed(
         self,
@@ -414,8 +423,8 @@ class _Table:
         parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
         all_columns = np.arange(len(parameters))
         factors = []
-        for j, columns in enumerate(self._columns(effects)):
-            kept_rows = columns[keep[:, j]]
+        for j in range(self.rows.n):
+            kept_rows = self._columns(effects, j)[keep[:, j]]
             triangle = triangular([kept_rows]) if len(kept_rows) else kept_rows
             factors.append(
                 Factor(

@@ -195,13 +195,15 @@ class JointProducts:
     torque_along: Array
     by_batch: dict[Batch, BatchProducts] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def n_tolerated(self) -> int:
         """The number m of columns of tolerated errors."""
         return len(self.root)
 
     def along(self, z: Array) -> Array:
         """Return L^-1 N'z (m, K) of columns z (M, K): x'P z = x'z less its products."""
+        if not self.n_tolerated:
+            return np.zeros((0, z.shape[1]))
         return np.asarray(self.root @ (self.columns.T @ z))
 
     def removed(self, z: Array, along: Array) -> Array:
@@ -260,6 +262,13 @@ class Design:
             if len(terms.numbers):
                 out[j] += terms.columns @ coefficients[terms.numbers]
         return np.asarray(out)
+
+    def times_on(self, joint: int, coefficients: Array) -> Array:
+        """Return A C (M, K) on a joint (from 0) for coefficients C (p, K)."""
+        B = self.basis_products.basis[joint]
+        out = B @ coefficients[: B.shape[1]]
+        terms = self.terms_by_joint[joint]
+        return np.asarray(out + terms.columns @ coefficients[terms.numbers])
 
     def products_on(self, joint: int, z: Array) -> Array:
         """Return A'Z (p, K) for columns Z (M, K) on a joint (from 0)."""
@@ -418,6 +427,16 @@ class WhiteFit:
         return np.asarray(residual / self.level[:, None])
 
     @property
+    def leverage(self) -> Array:
+        """(n, M) share of each row's noise that the fit absorbs, from 0 to 1: the sum
+        of squares of the row in ``basis``."""
+        shares = []
+        for j, level in enumerate(self.level.tolist()):
+            basis = self.design.times_on(j, self.whitener) / level
+            shares.append(np.sum(basis**2, axis=1))
+        return np.array(shares)
+
+    @property
     def basis(self) -> Array:
         """(n, M, r) the fit's weighted columns A W / level, which are orthonormal where
         no errors are tolerated."""
@@ -531,8 +550,11 @@ class ColumnProducts:
             AZ = fit.design.products_on(j, z)
             energy += np.diagonal(gram)
             along[j] = products.along(z)
-            with_design[j] = (AZ - products.design_along.T @ along[j]) / fit.level[j]
-            grams[j] = gram - along[j].T @ along[j]
+            if products.n_tolerated:
+                AZ -= products.design_along.T @ along[j]
+                gram = gram - along[j].T @ along[j]
+            with_design[j] = AZ / fit.level[j]
+            grams[j] = gram
         return cls(
             fit=fit,
             columns=columns,

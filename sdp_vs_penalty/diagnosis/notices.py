@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import SERIES
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.sizes import largest_sums_of_scores
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.regression.evidence import cluster_sums
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.inertia import gyration_about_joint, inertia_matrix
 
@@ -310,11 +310,12 @@ def _may_be_constant(search: Search, term: ScoredEffect) -> bool:
 
 
 def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notice:
-    """Say what a constant offset of a joint (from 1) may be."""
+    """Say what a constant torque of a joint (from 1) may be."""
     text = (
-        f"joint {joint} has a constant offset of"
-        f" {offset:.3g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}: while it moves, the"
-        " same as Coulomb friction that differs by direction"
+        f"joint {joint} holds a constant torque of"
+        f" {offset:.3g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}: the zero of its"
+        " channel, Coulomb friction that differs by direction, or a part of an effect"
+        " that the model lacks"
     )
     return Notice("offset", joint, offset, std, unit, text)
 
@@ -367,15 +368,15 @@ class ScaledRows:
     def scatter(self, theta: Array) -> Array:
         """Return S (K, K): the products of the scores Z'r, summed over clusters.
 
-        r is the residual of parameters theta (K,). Of all ways to cluster the rows the
-        one with the largest trace is taken.
+        r is the residual of parameters theta (K,). The clusters are those of a
+        finding's interval (:func:`~sdp_vs_penalty.diagnosis.sizes.largest_sums`).
         """
         scores = np.zeros((self.torque.shape[1], len(theta)))
         for z, y in zip(self.columns, self.torque, strict=True):
             residual = y - z @ theta
             scores += z * residual[:, None]
-        middles = [sums.T @ sums for sums in cluster_sums(self.clusters, scores)]
-        return max(middles, key=lambda middle: float(np.trace(middle)))
+        factor = largest_sums_of_scores(self.clusters, scores)
+        return np.asarray(factor @ factor.T)
 
     def padded(self, of_model: Array) -> Array:
         """Return values of the model's parameters (p,), with zeros of the findings'

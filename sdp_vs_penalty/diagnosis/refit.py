@@ -45,9 +45,14 @@ def least_squares_refit(
     (M, n) array
         The residual torque [N m or N], not whitened.
     """
-    columns_of_effects = [spread_columns(data.rows, e) for e in effects]
-    columns = np.concatenate([data.raw, *columns_of_effects], axis=2)
-    n, _, p = columns.shape  # joints, rows, parameters
+    blocks = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
+
+    def columns_on(joint: int) -> Array:
+        """Return the columns (M, p + k) of the model and the effects on a joint."""
+        return np.hstack([block[joint] for block in blocks])
+
+    n = data.n
+    p = sum(block.shape[2] for block in blocks)
     own_effects = () if data.frozen else data.estimate.model.effects
     torque = data.rows.residual if data.frozen else data.rows.torque
     first = np.zeros(p)
@@ -66,7 +71,7 @@ def least_squares_refit(
     # Steps are taken from the model's values: what no row determines stays there.
     triangles = []
     for j in range(n):
-        white = data.white(columns[j], j)
+        white = data.white(columns_on(j), j)
         triangles.append(_compress_rows(white, data.y[j] - white @ first))
     smallest_variance = 1.0 if data.noise_is_known else 1e-12
     level = np.ones(n)
@@ -81,7 +86,8 @@ def least_squares_refit(
         variance = squares / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(variance, smallest_variance))
     theta = first + step
-    return theta, np.asarray(torque - (columns @ theta).T)
+    modelled = np.column_stack([columns_on(j) @ theta for j in range(n)])
+    return theta, np.asarray(torque - modelled)
 
 
 def link_sizes(estimate: Estimate) -> Array:

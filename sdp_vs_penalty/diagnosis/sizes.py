@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.search import Search
@@ -176,13 +177,6 @@ def _sandwich(inverse: Array, factors: Sequence[Array], gram: Array) -> Array:
 def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
     """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'.
 
-    A column of F is the score T'r summed over a cluster of rows that err together.
-    Rows are clustered by time and by phase. Factors are scaled by sqrt(C / (C - K)) for
-    C clusters and K parameters. Clusters are also joined to PARTS (8), because a model
-    that lacks something errs alike over longer times than a cluster lasts: that is a
-    jackknife over parts of the log, to first order. Of all ways the one with the
-    largest trace of S is taken.
-
     Parameters
     ----------
     data
@@ -191,12 +185,46 @@ def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
         (n joints, rows, K) columns.
     residual
         (n, rows) residual r.
+
+    Returns
+    -------
+    (K, clusters) array
+        See :func:`largest_sums_of_scores`.
     """
     scores = np.sum(T * residual[:, :, None], axis=0)
+    return largest_sums_of_scores(data.clusters, scores)
+
+
+def largest_sums_of_scores(
+    clusters: Sequence[NDArray[np.intp]],
+    scores: Array,
+) -> Array:
+    """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'.
+
+    A column of F is the score summed over a cluster of rows that err together. Rows are
+    clustered by time and by phase. Factors are scaled by sqrt(C / (C - K)) for C
+    clusters and K parameters. Clusters are also joined to PARTS (8), because a model
+    that lacks something errs alike over longer times than a cluster lasts: that is a
+    jackknife over parts of the log, to first order. Of all ways the one with the
+    largest trace of S is taken.
+
+    Parameters
+    ----------
+    clusters
+        For each way the label (rows,) of each row's cluster, from 0.
+    scores
+        (rows, K) products of the columns with the residual.
+
+    Returns
+    -------
+    (K, clusters) array
+        The factor.
+    """
+    n_parameters = scores.shape[1]
     factors = []
-    for sums in cluster_sums(data.clusters, scores):
+    for sums in cluster_sums(clusters, scores):
         n_clusters = len(sums)
-        degrees = max(n_clusters - T.shape[2], 1.0)
+        degrees = max(n_clusters - n_parameters, 1.0)
         factors.append(sums.T * np.sqrt(n_clusters / degrees))
         if n_clusters >= 2 * PARTS:
             factors.append(_sums_of_parts(sums).T)

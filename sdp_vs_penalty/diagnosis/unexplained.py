@@ -116,7 +116,7 @@ def remainder(
     keep = is_measured & (rows.still <= STILL) & ~outlier_rows
     slides = keep & (rows.slow <= SLOW)
     # (M, n) share of a row's noise that the fit has absorbed.
-    leverage = np.sum(fit.basis**2, axis=2).T
+    leverage = fit.leverage.T
 
     def mean(squares: Array, which: NDArray[np.bool_]) -> Array:
         """Average squares (M, n) over rows, without bias by the fitted parameters."""

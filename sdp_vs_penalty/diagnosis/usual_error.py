@@ -68,7 +68,9 @@ def lag_columns(states: States, joint: int) -> Array:
     torque by time [N m/s, N m/s^2 or N/s, N/s^2].
 
     A low-pass of time constant T makes tau - T dtau/dt + T^2 d^2tau/dt^2 of the torque
-    tau, to second order.
+    tau, to second order. Noise of positions (encoder steps, a clock that jitters) is in
+    the modelled torque and in its second derivative alike, so that the latter explains
+    it as well: by a coefficient that follows from the filters, the same for all joints.
     """
     columns = [states.torque_rate[:, joint], states.torque_curvature[:, joint]]
     return np.column_stack(columns)

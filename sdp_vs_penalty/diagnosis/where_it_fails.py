@@ -9,7 +9,7 @@ gear that yields follow. Shares are on data left out: a smooth function of the q
 is fitted to some stretches of the motion and judged on others, so that chance explains
 nothing. They are shares of what other parameters of the model would leave, fitted to
 all joints at once: the rest resembles the model, whatever its cause. Friction that
-turns round over a short travel and a lag that the joints share are in nearly every log
+turns round over a short travel, and a lag that the joints share, are in nearly every log
 (:mod:`~sdp_vs_penalty.diagnosis.usual_error`): causes are judged beyond them, and the
 worst joint is the one whose error beyond them is the most times its noise.
 """
@@ -27,6 +27,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.causes import (
@@ -90,7 +91,10 @@ TAKEN_IN = (
 )
 
 #: What most drives show, whatever else a model lacks.
-USUAL = "friction that turns round over a short travel, and a lag that joints share"
+USUAL = (
+    "friction that turns round over a short travel, and a lag or noise of positions that"
+    " joints share"
+)
 
 #: What makes an error that follows a torque of the model, by the name of its cause.
 MEANINGS = {
@@ -299,39 +303,62 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
         On the likeliest causes, on velocity reversals, and on waves per revolution.
     """
     strongest = dependences(failure)
-    named = []
-    for name, share in strongest:
-        percent = f"{100.0 * share:.0f} %"
-        detail = ""
-        if name == OTHER_JOINTS and failure.other_joint:
-            detail = f", most on the {failure.other_joint}"
-        named.append(f"{name} ({percent}{detail})")
-    if named:
-        out = [_dependence_sentence(failure.causes, named)]
-        equivalent = failure.causes.equivalent_causes
-        if len(equivalent) > 1 and set(equivalent) & set(dict(strongest)):
-            out.append(f"These data do not tell {words(equivalent)} apart.")
-    else:
-        out = [
-            f"No function of one cause explains {100.0 * CHANGES:.0f} % of the error on"
-            " data left out."
-        ]
-    near = any(s.cause == REVERSAL for s in failure.stretches)
-    if (REVERSAL in dict(strongest) or near) and failure.reversal_lift > 1.0:
+    out = _cause_sentences(failure, strongest)
+    causes = {name for name, _ in strongest}
+    causes |= {
+        stretch.cause for stretch in failure.stretches if stretch.cause == REVERSAL
+    }
+    if REVERSAL in causes and failure.reversal_lift > 1.0:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."
         )
-    if strongest and strongest[0][0] in MEANINGS and not failure.causes.is_usual:
-        out.append(MEANINGS[strongest[0][0]])
+    if strongest and not failure.causes.is_usual:
+        likeliest = strongest[0][0]
+        out += [MEANINGS[likeliest]] if likeliest in MEANINGS else []
+    return [*out, *_wave_sentences(failure, plain_unit(unit))]
+
+
+def _cause_sentences(
+    failure: JointFailure,
+    strongest: Sequence[tuple[str, float]],
+) -> list[str]:
+    """Say on what an error depends most, and which causes the data do not tell apart.
+
+    Parameters
+    ----------
+    failure
+        The error of the joint.
+    strongest
+        Its likeliest causes with their shares.
+    """
+    if not strongest:
+        return [
+            f"No function of one cause explains {100.0 * CHANGES:.0f} % of the error on"
+            " data left out."
+        ]
+    named = []
+    for name, share in strongest:
+        percent = f"{100.0 * share:.0f} %"
+        has_detail = name == OTHER_JOINTS and failure.other_joint
+        detail = f", most on the {failure.other_joint}" if has_detail else ""
+        named.append(f"{name} ({percent}{detail})")
+    out = [_dependence_sentence(failure.causes, named)]
+    equivalent = failure.causes.equivalent_causes
+    if len(equivalent) > 1 and set(equivalent) & set(dict(strongest)):
+        out.append(f"These data do not tell {words(equivalent)} apart.")
+    return out
+
+
+def _wave_sentences(failure: JointFailure, unit: str) -> list[str]:
+    """Say at which frequencies a joint hums, and which waves per turn its error has."""
+    out = []
     if failure.hums:
-        hums = words(
-            [f"{f:.3g} Hz ({a:.2g} {plain_unit(unit)})" for f, a in failure.hums[:3]]
-        )
+        hums = words([f"{f:.3g} Hz ({a:.2g} {unit})" for f, a in failure.hums[:3]])
         out.append(f"It hums at {hums}, which the filters take out.")
     if failure.orders:
         waves = ", ".join(
-            f"{k} ({a:.2g} {plain_unit(unit)}, {r:.0f}x)" for k, a, r in failure.orders
+            f"{k} ({a:.2g} {unit}, {r:.0f}x)" for k, a, r in failure.orders
         )
         out.append(
             f"Waves per revolution (amplitude, that over its surroundings): {waves}."
@@ -390,8 +417,8 @@ class Failures(Record, list[JointFailure]):
         return strongest[0][0] if strongest else UNNAMED
 
     @property
-    def worst_first(self) -> list[JointFailure]:
-        """The joints sorted by their error beyond the usual one, the largest first.
+    def badness(self) -> Array:
+        """(n,) error of each joint beyond the usual one, as a multiple of its noise.
 
         Errors are RMS, over the scatter of the joints' torques from sample to sample: it
         compares the noise of joints of one log even where the level of that noise is
@@ -403,8 +430,19 @@ class Failures(Record, list[JointFailure]):
             units = [f.scatter for f in self]
         elif all(f.noise_floor for f in self):
             units = [f.noise_floor for f in self]
-        above = [f.unusual_error / (x or 1.0) for f, x in zip(self, units, strict=True)]
-        return [self[int(k)] for k in np.argsort(above)[::-1]]
+        errors = np.array([f.unusual_error for f in self])
+        return np.asarray(errors / [unit or 1.0 for unit in units])
+
+    @property
+    def worst_first(self) -> list[JointFailure]:
+        """The joints sorted by their ``badness``, the largest first."""
+        return [self[int(k)] for k in np.argsort(self.badness)[::-1]]
+
+    @property
+    def equally_bad(self) -> list[int]:
+        """The worst joints (from 1) that differ by less than their noise is known."""
+        badness = self.badness
+        return (np.flatnonzero(badness * _SCATTER_KNOWN >= badness.max()) + 1).tolist()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON of all joints."""
@@ -441,7 +479,10 @@ class Failures(Record, list[JointFailure]):
             for f in self.worst_first
         ]
         rows.append(("not shown", TAKEN_IN))
-        return "Where the model fails, the worst joints first", rows
+        title = "Where the model fails, the worst joints first"
+        if len(self.equally_bad) > 1:
+            title += f" ({formatting.joints(self.equally_bad)} are about as bad)"
+        return title, rows
 
 
 def where_it_fails(
@@ -732,6 +773,8 @@ _THIRD_DIFFERENCE = 20.0
 #: round, a knock, and a servo that shakes its joint are torque, and no noise of it.
 _WINDOW = 25
 _QUIET_SHARE = 0.25
+#: Factor within which the scatter compares the noise of two joints.
+_SCATTER_KNOWN = 1.2
 
 
 def torque_scatter(
@@ -762,26 +805,29 @@ def torque_scatter(
     float or None
         None where the log has too few samples for it, or no scatter.
     """
-    mean_squares = [np.zeros(0)]
-    frequencies = []
-    for run in runs:
-        differences = np.diff(run.tau[:, joint], 3)
-        n_windows = len(differences) // _WINDOW
-        if n_windows:
-            windows = differences[: n_windows * _WINDOW].reshape(n_windows, _WINDOW)
-            mean_squares.append(np.mean(windows**2, axis=1))
-            frequencies.append(1.0 / float(np.median(np.diff(run.t))))
-    if not frequencies or min(frequencies) < _SAMPLES_A_PERIOD * cutoff:
+    long_runs = [run for run in runs if len(run.t) > _WINDOW + 3]
+    if not long_runs:
         return None
-    changing = np.concatenate(mean_squares)
-    changing = changing[changing > 0.0]  # windows of one coarse level show nothing
-    if not len(changing):
+    rate = min(1.0 / float(np.median(np.diff(run.t))) for run in long_runs)
+    squares = np.concatenate([_window_squares(run, joint) for run in long_runs])
+    squares = squares[squares > 0.0]  # windows of one coarse level show nothing
+    if rate < _SAMPLES_A_PERIOD * cutoff or not len(squares):
         return None
-    variance = float(np.quantile(changing, _QUIET_SHARE))
+    variance = float(np.quantile(squares, _QUIET_SHARE))
     for hum in hums:
-        gain = (2.0 * np.sin(np.pi * hum.frequency / min(frequencies))) ** 6
+        gain = (2.0 * np.sin(np.pi * hum.frequency / rate)) ** 6
         variance -= 0.5 * hum.amplitude**2 * gain
     return float(np.sqrt(variance / _THIRD_DIFFERENCE)) if variance > 0.0 else None
+
+
+def _window_squares(run: Measurements, joint: int) -> Array:
+    """Return the mean squares (windows,) of a torque's third differences in windows of
+    25 samples [(N m)^2 or N^2]; joint : from 0.
+    """
+    differences = np.diff(run.tau[:, joint], 3)
+    n_windows = len(differences) // _WINDOW
+    windows = differences[: n_windows * _WINDOW].reshape(n_windows, _WINDOW)
+    return np.asarray(np.mean(windows**2, axis=1))
 
 
 class _FullRate(NamedTuple):

@@ -68,15 +68,15 @@ class CoulombFriction(JointEffect):
 
 
 class FrictionLead(JointEffect):
-    equation = "f_l (tanh((dq + lead ddq) / v_s) - tanh(dq / v_s))"
+    equation = "f_e (tanh((dq + lead ddq) / v_s) - tanh(dq / v_s))"
     explanation = (
-        "Dry friction turns round before its joint does (f_l > 0), as in a simulator"
+        "Dry friction turns round before its joint does (f_e > 0), as in a simulator"
         " whose friction is a soft constraint (MuJoCo's solreffriction), or after it"
-        " (f_l < 0), as bristles do. f_l / f_c times the lead is how much earlier, to"
+        " (f_e < 0), as bristles do. f_e / f_c times the lead is how much earlier, to"
         " first order. A simulation from torques leaves it out."
     )
     reference = "Todorov, Erez, Tassa, IROS 2012 (MuJoCo); Dahl, AIAA Journal 1976"
-    symbol = "f_l"
+    symbol = "f_e"
     sought = False
     shapes = {"lead": ShapeConstant(0.01, "s")}
 

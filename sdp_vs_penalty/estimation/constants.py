@@ -71,3 +71,10 @@ FEWER_GAINS = 1.2
 #: of servos [-]: 1.05 to 3.2 on 17 simulated logs, whose gains it mends; 1.00 to 1.03 on
 #: 10 with little motion, a saturated drive or coarse encoders.
 LEAD = 1.04
+#: Demanded torques over the largest one from which a drive may be limited [-].
+LIMIT_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)
+#: A drive is limited if the demand above such a level explains this share of the squared
+#: residual or more (limited ones: 0.20 to 0.55; 30 others: 0.05 or less), and this share
+#: of the demand above the level, or more, is missing [-].
+LIMIT_EXPLAINS = 0.12
+LIMIT_MISSING = 0.5

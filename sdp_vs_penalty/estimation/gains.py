@@ -96,8 +96,9 @@ def drive_gains(estimate: Estimate) -> Iterator[Gain]:
     which the user fixes by one given gain (a member of ``model.known``) with a
     relative standard deviation ``scale_error`` (0: the user calls it exact).
 
-    Interval's half-width: 1.96 std for an estimated gain; 1.96 scale_error |value| for
-    the given gain; None for the given gain if it is exact.
+    Interval's half-width: 1.96 std for an estimated gain, infinite if its drive is
+    limited; 1.96 scale_error |value| for the given gain; None for the given gain if it
+    is exact.
 
     Parameters
     ----------
@@ -111,6 +112,7 @@ def drive_gains(estimate: Estimate) -> Iterator[Gain]:
     """
     model = estimate.model
     scale_error = estimate.details["servo"].get("scale_error", 0.0)
+    limited = limited_drives(estimate)
     parameters = zip(
         model.parameters,
         estimate.theta,
@@ -122,6 +124,8 @@ def drive_gains(estimate: Estimate) -> Iterator[Gain]:
         if not is_servo_gain:
             continue
         half_width: float | None = NORMAL_95 * float(std)
+        if parameter.joint in limited:
+            half_width = np.inf
         if parameter.name in model.known:
             half_width = NORMAL_95 * scale_error * float(value) if scale_error else None
         yield Gain(parameter.name, float(value), half_width, parameter.unit)
@@ -167,6 +171,15 @@ def with_torque_error(estimate: Estimate, regression: Regression) -> Estimate:
         errors.append(std / size if np.isfinite(std) else None)
     servo = {**estimate.details["servo"], "torque_error": errors}
     return replace(estimate, details={**estimate.details, "servo": servo})
+
+
+def limited_drives(estimate: Estimate) -> tuple[int, ...]:
+    """Return the joints (from 1) whose drive made less torque than its law demands.
+
+    Empty for an estimate from runs with torque.
+    """
+    servo = estimate.details.get("servo") or {}
+    return tuple(servo.get("limited", ()))
 
 
 def open_torques(estimate: Estimate) -> dict[int, float]:

@@ -573,8 +573,8 @@ def servo_log(
     FilteredRuns
         With the simulated motion where instruments are used.
     dict
-        Law, delay [s], held-out errors, shape constants, distance of the simulated
-        motion.
+        Joints with a limited drive, law, delay [s], held-out errors, shape constants,
+        distance of the simulated motion.
 
     Raises
     ------
@@ -622,7 +622,9 @@ def servo_log(
     loop = replace(loop, load=with_shapes(load, shapes))
     model, _ = loop.fitted_at_delay(law.delay)
     model, rows, distance = _refined(loop, model, instruments, progress)
+    _, theta = loop.fitted_at_delay(model.effects[-1].shape["T"])
     details = {
+        "limited": limited_drives(model, theta, runs),
         "law": "as given" if drives else law.name,
         "delay": model.effects[-1].shape["T"],
         "held_out": law.held_out,
@@ -630,6 +632,66 @@ def servo_log(
         "motion": distance.tolist(),
     }
     return model, rows, details
+
+
+def limited_drives(model: Model, theta: Array, runs: FilteredRuns) -> list[int]:
+    """Return the joints (from 1) whose drive makes less torque than its law demands.
+
+    A drive with a torque limit follows its law up to the limit. The load's torque, less
+    the demanded one, is then minus what the demand exceeds the limit by. The drive is
+    limited if that explains LIMIT_EXPLAINS of the squared residual.
+
+    Parameters
+    ----------
+    model : Model
+        Load and drives.
+    theta : (p,) array
+        Parameters, up to a common factor.
+    runs : FilteredRuns
+        Runs without torque.
+
+    Returns
+    -------
+    list of int
+        Joints; empty if no drive is limited.
+    """
+    free_model = replace(model, known={})
+    n = model.robot.n
+    demands: list[list[Array]] = [[] for _ in range(n)]  # torque by the drive's law
+    missing: list[list[Array]] = [[] for _ in range(n)]  # load's torque less the demand
+    for run in runs.runs:
+        for rows in run.rows(free_model):
+            for joint, part in enumerate(rows.columns):
+                is_drive = model.drives[part.indices]
+                torques = part.columns * theta[part.indices]
+                demands[joint].append(-torques[:, is_drive].sum(axis=1))
+                missing[joint].append(torques.sum(axis=1))
+    return [
+        joint + 1
+        for joint in range(n)
+        if _is_limited(np.concatenate(demands[joint]), np.concatenate(missing[joint]))
+    ]
+
+
+def _is_limited(demand: Array, missing: Array) -> bool:
+    """Decide whether a drive's torque is limited, from the torque (N,) that its law
+    demands, and the torque (N,) of the load less that demand."""
+    squared = float(missing @ missing)
+    if squared == 0.0:
+        return False
+    largest = np.quantile(np.abs(demand), 0.999)
+    for level in c.LIMIT_LEVELS:
+        size = np.maximum(np.abs(demand) - level * largest, 0.0)
+        excess = np.sign(demand) * size
+        size_of_excess = float(excess @ excess)
+        if size_of_excess == 0.0:
+            continue
+        product = float(excess @ missing)
+        missing_share = -product / size_of_excess
+        explained = product**2 / (size_of_excess * squared)
+        if missing_share >= c.LIMIT_MISSING and explained >= c.LIMIT_EXPLAINS:
+            return True
+    return False
 
 
 def _load_of(

@@ -164,8 +164,10 @@ class ChangeDetector:
         self._next_slot = (place + 1) % self._n_slots
         self._count = min(self._count + 1, self._n_slots)
 
-    def search(self) -> Change | None:
+    def search(self, *, may_judge: bool = True) -> Change | None:
         """Judge the next few snapshots for a change of payload; return a confirmed one.
+
+        Nothing is judged in a call without ``may_judge``; a suspect waits on.
 
         Snapshots are instants at which the payload may have changed. If the evidence
         (ln of odds) at one exceeds CHANGE_EVIDENCE, it becomes the suspect. The suspect
@@ -177,7 +179,7 @@ class ChangeDetector:
         # First: a suspect waits, and is then judged a second time.
         if self._suspected_slot is not None:
             self._waited += 1
-            if self._waited < self._wait:
+            if self._waited < self._wait or not may_judge:
                 return None
             place = self._suspected_slot
             self._suspected_slot = None
@@ -187,6 +189,8 @@ class ChangeDetector:
             evidence = self._judge(place)
             return self._locate(place) if evidence > c.CHANGE_EVIDENCE else None
         # Else: look for a suspect.
+        if not may_judge:
+            return None
         for _ in range(self._judged_per_call):
             if self._count == 0:
                 return None

@@ -25,7 +25,8 @@ CHANGE_SHORTEST = 0.06
 #: s: a change is believed if it still is one so long after it was suspected: a bump is
 #: over by then.
 CHANGE_WAIT = 0.2
-#: s: how often each kept instant is judged.
+#: s: how often each kept instant is judged; up to three times as long in a fast loop
+#: with a payload, whose cycles project it or judge.
 CHANGE_JUDGED_EVERY = 0.1
 #: rad/s or m/s: below this speed dry friction can have any value up to its size.
 REST_SPEED = 0.01

@@ -183,6 +183,8 @@ class PayloadEstimator:
         self._projection = ConeProjection()
         # A projection takes about ten Newton steps: they are spread over its period.
         self._steps_per_update = max(1, round(10.0 * self.period / c.PROJECTION_PERIOD))
+        self._updates_per_projection = max(1, round(c.PROJECTION_PERIOD / self.period))
+        self._updates_of_projection = self._updates_per_projection
         self.noise = noise
         self._gain_errors = arm_estimate.uncertainty.gain_errors
         # Drift: the share of a residual that offsets take over each cycle.
@@ -419,6 +421,7 @@ class PayloadEstimator:
         self._detector.add(rows, self._weighted, self.period, time)
         if self._learning:
             self._follow_drift(residual)
+        is_projecting = False
         if self.is_carrying:
             # Information of each joint on the mass (column 0), for errors of gains.
             np.multiply(
@@ -427,8 +430,11 @@ class PayloadEstimator:
                 out=self._part,
             )
             self._mass_weight += self._part
-            self._project()
-        found = self._detector.search()
+            is_projecting = self._project()
+        # A fast loop projects in one cycle and judges changes in another: that bounds
+        # its longest cycle.
+        is_fast = self._steps_per_update == 1
+        found = self._detector.search(may_judge=not (is_fast and is_projecting))
         return None if found is None else self._believe(found)
 
     def _weigh(self, velocity: Array, acceleration: Array) -> None:
@@ -511,18 +517,27 @@ class PayloadEstimator:
         self._part /= self._friction_size
         self.drift_friction += self._part
 
-    def _project(self) -> None:
+    def _project(self) -> bool:
         """Make a few Newton steps of the projection onto physically consistent
-        payloads.
+        payloads; return whether any was made.
 
-        A projection takes several cycles of the loop. Once its gap is certified (at
-        most PROJECTION_GAP) its result is published; the next cycle starts the next
-        projection from the newest estimate.
+        A projection takes several cycles of the loop, and begins PROJECTION_PERIOD
+        after the last one began, with the newest estimate. Once its gap is certified
+        (at most PROJECTION_GAP) its result is published. One cycle of each period is
+        free of steps, also where a projection takes longer.
         """
         projection = self._projection
+        self._updates_of_projection += 1
+        is_due = self._updates_of_projection >= self._updates_per_projection
         if projection.is_done:
+            if not is_due:
+                return False
+            self._updates_of_projection = 0
             self._detector.posterior(self._posterior)
             projection.start(self._posterior.precision, self._posterior.mean)
+        elif is_due and self._updates_per_projection > 1:
+            self._updates_of_projection = 0
+            return False
         else:
             projection.step()
         for _ in range(self._steps_per_update - 1):
@@ -532,6 +547,7 @@ class PayloadEstimator:
             np.copyto(self._published, projection.theta)
             self._gap = projection.gap
             self._is_published = True
+        return True
 
     def _believe(self, found: Change) -> PayloadChange | None:
         """Accept a detected change of payload and return it for the user.

@@ -178,7 +178,7 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
     joints = [str(failure.joint) for failure in failures]
     title = (
         "Error of each joint; per cent of its variance, of causes: what each explains, on"
-        " data left out, of what a refit would leave"
+        " data left out, of what a refit and the usual error of drives would leave"
     )
     return Table(
         ["", *joints],

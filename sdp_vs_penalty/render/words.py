@@ -40,7 +40,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.gains import open_torques
+from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.results.table import Table
@@ -497,13 +497,20 @@ CERTIFICATE = (
 
 
 def drive_torque_sentence(estimate: Estimate) -> str:
-    """Say what a log without torque leaves open: viscous friction, and the torque of
-    some joints.
+    """Say what a log without torque leaves open: viscous friction, the gains of drives
+    at their limit, and the torque of some joints.
     """
     text = (
         "Encoders do not tell a servo's damping gain kd from viscous friction: kd is"
         " their sum."
     )
+    if limited := limited_drives(estimate):
+        joints = formatting.words([f"joint {joint}" for joint in limited])
+        text += (
+            f" The drive of {joints} made less torque than its law demands: it was at"
+            " its limit, and its gains are not determined. Command smaller or slower"
+            " steps."
+        )
     widths = open_torques(estimate)
     if not widths:
         return text

@@ -14,7 +14,7 @@ Rows are dropped where the robot stands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from itertools import pairwise
@@ -27,6 +27,7 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, JointCoverage, Motion
 from sdp_vs_penalty.effects.model import depends
+from sdp_vs_penalty.memory import LONG_RECORDING
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 from sdp_vs_penalty.signals.constants import SLIDES
@@ -154,9 +155,9 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them
     (events); columns : of effects on the rows; repeats : says which rows come back
-    where; with_shifted_encoders : the same read by encoders whose steps lie elsewhere;
-    attached : the arguments of :meth:`with_model`; cutoff, state_cutoff : of the
-    low-passes of torque and positions [Hz].
+    where; with_shifted_encoders : each run by itself, without a model, read by encoders
+    whose steps lie elsewhere; attached : the arguments of :meth:`with_model`; cutoff,
+    state_cutoff : of the low-passes of torque and positions [Hz].
     """
 
     segments: tuple[Segment, ...]
@@ -167,7 +168,7 @@ class SegmentedRuns:
     names: tuple[str, ...]
     columns: ColumnCache
     repeats: Callable[[], tuple[Repeat, ...]]
-    with_shifted_encoders: Callable[[], SegmentedRuns]
+    with_shifted_encoders: Callable[[], Iterable[SegmentedRuns]]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     attached: tuple[Any, ...] = ()
 
@@ -279,13 +280,19 @@ class SegmentedRuns:
         It is (r - r') / sqrt(2): r is the residual under the logged positions, r' that
         under the same motion read by encoders whose steps lie elsewhere.
         """
-        shifted = self.with_shifted_encoders().segments
-        by_start = {(s.run, s.t[0]): s for s in shifted}
+        residuals = dict[tuple[int, float], Array]()  # by run and first instant
+        for index, shifted in enumerate(self.with_shifted_encoders()):
+            if self.attached:
+                attach, *_ = self.attached
+                shifted = shifted.with_model(attach)
+            for segment in shifted.segments:
+                residuals[index, segment.t[0]] = segment.residual
         differences = []
         for s in self.segments:
+            residual = s.residual
             # Read anew, a segment may seem to stand, and be left out.
-            other = by_start.get((s.run, s.t[0]), s)
-            differences.append(s.residual - other.residual)
+            other = residuals.get((s.run, s.t[0]), residual)
+            differences.append(residual - other)
         return np.concatenate(differences) / np.sqrt(2.0)
 
     @cached_property
@@ -371,13 +378,11 @@ class SegmentedRuns:
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, add_others(s.motion)) for s in segments]
         columns = ColumnCache(parts, (self.columns.cache[0], {}))
-        again = cache(lambda: self.with_shifted_encoders().with_model(attach))
         model = attach, add_others, gains
         return replace(
             self,
             segments=segments,
             columns=columns,
-            with_shifted_encoders=again,
             attached=model,
         )
 
@@ -435,6 +440,8 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             if segment is not None:
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
+    read_shifted = partial(_runs_with_shifted_encoders, measurements, settings)
+    is_long = measurements.samples >= LONG_RECORDING  # too much memory to keep all runs
     return SegmentedRuns(
         segments=tuple(segments),
         n=measurements.n,
@@ -445,10 +452,18 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
         columns=ColumnCache([(s.low_pass, s.motion) for s in segments]),
         # A report whose noise is known never asks for repeats.
         repeats=cache(partial(find_repeats, segments)),
-        with_shifted_encoders=cache(
-            lambda: segmented(read_again(measurements), settings)
+        with_shifted_encoders=(
+            read_shifted if is_long else cache(lambda: list(read_shifted()))
         ),
     )
+
+
+def _runs_with_shifted_encoders(
+    measurements: Measurements, settings: Preprocessing
+) -> Iterator[SegmentedRuns]:
+    """Yield each run, filtered as encoders read it whose steps lie elsewhere."""
+    for run in measurements.runs():
+        yield segmented(read_again(run), settings)
 
 
 def _segment(

@@ -38,7 +38,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     fit = SimpleNamespace(
         residual=(white / level).T,
         level=level,
-        basis=Q,
+        leverage=np.sum(Q**2, axis=2),
     )
     keep = np.ones((M, 2), bool)
     none = np.zeros((M, 2))

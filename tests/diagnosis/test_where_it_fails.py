@@ -249,6 +249,12 @@ def test_joints_are_compared_by_the_scatter_of_their_torques():
     assert Failures([large, small], ["N m", "N m"]).worst_first[0].joint == 2
 
 
+def test_joints_that_differ_by_less_than_their_noise_is_known_are_a_tie():
+    errors = [1.0, 5.0, 4.6]
+    failures = [failure(k, e, scatter=1.0) for k, e in enumerate(errors, start=1)]
+    assert Failures(failures, ["N m"] * 3).equally_bad == [2, 3]
+
+
 @pytest.mark.parametrize("beyond", [0.0, 0.03])
 def test_an_error_that_is_usual_alone_depends_on_what_explains_all_of_it(beyond):
     causes = CauseShares(

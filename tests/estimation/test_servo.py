@@ -142,11 +142,23 @@ def test_friction_that_turns_before_the_velocity_is_no_delay_of_the_servo(arm, l
     """A simulator's soft friction turns early: law, delay and gains stay right."""
     found = sdp.identify(arm, log(lead=lead), known={"kp1": KP}, check=False)
     names = [p.name for p in found.model.parameters]
-    assert ("f_l1" in names) == (lead > 0.0)
+    assert ("f_e1" in names) == (lead > 0.0)
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
     assert value(found, "kd1") == pytest.approx(KD + VISCOUS, rel=0.01)
     assert value(found, "m1") == pytest.approx(MASS, rel=0.02)
+
+
+def test_a_drive_at_its_limit_is_named_and_its_gains_left_open(arm):
+    """The law demands up to 20 N, the drive makes 8."""
+    limited = sdp.identify(arm, log(limit=8.0), known={"m1": MASS}, check=False)
+    assert {gain.spread for gain in drive_gains(limited)} == {"not determined"}
+    assert any("The drive of joint 1 made less torque" in x for x in caveats(limited))
+
+
+def test_a_drive_within_its_limit_is_not_named(found):
+    assert found.details["servo"]["limited"] == []
+    assert not any("made less torque" in x for x in caveats(found))
 
 
 @pytest.mark.parametrize("torque", [False, pytest.param(True, marks=pytest.mark.long)])

@@ -40,8 +40,10 @@ def log(
     torque: bool = False,
     load: float = 0.0,
     lead: float = 0.0,
+    limit: float = np.inf,
 ) -> Measurements:
-    """20 s at 100 Hz; steps of 0.5 ms; load [kg]; friction turns ``lead`` [s] early."""
+    """20 s at 100 Hz; steps of 0.5 ms; load [kg]; friction turns ``lead`` [s] early;
+    limit [N] of the drive."""
     h = 5e-4
     t = np.arange(0.0, 20.0, h)
     told = command(t, seed)
@@ -56,6 +58,7 @@ def log(
         q[k] = x
         sums += h * (late[k] - x)
         drive = KP * (late[k] - x) - KD * v + ki * sums - kh * (x - start)
+        drive = min(max(drive, -limit), limit)
         tau[k] = drive
         dry = COULOMB * np.tanh((v + lead * a) / 0.05)
         a = (drive - VISCOUS * v - dry - OFFSET) / (MASS + load)

@@ -15,7 +15,6 @@ from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
-from sdp_vs_penalty.formatting import words
 
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.
@@ -178,8 +177,8 @@ def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         kind=f"law: {event.at}",
         severity="note",
         joints=(event.joint,),
-        what=f"the model lacks a law of {joints_text([event.joint])}'s own motion; of"
-        f" {words(list(LAWS))}, {event.at} comes nearest.",
+        what=f"the model lacks a law of {joints_text([event.joint])}'s motion:"
+        f" {event.at} is the nearest of {len(LAWS)} that were tried.",
         remedy="identify, and let `diagnose` name it",
         removal=repair.without_event(event),
         log_odds_against=odds_against_one_of(log.n * len(LAWS)),
