@@ -15,6 +15,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.confidence import (
     Judged,
     invisible_effects,
+    is_unproven_stand_in,
     reasons_for_doubt,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
@@ -141,10 +142,7 @@ class Conclusion:
 
         One pair an effect: the effect's constants, and their columns by joint.
         """
-        terms = self.search.terms
-        return self.data.constant_error_columns(
-            [t.form.effect for t in terms], [t.beta for t in terms]
-        )
+        return errors_of_constants(self.search)
 
     @cached_property
     def findings_alone(self) -> list[Finding]:
@@ -152,27 +150,18 @@ class Conclusion:
 
         Harm that findings do together (:attr:`harmful_together`) is not considered.
         """
-        torque_in_doubt = torque_errors(
-            self.data, self.explanation.estimate, self.gain_errors
+        judged = judged_findings(
+            self.explanation,
+            self.left,
+            self.ladder,
+            self.gain_errors,
+            self.errors_of_constants,
+            self.curves,
         )
-        sizes = sizes_with_intervals(
-            self.search, torque_in_doubt, self.errors_of_constants
-        )
-        errors = self.ladder.errors  # row k: with the findings 0 to k - 1
-        out = []
-        for k, (term, size) in enumerate(zip(self.search.terms, sizes, strict=True)):
-            before_and_after = errors[k : k + 2]
-            judged = Judged(
-                search=self.search,
-                left=self.left,
-                term=term,
-                size=size,
-                errors=before_and_after,
-                curves=self.curves,
-            )
-            doubts = reasons_for_doubt(judged)
-            out.append(describe_finding(term, size, doubts, before_and_after))
-        return out
+        return [
+            describe_finding(x.term, x.size, reasons_for_doubt(x), x.errors)
+            for x in judged
+        ]
 
     @cached_property
     def harmful_together(self) -> list[bool]:
@@ -236,6 +225,82 @@ class Conclusion:
             None if has_test_run else _FOLDS,
         )
         return tuple(text for text in sentences if text)
+
+
+def errors_of_constants(search: Search) -> list[ConstantErrors]:
+    """Return the white derivatives of torque by the shape constants of the findings of
+    a search and of the model, one pair an effect: constants, and columns by joint."""
+    return search.data.constant_error_columns(
+        [t.form.effect for t in search.terms],
+        [t.beta for t in search.terms],
+    )
+
+
+def judged_findings(
+    explanation: Explanation,
+    left: Remainder,
+    ladder: Ladder,
+    gain_errors: Array,
+    constant_errors: list[ConstantErrors],
+    curves: Sequence[Measured] = (),
+) -> list[Judged]:
+    """Collect all that each finding's confidence is judged by.
+
+    Parameters
+    ----------
+    explanation
+        The model with constants and findings.
+    left
+        The torque that all findings leave unexplained.
+    ladder
+        Errors on data left out, with one finding after the other.
+    gain_errors
+        (n, e) factor of the covariance of the torque channels' relative gains.
+    constant_errors
+        Derivatives by shape constants, as :func:`errors_of_constants` returns them.
+    curves
+        The measured curves that were accepted.
+
+    Returns
+    -------
+    list of Judged
+        One record a finding, in the order of the explanation.
+    """
+    search = explanation.search
+    torque_in_doubt = torque_errors(search.data, explanation.estimate, gain_errors)
+    sizes = sizes_with_intervals(search, torque_in_doubt, constant_errors)
+    errors = ladder.errors  # row k: with the findings 0 to k - 1
+    return [
+        Judged(
+            search=search,
+            left=left,
+            term=term,
+            size=size,
+            errors=errors[k : k + 2],
+            curves=curves,
+        )
+        for k, (term, size) in enumerate(zip(search.terms, sizes, strict=True))
+    ]
+
+
+def unproven_stand_ins(
+    explanation: Explanation,
+    left: Remainder,
+    ladder: Ladder,
+    gain_errors: Array,
+) -> list[ScoredEffect]:
+    """List the findings that stand in for another effect and are not proven otherwise.
+
+    See :func:`is_unproven_stand_in`. Nothing is computed if no finding is a stand-in.
+    The parameters are those of :func:`judged_findings`.
+    """
+    search = explanation.search
+    if not any(t.form.effect.is_stand_in for t in search.terms):
+        return []
+    judged = judged_findings(
+        explanation, left, ladder, gain_errors, errors_of_constants(search)
+    )
+    return [x.term for x in judged if is_unproven_stand_in(x)]
 
 
 def _weakened(finding: Finding, reason: str) -> Finding:

@@ -249,6 +249,29 @@ def reasons_for_doubt(x: Judged) -> dict[str, str]:
     return {name: sentences[name] for name, holds in DOUBTS.items() if holds(x)}
 
 
+#: Doubts that every stand-in has.
+_DOUBTS_OF_STAND_INS = {"stand_in", "looks_like", "rivals"}
+
+
+def is_unproven_stand_in(x: Judged) -> bool:
+    """Return whether a finding is a stand-in with a further reason for doubt.
+
+    A stand-in is an effect with shape constants that no machine has, such as a
+    resonance damped as only play is. It is named, with what it resembles, only if
+    nothing else speaks against it: no other effect fits as well, its size is
+    significant, and it lowers the error on data left out.
+
+    Parameters
+    ----------
+    x
+        The finding with all that it is judged by.
+    """
+    if not x.effect.is_stand_in:
+        return False
+    further_doubts = reasons_for_doubt(x).keys() - _DOUBTS_OF_STAND_INS
+    return bool(further_doubts or x.term.rivals)
+
+
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:
     """List the effects that these recordings cannot show, since the model absorbs them.
 

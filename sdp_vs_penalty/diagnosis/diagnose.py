@@ -8,7 +8,7 @@ from functools import cached_property
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.comparison import noise_floor
-from sdp_vs_penalty.diagnosis.conclude import Conclusion
+from sdp_vs_penalty.diagnosis.conclude import Conclusion, unproven_stand_ins
 from sdp_vs_penalty.diagnosis.curves.accept import accept_curves
 from sdp_vs_penalty.diagnosis.curves.measure import measure_curves
 from sdp_vs_penalty.diagnosis.equivalence import with_equivalence_sets
@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.explanation import (
     drop_harmful,
     explain_in_order,
     held_out_errors,
+    without_findings,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData
@@ -161,6 +162,17 @@ def diagnose_runs(
     unexplained = unexplained_error(explanation.search)
     give_back_memory(runs.searched.samples)
     explanation = with_equivalence_sets(explanation, judge)
+    errors_of_gains = gain_errors(runs.estimate, gain_uncertainty)
+    # Without one stand-in another may fit as well as a third: until none is dropped.
+    while dropped := unproven_stand_ins(
+        explanation,
+        unexplained,
+        ladder=Ladder.of(explanation, held_out, judged),
+        gain_errors=errors_of_gains,
+    ):
+        explanation = without_findings(explanation, dropped)
+        unexplained = unexplained_error(explanation.search)
+        explanation = with_equivalence_sets(explanation, judge)
     measured = measure_curves(explanation.search, unexplained.joints_above_noise)
     curves = accept_curves(explanation.search, measured, judge)
     conclusion = Conclusion(
@@ -168,7 +180,7 @@ def diagnose_runs(
         left=unexplained,
         curves=curves,
         ladder=Ladder.of(explanation, held_out, judged),
-        gain_errors=gain_errors(runs.estimate, gain_uncertainty),
+        gain_errors=errors_of_gains,
         new_motion_share=runs.new_motion_share,
         seed=seed,
         hums=find_hums_above(

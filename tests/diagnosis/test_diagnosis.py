@@ -368,6 +368,7 @@ def assert_bristles_are_found(made: HiddenRuns, result: Diagnosis) -> None:
         assert found[joint].size == pytest.approx(hidden.size, rel=0.03)
 
 
+@pytest.mark.long
 def test_what_is_logged_late_is_all_of_the_torque(late):
     data = concatenate(late.runs[:2])
     estimate = identified(late, data)

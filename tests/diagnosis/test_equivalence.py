@@ -19,7 +19,7 @@ from point_mass_arm import (
 )
 
 from sdp_vs_penalty import Problem, diagnose, identify
-from sdp_vs_penalty.diagnosis import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis import Diagnosis, Finding, confidence
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
 from sdp_vs_penalty.diagnosis.findings import REASONS
@@ -229,3 +229,22 @@ def test_a_swing_that_is_damped_strongly_may_be_play(problem):
     assert damped.is_stand_in
     assert sprung.resembles == ()
     assert not sprung.is_stand_in
+
+
+@pytest.mark.parametrize(
+    ("zeta", "further_doubts", "is_dropped"),
+    [
+        (0.28, set(), False),
+        (0.28, {"not_held_out"}, True),
+        (0.28, {"insignificant"}, True),
+        (0.03, {"not_held_out"}, False),
+    ],
+)
+def test_a_stand_in_needs_that_nothing_else_speaks_against_it(
+    problem, monkeypatch, zeta, further_doubts, is_dropped
+):
+    effect = JointResonance(problem.robot, [0], f=2.0, zeta=zeta)
+    finding = SimpleNamespace(effect=effect, term=SimpleNamespace(rivals=()))
+    doubts = dict.fromkeys({"stand_in", "looks_like", "rivals"} | further_doubts, "")
+    monkeypatch.setattr(confidence, "reasons_for_doubt", lambda x: doubts)
+    assert confidence.is_unproven_stand_in(finding) == is_dropped
