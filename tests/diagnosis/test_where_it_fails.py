@@ -272,7 +272,7 @@ def test_of_joints_that_are_about_as_bad_the_one_with_a_cause_comes_first():
     assert Failures([unnamed, named], ["N m"] * 2).worst_first[0].joint == 2
 
 
-@pytest.mark.parametrize("beyond", [0.0, 0.03])
+@pytest.mark.parametrize("beyond", [0.0, 0.03, 0.2])
 def test_an_error_that_is_usual_alone_depends_on_what_explains_all_of_it(beyond):
     causes = CauseShares(
         of_error={"reversal": 0.8, "load": 0.2},
