@@ -494,9 +494,14 @@ class CauseShares:
 
     @cached_property
     def is_usual(self) -> bool:
-        """Whether no cause explains CHANGES (5 %) of what the usual error leaves."""
+        """Whether no cause explains CHANGES (5 %) of the error beyond the usual one.
+
+        The usual error counts as a part of the error here: a share of a small rest is no
+        cause of the whole.
+        """
+        beyond_usual = 1.0 - self.usual_share
         return not any(
-            min(self.beyond_model[name], self.of_error[name]) >= CHANGES
+            min(beyond_usual * self.beyond_model[name], self.of_error[name]) >= CHANGES
             for name in self.names
         )
 

@@ -435,8 +435,16 @@ class Failures(Record, list[JointFailure]):
 
     @property
     def worst_first(self) -> list[JointFailure]:
-        """The joints sorted by their ``badness``, the largest first."""
-        return [self[int(k)] for k in np.argsort(self.badness)[::-1]]
+        """The joints sorted by their ``badness``, the largest first.
+
+        Of the worst joints that are about as bad, those come first whose error has a
+        cause beyond the usual one.
+        """
+        order = np.argsort(self.badness)[::-1].tolist()
+        tied = [k for k in order if k + 1 in self.equally_bad]
+        tied.sort(key=lambda k: self[k].causes.is_usual)
+        others = [k for k in order if k not in tied]
+        return [self[k] for k in [*tied, *others]]
 
     @property
     def equally_bad(self) -> list[int]:

@@ -78,3 +78,6 @@ LIMIT_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)
 #: of the demand above the level, or more, is missing [-].
 LIMIT_EXPLAINS = 0.12
 LIMIT_MISSING = 0.5
+#: The residual at such demands over that at smaller ones, at least [-]: 3.4 to 9 for
+#: limited drives, and at most 1.4 where it is noise of an error of few counts.
+LIMIT_RATIO = 2.0

@@ -684,7 +684,13 @@ def _is_limited(demand: Array, missing: Array) -> bool:
         size = np.maximum(np.abs(demand) - level * largest, 0.0)
         excess = np.sign(demand) * size
         size_of_excess = float(excess @ excess)
-        if size_of_excess == 0.0:
+        is_above = size > 0.0
+        if not is_above.any() or is_above.all():
+            continue
+        squared_above = float(np.mean(missing[is_above] ** 2))
+        squared_below = float(np.mean(missing[~is_above] ** 2))
+        # The noise of a coarse encoder is the same at all demands.
+        if squared_above < c.LIMIT_RATIO**2 * squared_below:
             continue
         product = float(excess @ missing)
         missing_share = -product / size_of_excess

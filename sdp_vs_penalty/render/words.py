@@ -507,9 +507,8 @@ def drive_torque_sentence(estimate: Estimate) -> str:
     if limited := limited_drives(estimate):
         joints = formatting.words([f"joint {joint}" for joint in limited])
         text += (
-            f" The drive of {joints} made less torque than its law demands: it was at"
-            " its limit, and its gains are not determined. Command smaller or slower"
-            " steps."
+            f" Drives at their torque limit: {joints}. There a drive does not follow its"
+            " law, and these gains are not determined: command smaller or slower steps."
         )
     widths = open_torques(estimate)
     if not widths:

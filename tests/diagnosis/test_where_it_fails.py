@@ -4,6 +4,7 @@ The logs are of an arm that shares no code with the library (point_mass_arm).
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,6 @@ KINDS = {
         lambda t, q, dq: 0.5 * np.sin(3.0 * q[:, 1] + 0.3),
         "position in a turn",
     ),
-    "backlash": (2, play, "reversal"),
 }
 
 
@@ -126,6 +126,14 @@ def test_the_joint_and_the_cause_are_named(problem, kind):
         9,
     )
     assert (worst.joint, dependences(worst)[0][0]) == (joint, cause)
+
+
+@pytest.mark.long
+def test_the_play_of_a_gear_is_told_as_friction_that_turns_round(problem):
+    """Where encoders are at the links, both follow the travel since a reversal."""
+    worst = worst_joint(problem, PointMassArm(extra=on(2, play)), 9)
+    assert worst.joint == 2
+    assert worst.causes.total_usual_share > 0.5
 
 
 #: What the torque channels do, the joint whose channel does it, and its cause.
@@ -255,7 +263,16 @@ def test_joints_that_differ_by_less_than_their_noise_is_known_are_a_tie():
     assert Failures(failures, ["N m"] * 3).equally_bad == [2, 3]
 
 
-@pytest.mark.parametrize("beyond", [0.0, 0.03])
+def test_of_joints_that_are_about_as_bad_the_one_with_a_cause_comes_first():
+    explained = {"load": 0.5}
+    unnamed = failure(1, 5.0, scatter=1.0)
+    unnamed = replace(unnamed, held_out_shares={"load": 0.0})
+    named = failure(2, 4.9, scatter=1.0)
+    named = replace(named, held_out_shares=explained, shares_of_error=explained)
+    assert Failures([unnamed, named], ["N m"] * 2).worst_first[0].joint == 2
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.03, 0.2])
 def test_an_error_that_is_usual_alone_depends_on_what_explains_all_of_it(beyond):
     causes = CauseShares(
         of_error={"reversal": 0.8, "load": 0.2},
