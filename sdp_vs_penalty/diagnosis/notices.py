@@ -47,16 +47,6 @@ _MASS_IS_KNOWN = 2.0
 #: joint's Coulomb friction.
 _OFFSET_IS_CLEAR = 5.0
 _OFFSET_IS_LARGE = 0.2
-#: Effects whose torque has a constant part of its own (a spring's rest position).
-_WITH_A_CONSTANT = {
-    "joint_spring",
-    "stiffening_spring",
-    "elastic_coupling",
-    "drift_offset",
-    "external_wrench",
-    "asymmetric_coulomb_friction",
-    "torque_offset",
-}
 #: Share of a unit column's square that keeps the normal equations regular.
 _RIDGE = 1e-9
 
@@ -306,7 +296,7 @@ def _may_be_constant(search: Search, term: ScoredEffect) -> bool:
     coverage = search.data.rows.seen(effect.joints[0])
     is_slow = bool(effect.looks_like(0.0, coverage))
     n_alike = sum(other.key == term.key for other in search.terms)
-    return term.key[0] in _WITH_A_CONSTANT or is_slow or n_alike >= SERIES
+    return effect.has_constant_part or is_slow or n_alike >= SERIES
 
 
 def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notice:

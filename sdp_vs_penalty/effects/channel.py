@@ -23,6 +23,7 @@ class TorqueOffset(JointEffect):
         "The zero of a torque or current sensor, or a friction that differs by"
         " direction."
     )
+    has_constant_part = True
     reference = "Gaz et al., RA-L 2019, eq. 9"
     signless = True
     symbol = "f_o"

@@ -94,6 +94,7 @@ class DriftOffset(Drift):
         "The zero of the torque channel drifts: a strain gauge or a current sensor that"
         " warms up. It depends on the time, not on the motion."
     )
+    has_constant_part = True
     reference = "Doebelin, Measurement Systems, ch. 3 (zero drift)"
     signless = True
     symbol = "f_do"

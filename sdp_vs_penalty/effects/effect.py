@@ -169,6 +169,10 @@ class Effect(ABC):
     #: it.
     is_stand_in: bool = False
 
+    #: True where the torque has a constant part (a spring's rest position): it may stand
+    #: for an offset of the torque.
+    has_constant_part: ClassVar[bool] = False
+
     #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
     resembles: tuple[str, ...] = ()
 

@@ -165,6 +165,7 @@ class ExternalWrench(Effect):
         " its joint's origin: a cable or a balancer that pulls, a tool that rests on"
         " something."
     )
+    has_constant_part = True
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 7.1"
     whole_robot = True
     signless = smooth = True

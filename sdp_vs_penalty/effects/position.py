@@ -18,6 +18,7 @@ class JointSpring(JointEffect):
         "A torque that grows with the joint's position: cables and hoses that are wound"
         " up, a balance spring. Its rest position appears as part of the offset."
     )
+    has_constant_part = True
     reference = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
     signless = True
     symbol = "k_s"
@@ -35,6 +36,7 @@ class StiffeningSpring(JointEffect):
         " up, a hose, a bump stop. Its rest position appears in the lower powers and in"
         " the offset; the cubic part says how much it stiffens."
     )
+    has_constant_part = True
     reference = (
         "Nayfeh, Mook, Nonlinear Oscillations, 1979, ch. 4 (Duffing's cubic spring)"
     )

@@ -148,6 +148,7 @@ class ElasticCoupling(Effect):
         " directions; the others are what it holds each joint with. Its rest position"
         " appears as part of the offsets. Without joints, the last two."
     )
+    has_constant_part = True
     reference = "Hogan, ASME J. Dynamic Systems, Measurement, and Control 1985, part I"
     joins = True
     signless = True

@@ -110,6 +110,7 @@ class AsymmetricCoulombFriction(JointEffect):
         " an offset; over a wide velocity v_s both vanish together near standstill,"
         " where an offset does not."
     )
+    has_constant_part = True
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_ca"
     #: Beside an offset it shows only where friction turns round, which is what laws
