@@ -1060,18 +1060,18 @@ class Retune(Rated):
 
 
 def event_lines(
-    events: Sequence[Any],
+    diagnosis: Diagnosis,
     show_all: bool = False,
     most_lines: int = 3,
 ) -> list[str]:
-    """Describe events in words, one line each.
+    """Describe the events of a diagnosis in words, one line each.
 
     More than ``most_lines`` events are summed up in one line, unless ``show_all``.
 
     Parameters
     ----------
-    events
-        Objects with joint (from 1), t_start and t_end [s], and frequency [Hz] or None.
+    diagnosis
+        The diagnosis whose events are described.
     show_all
         Whether every event has its line.
     most_lines
@@ -1082,6 +1082,7 @@ def event_lines(
     list of str
         The lines.
     """
+    events = diagnosis.events
     if len(events) > most_lines and not show_all:
         where = formatting.joints(sorted({e.joint for e in events}))
         n_hums = sum(e.frequency is not None for e in events)
@@ -1091,8 +1092,8 @@ def event_lines(
         return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hums}"]
     lines = []
     for e in events:
-        kind = "isolated disturbance"
+        what = f"isolated disturbance on joint {e.joint}"
         if e.frequency is not None:
-            kind = f"a hum of {e.frequency:.3g} Hz"
-        lines.append(f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s")
+            what = f"a hum of {_hum_in_words(diagnosis, e)}"
+        lines.append(f"{what}: {e.t_start:.2f} s to {e.t_end:.2f} s")
     return lines

@@ -251,8 +251,8 @@ def describe_diagnosis(
         constants=tuple(map(describe_constant, diagnosis.retuned)),
         curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
         left=diagnosis.left_sentence,
-        events=tuple(event_lines(diagnosis.events)),
-        all_events=tuple(event_lines(diagnosis.events, show_all=True)),
+        events=tuple(event_lines(diagnosis)),
+        all_events=tuple(event_lines(diagnosis, show_all=True)),
         invisible=tuple(
             f"{effect_name(effect)} on {formatting.joints(sorted(joints))}"
             if joints

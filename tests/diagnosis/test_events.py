@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.diagnosis import events, find_hums
-from sdp_vs_penalty.diagnosis.events import outliers
+from sdp_vs_penalty.diagnosis.events import Event, outliers
+from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.signals import REPETITION, SPECTRUM, Repeat
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 
@@ -97,3 +98,10 @@ def test_a_hum_has_its_amplitude_in_each_run_whose_clocks_overlap(monkeypatch):
     hums = find_hums(data, np.concatenate([hum, -hum])[:, None])
     amplitudes = [event.amplitude for event in hums]
     np.testing.assert_allclose(amplitudes, 0.3, rtol=0.02)
+
+
+def test_the_list_gives_a_hum_its_amplitude():
+    hum = Event(3, 0.0, 10.0, what="hum", frequency=23.7, amplitude=0.28)
+    diagnosis: Any = SimpleNamespace(events=(hum,), torque_unit=lambda joint: "N m")
+    (line,) = event_lines(diagnosis)
+    assert line == "a hum of 23.7 Hz (0.28 N m) on joint 3: 0.00 s to 10.00 s"
