@@ -119,7 +119,7 @@ def _steady_phasor(t: Array, torque: Array, frequency: float) -> complex | None:
     """
     phasors = np.array(
         [
-            _phasor(t[rows], torque[rows], frequency)
+            _phasor_beside_parabola(t[rows], torque[rows], frequency)
             for rows in np.array_split(np.arange(len(t)), _PARTS)
         ]
     )
@@ -128,9 +128,13 @@ def _steady_phasor(t: Array, torque: Array, frequency: float) -> complex | None:
     return mean if abs(mean) > _COHERENT * rms else None
 
 
-def _phasor(t: Array, torque: Array, frequency: float) -> complex:
-    """Fit a sine wave to torque (N,), beside a parabola: amplitude and phase as a
-    complex number."""
+def _phasor_beside_parabola(t: Array, torque: Array, frequency: float) -> complex:
+    """Fit a sine wave and a parabola to torque (N,) [N m or N], and return amplitude
+    and phase of the wave as a complex number.
+
+    :func:`line_phasor` of events.py fits no parabola: it takes the mean of a residual
+    times the wave.
+    """
     angle = 2.0 * np.pi * frequency * t
     place = np.linspace(-1.0, 1.0, len(t))
     window = np.hanning(len(t))
