@@ -76,6 +76,13 @@ LONGEST_FIRST = (
     "test_bad_input.py",
     "test_printed_commands.py",
     "test_wheel.py",
+    "test_logs.py",
+    "test_cli.py",
+    "test_hostile_files.py",
+    "test_long_runs.py",
+    "test_locales.py",
+    "test_adding.py",
+    "test_docstrings.py",
 )
 
 
