@@ -80,6 +80,11 @@ CAUSES = tuple(CAUSE_COLUMNS)
 UNNAMED = "no cause seen"
 #: Seconds around a velocity reversal that count as near it.
 NEAR = 0.15
+#: An error that is so many times as large near reversals as elsewhere is said to be,
+#: whatever its causes: friction that turns round is the likeliest one.
+_LARGE_LIFT = 2.0
+#: Share of an error from which the usual error of drives is named before other causes.
+_LARGE_USUAL_SHARE = 0.25
 #: Causes that are seen at some instants only; all others act all the time.
 _AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
 
@@ -308,7 +313,8 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     causes |= {
         stretch.cause for stretch in failure.stretches if stretch.cause == REVERSAL
     }
-    if REVERSAL in causes and failure.reversal_lift > 1.0:
+    is_near_reversals = failure.reversal_lift > _LARGE_LIFT
+    if is_near_reversals or (REVERSAL in causes and failure.reversal_lift > 1.0):
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."
@@ -385,6 +391,11 @@ def _dependence_sentence(causes: CauseShares, named: Sequence[str]) -> str:
             f"The error depends most on {words(named)}. {percent} of it is what most"
             f" drives show: {USUAL}."
         )
+    if usual_share >= _LARGE_USUAL_SHARE:
+        return (
+            f"{percent} of the error is what most drives show: {USUAL}. The rest depends"
+            f" most on {words(named)}."
+        )
     return (
         f"The error depends most on {words(named)} beyond what most drives show"
         f" ({USUAL}: {percent} of it)."
@@ -420,13 +431,16 @@ class Failures(Record, list[JointFailure]):
     def badness(self) -> Array:
         """(n,) error of each joint beyond the usual one, as a multiple of its noise.
 
-        Errors are RMS, over the scatter of the joints' torques from sample to sample: it
-        compares the noise of joints of one log even where the level of that noise is
-        not known. Where the log does not show it, they are over the noise floors, and
-        over the RMS torques where a floor is unknown.
+        Errors are RMS, over the noise floors where repetition shows them. Else they are
+        over the scatter of the joints' torques from sample to sample: it compares the
+        noise of joints of one log even where the level of that noise is not known.
+        Where the log does not show it, they are over the noise floors, and over the RMS
+        torques where a floor is unknown.
         """
         units: list[float | None] = [f.torque for f in self]
-        if all(f.scatter for f in self):
+        # Only noise that repetition shows tells which share of an error repeats.
+        is_noise_known = all(f.explainable_share is not None for f in self)
+        if all(f.scatter for f in self) and not is_noise_known:
             units = [f.scatter for f in self]
         elif all(f.noise_floor for f in self):
             units = [f.noise_floor for f in self]

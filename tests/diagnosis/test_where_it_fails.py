@@ -257,6 +257,20 @@ def test_joints_are_compared_by_the_scatter_of_their_torques():
     assert Failures([large, small], ["N m", "N m"]).worst_first[0].joint == 2
 
 
+def test_noise_that_repetition_shows_goes_before_the_scatter():
+    """The Panda's noise is in the band of its motion: its scatter shows another."""
+    known = {"noise_floor": 0.1, "explainable_share": 0.9}
+    large = replace(failure(1, 5.0, scatter=1.0), **known)
+    small = replace(failure(2, 1.0, scatter=0.1), **known)
+    assert Failures([large, small], ["N m", "N m"]).worst_first[0].joint == 1
+
+
+def test_an_error_that_is_large_near_reversals_is_said_to_be():
+    usual = replace(failure(1, 5.0, usual_share=0.3, scatter=1.0), reversal_lift=4.0)
+    text = str(Failures([usual], ["N m"]))
+    assert "4 times as large as elsewhere" in " ".join(text.split())
+
+
 def test_joints_that_differ_by_less_than_their_noise_is_known_are_a_tie():
     errors = [1.0, 5.0, 4.6]
     failures = [failure(k, e, scatter=1.0) for k, e in enumerate(errors, start=1)]
