@@ -266,7 +266,11 @@ def test_noise_that_repetition_shows_goes_before_the_scatter():
 
 
 def test_an_error_that_is_large_near_reversals_is_said_to_be():
-    usual = replace(failure(1, 5.0, usual_share=0.3, scatter=1.0), reversal_lift=4.0)
+    usual = replace(
+        failure(1, 5.0, usual_share=0.3, scatter=1.0),
+        held_out_shares={"position": 0.4},
+        reversal_lift=4.0,
+    )
     text = str(Failures([usual], ["N m"]))
     assert "4 times as large as elsewhere" in " ".join(text.split())
 
