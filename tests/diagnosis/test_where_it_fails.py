@@ -271,7 +271,7 @@ def test_an_error_that_is_large_near_reversals_is_said_to_be():
         held_out_shares={"position": 0.4},
         reversal_lift=4.0,
     )
-    text = str(Failures([usual], ["N m"]))
+    text = Failures([usual], ["N m"])._repr_html_()
     assert "4 times as large as elsewhere" in " ".join(text.split())
 
 
