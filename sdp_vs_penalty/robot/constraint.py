@@ -10,7 +10,7 @@ checks them. Bounds that are not convex in the standard parameters are kept besi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -478,6 +478,10 @@ class ConstraintSet:
         list of float
             Smallest result of :func:`cone_depths` in each group; at most about one.
         """
+        return list(self._depths_in_turn(theta))
+
+    def _depths_in_turn(self, theta: ArrayLike) -> Iterator[float]:
+        """Yield the depth of theta (p,) in each group, computed when it is taken."""
         all_values, all_terms = self.entries.at(np.asarray(theta, float))
         parts = zip(
             self.groups,
@@ -485,10 +489,28 @@ class ConstraintSet:
             self.entries.split(all_terms),
             strict=True,
         )
-        return [
-            float(cone_depths(group.cone, values, terms).min())
-            for group, values, terms in parts
-        ]
+        for group, values, terms in parts:
+            yield float(cone_depths(group.cone, values, terms).min())
+
+    def is_safely_inside(self, theta: ArrayLike) -> bool:
+        """Return whether theta is feasible in any order of summation.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        bool
+            Every group is at least as deep as its :func:`safe_depth`. The first group
+            that is not ends the computation.
+        """
+        depths = self._depths_in_turn(theta)
+        return all(
+            depth >= safe_depth(group.constant.shape[1])
+            for depth, group in zip(depths, self.groups, strict=True)
+        )
 
     def depth(self, theta: ArrayLike) -> float:
         """Return the depth of theta in the feasible set, the smallest of

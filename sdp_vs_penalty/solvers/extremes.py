@@ -132,9 +132,7 @@ class Slice:
             # contains.
             spread = float(np.abs(g) @ self.limit)
             return Extreme(value_at_interior, value_at_interior - spread, self.interior)
-        x, lower = self._solved(g / size)
-        optimum = self.interior + self.basis @ x
-        theta = repair(self.constraints, optimum, self.interior)
+        theta, lower = self._solved(g / size)
         return Extreme(float(slope @ theta), value_at_interior + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
@@ -158,17 +156,21 @@ class Slice:
         )
 
     def _solved(self, g: Array) -> tuple[Array, float]:
-        """Return what :meth:`_solve` does, from an earlier solution in the direction g
-        (k,) up to rounding, if there is one.
+        """Return a feasible minimiser theta (p,) of g^T x, with |g| = 1, and a certified
+        lower bound of the minimum.
 
-        Directions differ by a factor only where a function of time scales them.
+        An earlier solution in the direction g (k,) up to rounding is read, if there is
+        one. Directions differ by a factor only where a function of time scales them.
         """
         key = (np.round(g, _SAME_DIRECTION) + 0.0).tobytes()  # no negative zeros
         if key not in self._solutions:
-            self._solutions[key] = g, *self._solve(g)
-        solved_for, x, lower = self._solutions[key]
+            x, lower = self._solve(g)
+            optimum = self.interior + self.basis @ x
+            theta = repair(self.constraints, optimum, self.interior)
+            self._solutions[key] = g, theta, lower
+        solved_for, theta, lower = self._solutions[key]
         # The bound is that of the direction that was solved for.
-        return x, lower - float(np.abs(g - solved_for) @ self.limit)
+        return theta, lower - float(np.abs(g - solved_for) @ self.limit)
 
     def _solve(self, g: Array) -> tuple[Array, float]:
         """Minimise g^T x over the slice's coordinates x (k,), with |g| = 1.

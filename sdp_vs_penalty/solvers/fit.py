@@ -24,7 +24,6 @@ from sdp_vs_penalty.robot.constraint import (
     ConeGroup,
     ConstraintSet,
     project,
-    safe_depth,
 )
 from sdp_vs_penalty.solvers import rigorous_bounds
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
@@ -339,14 +338,11 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
         order, finds no violation; if the interior point is no deeper, it is returned.
     """
 
-    safe = [safe_depth(group.constant.shape[1]) for group in constraints.groups]
-
     def feasible(step: float) -> bool:
         """Return whether the point at a share ``step`` of the way is feasible beyond
         rounding.
         """
-        depths = constraints.depths(theta + step * (interior - theta))
-        return all(depth >= margin for depth, margin in zip(depths, safe, strict=True))
+        return constraints.is_safely_inside(theta + step * (interior - theta))
 
     if feasible(0.0):
         return theta

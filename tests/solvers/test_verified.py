@@ -130,6 +130,23 @@ def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_
             assert chosen.depth(start) < 1e-12 or np.array_equal(found, start)
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_safely_inside_means_deeper_than_rounding_in_every_group(seed):
+    rng = np.random.default_rng(seed)
+    interior = rng.normal(size=3)
+    constraints = demands(rng, interior)
+    assert constraints.is_safely_inside(interior)
+    on_the_way = interior + rng.uniform(0.0, 3.0, (20, 1)) * rng.normal(size=(20, 3))
+    for theta in on_the_way:
+        is_safe = all(
+            depth >= safe_depth(group.constant.shape[1])
+            for depth, group in zip(
+                constraints.depths(theta), constraints.groups, strict=True
+            )
+        )
+        assert constraints.is_safely_inside(theta) == is_safe
+
+
 def test_a_sum_within_its_rounding_is_decided_exactly():
     """Six products that cancel: doubles call some of them positive that are negative."""
     rng = np.random.default_rng(0)
