@@ -5,12 +5,13 @@ from pathlib import Path
 from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
-CHALLENGE = ["results/challenge", "--seed", "500000", "--out", str(HERE)]
+CHALLENGE = ["results/challenge", "--seed", "800000", "--out", str(HERE)]
 #: Three cases of every class and nuisance; then more of these.
 MORE = (
     ["--classes", "clean", "--cases", "10"],
-    ["--classes", "clean", "--nuisance", "mixed", "--cases", "100"],
-    ["--classes", "strong", "medium", "weak", "pairs", "--cases", "80"],
+    ["--classes", "clean", "--nuisance", "mixed", "--cases", "60"],
+    ["--classes", "strong", "medium", "--cases", "60"],
+    ["--classes", "weak", "pairs", "--cases", "50"],
 )
 
 if __name__ == "__main__":
