@@ -143,16 +143,15 @@ class JointFailure(JsonRecord):
     a refit and the usual error would leave that a function of the cause explains on
     data left out; causes are ranked by it; shares_of_error : the same of the whole
     residual; reversal_lift : RMS within 0.15 s of velocity reversals over that
-    elsewhere; orders : waves per
-    revolution, amplitude [N m], and amplitude over its surroundings, the most
-    conspicuous first; stretches : where the error is large, with the cause seen there;
-    hums : above the cut-off of the filters, at most one: the largest; rmse is without
-    them, the shares are with them; torque : RMS measured torque [N m or N], None in older
-    files; usual_share : share of what a refit would leave that usual drives show as
-    well: friction that turns round over a short travel, and a lag that joints share;
-    other_joint : what of another joint explains most, such as "velocity of joint 2";
-    scatter : of the torque from sample to sample [N m or N], by which joints are
-    compared; None where the log is too slow to show it.
+    elsewhere; orders : waves per revolution, amplitude [N m], and amplitude over its
+    surroundings, the most conspicuous first; stretches : where the error is large, with
+    the cause seen there; hums : above the cut-off of the filters, at most one: the
+    largest; rmse is without them, the shares are with them; torque : RMS measured
+    torque [N m or N], None in older files; usual_share : share of what a refit would
+    leave that usual drives show as well: friction that turns round over a short travel,
+    and a lag that joints share; other_joint : what of another joint explains most, such
+    as "velocity of joint 2"; scatter : of the torque from sample to sample [N m or N],
+    by which joints are compared; None where the log is too slow to show it.
     """
 
     joint: int
@@ -309,12 +308,10 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     """
     strongest = dependences(failure)
     out = _cause_sentences(failure, strongest)
-    causes = {name for name, _ in strongest}
-    causes |= {
-        stretch.cause for stretch in failure.stretches if stretch.cause == REVERSAL
-    }
-    is_near_reversals = failure.reversal_lift > _LARGE_LIFT
-    if is_near_reversals or (REVERSAL in causes and failure.reversal_lift > 1.0):
+    is_named = REVERSAL in dict(strongest)
+    is_seen = any(stretch.cause == REVERSAL for stretch in failure.stretches)
+    least_lift = 1.0 if is_named or is_seen else _LARGE_LIFT
+    if failure.reversal_lift > least_lift:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."
@@ -455,7 +452,8 @@ class Failures(Record, list[JointFailure]):
         cause beyond the usual one.
         """
         order = np.argsort(self.badness)[::-1].tolist()
-        tied = [k for k in order if k + 1 in self.equally_bad]
+        equally_bad = self.equally_bad
+        tied = [k for k in order if k + 1 in equally_bad]
         tied.sort(key=lambda k: self[k].causes.is_usual)
         others = [k for k in order if k not in tied]
         return [self[k] for k in [*tied, *others]]

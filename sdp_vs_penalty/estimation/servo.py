@@ -624,7 +624,7 @@ def servo_log(
     model, rows, distance = _refined(loop, model, instruments, progress)
     _, theta = loop.fitted_at_delay(model.effects[-1].shape["T"])
     details = {
-        "limited": limited_drives(model, theta, runs),
+        "limited": find_limited_drives(model, theta, runs),
         "law": "as given" if drives else law.name,
         "delay": model.effects[-1].shape["T"],
         "held_out": law.held_out,
@@ -634,7 +634,7 @@ def servo_log(
     return model, rows, details
 
 
-def limited_drives(model: Model, theta: Array, runs: FilteredRuns) -> list[int]:
+def find_limited_drives(model: Model, theta: Array, runs: FilteredRuns) -> list[int]:
     """Return the joints (from 1) whose drive makes less torque than its law demands.
 
     A drive with a torque limit follows its law up to the limit. The load's torque, less
