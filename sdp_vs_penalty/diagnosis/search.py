@@ -125,6 +125,9 @@ class Search:
         self.terms: list[ScoredEffect] = []
         #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
+        #: Effects that were found with a size that contradicts their constants: they
+        #: stand in for another effect.
+        self.barred = set[Key]()
         #: Effects found whose torque is contained in the torque from which the columns
         #: of gains and delays are computed.
         self.in_reference = set[Key]()
@@ -296,7 +299,8 @@ class Search:
             for f in np.flatnonzero(scores > 0.0).tolist():
                 form = batch.forms[f]
                 is_refused = on is None and form.key in self.refused
-                if is_refused or not is_allowed[f]:
+                is_barred = form.key in self.barred
+                if is_refused or is_barred or not is_allowed[f]:
                     continue
                 score = float(scores[f])
                 law = form.discrete_choice
@@ -364,16 +368,25 @@ class Search:
         return min(unrefined, key=rank)
 
     def is_impossible(self, term: ScoredEffect) -> bool:
-        """Return whether an effect makes more torque on a joint than was measured
-        there.
+        """Return whether no machine has the effect with this size.
 
-        The sums of squares of white torque are compared. Such an effect would need
-        another one of about its size against it.
+        It contradicts its shape constants, or makes more torque on a joint than was
+        measured there (sums of squares of white torque). The latter would need another
+        effect of about its size against it.
         """
-        return any(
+        makes_too_much = any(
             np.sum((z @ term.beta) ** 2) > np.sum(self.data.y[joint] ** 2)
             for joint, z in term.columns.items()
         )
+        return makes_too_much or self.contradicts_itself(term)
+
+    def contradicts_itself(self, term: ScoredEffect) -> bool:
+        """Return whether an effect's size and shape constants belong to different
+        machines, see :meth:`Effect.contradicts_itself`.
+        """
+        effect = term.form.effect
+        inertias = self.data.rows.mean_inertias
+        return effect.contradicts_itself(term.beta, float(inertias[effect.joints[0]]))
 
     # The steps.
 
@@ -384,7 +397,8 @@ class Search:
         dropped. If no candidate can be added, one effect is exchanged for a better one.
         The search also ends when an exchange leads back to a set of effects that it has
         had before. A candidate that is dropped as soon as it is added, or that leads
-        back to such a set, is refused from then on.
+        back to such a set, is refused from then on. Effects that contradict themselves
+        at the end are barred, and the search goes on without them.
         """
         known_sets = set[tuple[str, ...]]()
         # Each candidate is added, exchanged and dropped once at most: three steps each.
@@ -395,6 +409,8 @@ class Search:
             else:
                 progress(f"{len(self.terms) + 1}: {addition.text}")
                 after = self.drop_weak([*self.terms, addition])
+            if after is None and self._bar_contradictions():
+                continue
             if after is None:
                 break
             keys_after = tuple(sorted(str(t.key) for t in after))
@@ -410,6 +426,15 @@ class Search:
             known_sets.add(keys_after)
         self.fit = self.score.fit(self.terms)
         return self.terms
+
+    def _bar_contradictions(self) -> bool:
+        """Take out the effects that contradict themselves, for good; return whether
+        there was one.
+        """
+        stand_ins = [t for t in self.terms if self.contradicts_itself(t)]
+        self.barred |= {t.key for t in stand_ins}
+        self.terms = [t for t in self.terms if t not in stand_ins]
+        return bool(stand_ins)
 
     def best_addition(self) -> ScoredEffect | None:
         """Return the effect to add next, or None if no candidate has enough evidence.

@@ -721,6 +721,19 @@ class Effect(ABC):
         """
         return ""
 
+    def contradicts_itself(self, theta: Array, mean_inertia: float) -> bool:
+        """Return whether no machine has such an effect, since its parameters and its
+        shape constants belong to different ones.
+
+        Parameters
+        ----------
+        theta
+            (p,) parameters of the effect that was found, in SI units.
+        mean_inertia
+            Of its joint in the current model [kg m^2, kg]; NaN where that is unknown.
+        """
+        return False
+
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """Give a reason to doubt the effect: what else would look like it in these
         measurements.

@@ -449,6 +449,10 @@ class JointElasticity(LinkDeviation):
         return -_moved(motion, torque, slopes)
 
 
+#: A gear's compliance is so many times what its frequency and the joint's inertia say.
+#: The inertia of a model includes that of the motor, which does not swing: up to twice
+#: that of the links.
+_COMPLIANCE_OVER_EXPECTED = 1.0 / 3.0, 2.0
 #: Damping ratio from which a swing is damped as by impacts and not as by a spring.
 _DAMPED = 0.15
 
@@ -487,6 +491,17 @@ class JointResonance(LinkDeviation):
         if size == 0.0 or not self.is_stand_in:
             return ""
         return "play of the gear swings as strongly damped: backlash looks so"
+
+    def contradicts_itself(self, theta: Array, mean_inertia: float) -> bool:
+        """Return whether the compliance c_r is not that of a gear on which the joint's
+        inertia M swings at f: c_r (2 pi f)^2 M is 1 for a gear.
+
+        False where M is not known.
+        """
+        stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * mean_inertia
+        smallest, largest = _COMPLIANCE_OVER_EXPECTED
+        over_expected = theta[0] * stiffness
+        return bool(over_expected < smallest or over_expected > largest)
 
     @property
     def resembles(self) -> tuple[str, ...]:  # type: ignore[override]

@@ -233,6 +233,16 @@ class SegmentedRuns:
             shares.append(abs(s.low_pass) @ is_slow.astype(float))
         return np.concatenate(shares)
 
+    @property
+    def mean_inertias(self) -> Array:
+        """(n,) mean inertia of each joint in the current model [kg m^2 or kg]; NaN
+        without one.
+        """
+        motion = self.segments[0].motion
+        if motion.current is None:
+            return np.full(motion.q.shape[1], np.nan)
+        return motion.mean_inertias
+
     def seen(self, joint: int) -> JointCoverage:
         """Return how much of a joint the runs show: its travel, the resolution of its
         position, and how often it stands still.

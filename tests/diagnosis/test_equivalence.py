@@ -24,7 +24,8 @@ from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
 from sdp_vs_penalty.diagnosis.findings import REASONS
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit, link_sizes
-from sdp_vs_penalty.effects import JointResonance, TorqueFilter
+from sdp_vs_penalty.diagnosis.search import search
+from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 
@@ -248,3 +249,21 @@ def test_a_stand_in_needs_that_nothing_else_speaks_against_it(
     doubts = dict.fromkeys({"stand_in", "looks_like", "rivals"} | further_doubts, "")
     monkeypatch.setattr(confidence, "reasons_for_doubt", lambda x: doubts)
     assert confidence.is_unproven_stand_in(finding) == is_dropped
+
+
+def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
+    """Another one that follows the position takes its place, if there is one."""
+    run = PointMassArm(spring=np.array([3.0, 0.0, 0.0])).run(1)
+    model = identify(problem, run, "ols", effects=EFFECTS, check=False)
+    runs = DiagnosisRuns(model, run, None)
+    data = runs.white_data
+    springs = runs.candidates.only(lambda x: x.effect.name == "joint_spring", data)
+    spring = "joint_spring", 0
+    assert {t.key for t in search(data, springs).terms} == {spring}
+    monkeypatch.setattr(JointSpring, "contradicts_itself", lambda *_: True)
+    without = search(data, springs)
+    assert spring in without.barred
+    assert not without.terms
+    found = {t.key for t in search(data, runs.candidates).terms}
+    assert found
+    assert spring not in found

@@ -283,3 +283,18 @@ def test_no_link_swings_on_an_inertia_that_is_not_positive(two_link):
         derivatives=lambda joint: (square, square, -square),
     )
     assert not effect.deviated(motion, 0).any()
+
+
+@pytest.mark.parametrize(
+    ("over_expected", "contradicts"),
+    [(0.2, True), (0.5, False), (1.0, False), (1.9, False), (2.1, True)],
+)
+def test_a_gear_is_as_soft_as_its_frequency_and_its_links_say(
+    two_link, over_expected, contradicts
+):
+    """The compliance of an inertia of 0.3 kg m^2 that swings at 2.5 Hz is
+    1 / ((2 pi 2.5)^2 0.3) rad/(N m)."""
+    effect = effect_types()["joint_resonance"](two_link.robot, [0], f=2.5)
+    compliance = np.array([over_expected / ((2.0 * np.pi * 2.5) ** 2 * 0.3)])
+    assert effect.contradicts_itself(compliance, 0.3) == contradicts
+    assert not effect.contradicts_itself(compliance, np.nan)
