@@ -14,6 +14,7 @@ sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
 from challenge.ablation import run_ablation
 from challenge.cases import CLASSES, run_challenge, wanted
+from challenge.limit import run_limits
 from challenge.targets import run_targets
 from challenge.worlds.conditions import NUISANCES
 from sdp_vs_penalty.diagnosis.rules import Rules
@@ -48,7 +49,16 @@ def main() -> None:
         type=int,
         help="in place of all this: so many worlds made for each of some rules",
     )
+    parser.add_argument(
+        "--limits",
+        action="store_true",
+        help="in place of all this: whether the true model of what the cases in OUT"
+        " missed scores better",
+    )
     options = parser.parse_args()
+    if options.limits:
+        print(*run_limits(options.out, options.jobs), sep="\n")
+        return
     if options.targets:
         print(*run_targets(options.targets, options.seed, options.out), sep="\n")
         return

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from challenge import judge
+from challenge import judge, limit
 from challenge import worlds as challenged
-from challenge.cases import CLASSES, Case, run_case
+from challenge.cases import CLASSES, Case, build_case, run_case
 from challenge.worlds.conditions import FrictionLaw
 from committed import RESULTS
 from recorded import differences
@@ -201,3 +201,37 @@ def test_lugre_slides_at_the_stribeck_level():
         assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(
             level, rel=1e-4
         )
+
+
+def test_only_single_effects_that_the_data_show_can_be_missed():
+    record = {
+        "class": "strong",
+        "truth": [{"effect": "joint_spring", "joints": [1], "shape": {}}],
+        "energy": [900.0],
+        "deviation": [0.0],
+        "found": [found("torque_gain", 1)],
+        "fair": [],
+    }
+    records = {
+        "strong/plain/1/0": record,
+        "strong/plain/1/1": {**record, "energy": [3.0]},
+        "strong/plain/1/2": {**record, "found": [found("joint_spring", 1)]},
+        "pairs/plain/1/3": record,
+    }
+    assert limit.missed(records) == [Case("strong", "plain", 1, 0)]
+
+
+def test_the_true_model_scores_better_where_it_was_left_out():
+    """A strong effect has an advantage where the search lost it; another one has none
+    where the search found the truth."""
+    case = Case("strong", "encoder", 1000, 20)
+    built = build_case(case)
+    done = limit.finished_search(case, built)
+    (hidden,) = built.hidden
+    joints = [j + 1 for j in hidden.joints]
+    true = limit.true_forms(done, hidden.effect, joints)
+    assert {t.key for t in done.terms} == {form.key for form in true}
+    others = limit.true_forms(done, "torque_gain", [1])
+    assert limit.advantage(done, others)[0] < limit.EVIDENCE_TO_DISTINGUISH
+    done.terms = []
+    assert limit.advantage(done, true)[0] > limit.EVIDENCE_TO_ADD
