@@ -111,8 +111,9 @@ def advantage(found: Search, forms: Sequence[Candidate]) -> tuple[float, float]:
 def _beside(
     found: Search, others: Sequence[ScoredEffect], forms: Sequence[Candidate]
 ) -> list[ScoredEffect]:
-    """Score the laws of the true effect beside other findings, constants refined."""
-    fit = found.score.fit(others)
+    """Score the laws of the true effect beside other findings and the small errors of
+    their laws, with constants refined."""
+    fit = found.score.fit(found.nuisances.with_law_misfits(others))
     scored = [found.evidence_of(fit, form) for form in forms]
     scored.sort(key=lambda term: -term.drop)
     return [found.refined(fit, term) for term in scored[:_REFINED]]
