@@ -193,8 +193,9 @@ def plausible_links(
     Returns
     -------
     links : (n, 10) array
-        Given links where they are possible; a given mass keeps its value where its
-        moments are not possible.
+        Given links where they are possible. Where the moments are not, as in many
+        files, a link keeps its mass and centre of mass
+        (:func:`_with_possible_moments`).
     sources : tuple of str
         "inertial" (given), "geometry" (shape filled with DEFAULT_DENSITY) or
         "kinematics" (a tube with half of each actuator at its ends). The last two are
@@ -217,10 +218,41 @@ def plausible_links(
             drawn = _tube(robot, i, reach, actuators)
         if 0.0 < mass < np.inf:
             source = "inertial"
-            drawn = drawn * (mass / drawn[3, 3])
+            drawn = _with_possible_moments(links[i], drawn, reach)
         sources.append(source)
         links[i] = inertia.from_pseudo_inertia(drawn)
     return links, tuple(sources)
+
+
+def _with_possible_moments(link: Array, drawn: Array, reach: float) -> Array:
+    """Return the pseudo-inertia (4, 4) of a file's link whose moments no body has.
+
+    Its mass and centre of mass stay. Its second moments about the centre become the
+    nearest possible ones: eigenvalues below that of a rod of THINNEST times the link's
+    length are raised to it (Higham, Linear Algebra Appl. 1988). Where the file has no
+    positive moment it states no shape: that of the drawn link is taken, and its centre
+    too where the file's is zero.
+
+    Parameters
+    ----------
+    link : (10,) array
+        Parameters of the file, with a positive mass.
+    drawn : (4, 4) array
+        Pseudo-inertia of the link as it is drawn without a file.
+    reach : float
+        Length of the link [m].
+    """
+    mass = link[0]
+    pseudo = inertia.pseudo_inertia(link)
+    centre = pseudo[:3, 3] / mass
+    moments = pseudo[:3, :3] / mass - np.outer(centre, centre)
+    size, axes = np.linalg.eigh(moments)
+    if size[-1] > 0.0:
+        thin = (c.THINNEST * reach) ** 2 / 5.0
+        return _lump(mass, centre, (axes * np.maximum(size, thin)) @ axes.T)
+    centre_of_drawn = drawn[:3, 3] / drawn[3, 3]
+    shape = drawn[:3, :3] / drawn[3, 3] - np.outer(centre_of_drawn, centre_of_drawn)
+    return _lump(mass, centre if centre.any() else centre_of_drawn, shape)
 
 
 def _is_possible(link: Array, reach: float) -> bool:

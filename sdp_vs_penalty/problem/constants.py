@@ -23,6 +23,9 @@ LARGEST = 1000.0
 #: Nominal density of a link of which only the geometry is known [kg/m^3]: aluminium
 #: shells and motors.
 DEFAULT_DENSITY = 1500.0
+#: Half thickness of the thinnest link, over its length: of a link whose file has moments
+#: that no body has.
+THINNEST = 0.05
 #: A mass so many times its nominal value, or less than one part in so many of it, is
 #: far from it [-]; so is a length of so many robots, which is not in metres.
 FAR_MASS = 3.0

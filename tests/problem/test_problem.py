@@ -412,3 +412,46 @@ def test_what_a_problem_leaves_out_is_open(tmp_path):
         Robot("one", problem.robot.joints[:1])
     )  # cannot be told from what it moves
     assert "rotor_inertia" not in replace(one, torque_side="unknown").default_effects
+
+
+@pytest.mark.parametrize(
+    ("centre", "diagonal"),
+    [
+        ([0.155, 0.002, -0.004], [0.0017, 0.0181, 0.0220]),  # no triangle
+        ([0.155, 0.002, -0.004], [0.0, 0.0, 0.0]),
+        ([0.0, 0.0, 0.1], [0.02, 0.001, 0.02]),
+        ([0.0, 0.0, 0.0], [0.02, 0.001, 0.001]),
+    ],
+)
+def test_a_link_with_impossible_moments_keeps_its_mass_and_centre(centre, diagonal):
+    """Many files state moments of inertia that no body has."""
+    here = np.eye(4)
+    apart = np.eye(4)
+    apart[0, 3] = 0.3
+    up = np.array([0.0, 0.0, 1.0])
+    joints = (
+        Joint("a", "revolute", -1, here, up, here),
+        Joint("b", "revolute", 0, apart, up, here),
+    )
+    barycentric = [3.2, *centre, diagonal[0], 0, diagonal[1], 0, 0, diagonal[2]]
+    theirs = inertia.standard_from_barycentric([barycentric] * 2)
+    found, sources = plausible_links(Robot("two", joints), theirs)
+    assert sources == ("inertial",) * 2
+    np.testing.assert_allclose(found[:, :4], theirs[:, :4], atol=1e-12)
+    assert np.all(inertia.consistency_margin(found) > 0.0)
+
+
+def test_possible_second_moments_of_an_impossible_link_stay():
+    """Only the negative one is raised, to that of a thin rod."""
+    joint = Joint("a", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
+    robot = Robot("one", (joint,))
+    second = np.diag([0.004, 0.002, -0.0005])  # about the centre [kg m^2]
+    moments = np.trace(second) * np.eye(3) - second
+    theirs = inertia.standard_from_barycentric(
+        [[2.0, 0.1, 0, 0, moments[0, 0], 0, moments[1, 1], 0, 0, moments[2, 2]]]
+    )
+    (found,), _ = plausible_links(robot, theirs)
+    pseudo = inertia.pseudo_inertia(found)
+    about_centre = pseudo[:3, :3] - 2.0 * np.outer([0.1, 0, 0], [0.1, 0, 0])
+    thin = 2.0 * (0.05 * robot.link_reach()[0]) ** 2 / 5.0
+    np.testing.assert_allclose(about_centre, np.diag([0.004, 0.002, thin]), atol=1e-12)
