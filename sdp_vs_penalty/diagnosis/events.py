@@ -40,6 +40,13 @@ Mask = NDArray[np.bool_]
 #: noise the smallest error of a model stands out of the noise: such windows of fresh
 #: arms reach 0.3 to 1.
 _LARGE = 2.0
+#: Times the largest power within _NEAR [Hz] that the power of a hum has to reach. The
+#: lines that a model's error takes from the motion stand side by side.
+_ALONE = 5.0
+_NEAR = 2.0
+#: Half width of a line in a spectrum with a Hann window, in steps of its frequencies:
+#: the main lobe reaches two.
+LOBE = 2.5
 
 
 @dataclass(frozen=True)
@@ -434,9 +441,10 @@ def line_phasor(t: Array, series: Array, frequency: float) -> complex:
 def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
     """Find the spectral lines of each joint's residual.
 
-    Where the motion repeats, lines are searched in the differences of repetitions,
-    since a model's error has the motion's harmonics. The residual is not whitened: the
-    autoregressive model of the noise would take a sine for coloured noise.
+    A model's error has lines of the motion. Where the motion repeats, lines are
+    therefore searched in the differences of repetitions; elsewhere a hum has to stand
+    alone. The residual is not whitened: the autoregressive model of the noise would
+    take a sine for coloured noise.
 
     Parameters
     ----------
@@ -465,9 +473,44 @@ def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
         longest = max((len(p) for p in pieces), default=0)
         series = [searched_torque[p, j] for p in pieces if 2 * len(p) > longest]
         lines = spectral_lines(series, rows.rate, rows.n, highest=rows.cutoff)
+        if lines and not repeats:
+            power, frequency = hann_spectrum(max(series, key=len), rows.rate)
+            lines = [line for line in lines if stands_alone(line, power, frequency)]
         if lines:
             out[j] = lines
     return out
+
+
+def hann_spectrum(series: Array, rate: float) -> tuple[Array, Array]:
+    """Return the power of a series (N,) with a Hann window, and its frequencies [Hz].
+
+    Parameters
+    ----------
+    series
+        (N,) values; their mean is taken out.
+    rate
+        Sampling rate [Hz].
+    """
+    spectrum = np.fft.rfft((series - series.mean()) * np.hanning(len(series)))
+    frequency = np.asarray(np.fft.rfftfreq(len(series), 1.0 / rate), float)
+    return np.abs(spectrum) ** 2, frequency
+
+
+def stands_alone(line: float, power: Array, frequency: Array) -> bool:
+    """Return whether a line's power is five times that of any other within 2 Hz.
+
+    Parameters
+    ----------
+    line
+        Frequency of the line [Hz].
+    power, frequency
+        (K,) a spectrum with a Hann window, and its frequencies [Hz].
+    """
+    distance = np.abs(frequency - line)
+    is_line = distance < LOBE * frequency[1]
+    is_neighbour = (distance < _NEAR) & ~is_line
+    largest_beside = power[is_neighbour].max(initial=0.0)
+    return bool(power[is_line].max() > _ALONE * largest_beside)
 
 
 def _median_of_neighbours(power: Array, half: int) -> Array:

@@ -10,7 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.events import Event, refined_line, spectral_lines
+from sdp_vs_penalty.diagnosis.events import (
+    LOBE,
+    Event,
+    hann_spectrum,
+    refined_line,
+    spectral_lines,
+    stands_alone,
+)
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import Stretch, split_at_gaps
 
@@ -19,13 +26,6 @@ _PARTS = 8
 #: Length of the mean of the parts' phasors over their RMS length, from which a line
 #: keeps its phase. A ripple that a joint passes at changing speed reaches 0.4.
 _COHERENT = 0.9
-#: Times the largest line within _NEAR [Hz] that the power of a hum has to reach. The
-#: harmonics of a motion that repeats stand side by side.
-_ALONE = 5.0
-_NEAR = 2.0
-#: Half width of a line in a spectrum with a Hann window, in steps of its frequencies:
-#: the main lobe reaches two.
-_LOBE = 2.5
 #: Share of the torque's variance above the band from which a hum is reported.
 _LARGE_SHARE = 0.1
 #: A run shorter than this [s] shows no phase that is kept.
@@ -74,19 +74,16 @@ def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
         return None
     torque = run.tau[:, joint]
     window = np.hanning(len(t))
-    power = np.abs(np.fft.rfft((torque - torque.mean()) * window)) ** 2
-    frequency = np.fft.rfftfreq(len(t), 1.0 / rate)
+    power, frequency = hann_spectrum(torque, rate)
     above = power * (frequency > cutoff)
     lines = spectral_lines([torque], rate, run.tau.shape[1], lowest=cutoff)
     largest = 0.0
     hum = None
     for line in lines:
-        near = np.abs(frequency - line) < _LOBE * frequency[1]
+        near = np.abs(frequency - line) < LOBE * frequency[1]
         energy = float(np.sum(above[near]))
-        neighbours = (np.abs(frequency - line) < _NEAR) & ~near
-        rival = float(above[neighbours].max(initial=0.0))
-        is_alone = above[near].max() > _ALONE * rival
-        if not is_alone or energy < max(largest, _LARGE_SHARE * float(above.sum())):
+        is_large = energy >= max(largest, _LARGE_SHARE * float(above.sum()))
+        if not is_large or not stands_alone(line, above, frequency):
             continue
         exact = refined_line(t, torque * window, line, frequency[1])
         phasor = _steady_phasor(t, torque, exact)

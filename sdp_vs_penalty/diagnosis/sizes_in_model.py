@@ -43,8 +43,8 @@ def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
 def size_in_model(finding: Finding, model: Estimate) -> Finding:
     """Replace a finding's size, interval and constants by those that a model has.
 
-    A confident finding becomes weak if its size there is less than two standard
-    deviations from zero, and gets a remark if it is less than five.
+    A confident finding becomes weak if its size there is less than five standard
+    deviations from zero. Its remark says whether the size is uncertain, or may be zero.
 
     Parameters
     ----------
@@ -67,16 +67,14 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     if not np.all(np.isfinite(covariance)):
         return finding
     size, std = size_of(effect, theta, covariance)
-    confidence = finding.confidence
     remarks = finding.remarks
-    if confidence == "confident" and not std < SIGNIFICANT * abs(size):
-        confidence = "weak"
-        remarks = (*remarks, REASONS["insignificant"])
-    elif confidence == "confident" and not std < UNCERTAIN * abs(size):
-        remarks = (*remarks, REASONS["uncertain"])
+    if finding.confidence == "confident" and not std < SIGNIFICANT * abs(size):
+        remarks = (REASONS["insignificant"],)
+    elif finding.confidence == "confident" and not std < UNCERTAIN * abs(size):
+        remarks = (REASONS["uncertain"],)
     return replace(
         finding,
-        confidence=confidence,
+        confidence="weak" if remarks else "confident",
         shape=dict(effect.shape),
         constants=effect.constants,
         size=size,

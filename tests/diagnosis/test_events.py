@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.diagnosis import events, find_hums
-from sdp_vs_penalty.diagnosis.events import Event, outliers
+from sdp_vs_penalty.diagnosis.events import (
+    Event,
+    hann_spectrum,
+    outliers,
+    stands_alone,
+)
 from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.signals import REPETITION, SPECTRUM, Repeat
 from sdp_vs_penalty.signals.coloured_noise import Pieces
@@ -105,3 +110,12 @@ def test_the_list_gives_a_hum_its_amplitude():
     diagnosis: Any = SimpleNamespace(events=(hum,), torque_unit=lambda joint: "N m")
     (line,) = event_lines(diagnosis)
     assert line == "a hum of 23.7 Hz (0.28 N m) on joint 3: 0.00 s to 10.00 s"
+
+
+@pytest.mark.parametrize(("beside", "alone"), [(0.3, True), (0.6, False)])
+def test_a_hum_stands_alone_and_a_line_of_the_motion_does_not(beside, alone):
+    """A second line 1.3 Hz away, with a share of the amplitude; power is its square."""
+    rate = 100.0
+    t = np.arange(0.0, 20.0, 1.0 / rate)
+    series = np.sin(2.0 * np.pi * 6.0 * t) + beside * np.sin(2.0 * np.pi * 7.3 * t)
+    assert stands_alone(6.0, *hann_spectrum(series, rate)) == alone

@@ -122,17 +122,24 @@ def spring(two_link) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("size", "std", "confidence"),
-    [(1.0, 0.1, "confident"), (1.0, 0.3, "confident"), (-6.6, 6.5, "weak")],
+    ("size", "std", "rating", "torque_is_certain"),
+    [
+        (1.0, 0.1, "confident", True),
+        (1.0, 0.3, "weak", True),
+        (-6.6, 6.5, "weak", True),
+    ],
 )
-def test_a_size_that_the_model_does_not_tell_from_zero_is_weak(
+def test_a_size_that_the_model_does_not_know_is_no_confident_finding(
     spring,
     size,
     std,
-    confidence,
+    rating,
+    torque_is_certain,
 ):
+    """Its torque is certain all the same, since only its size is open."""
     sized = size_in_model(finding("joint_spring", 1), model_with((spring, size, std)))
-    assert sized.confidence == confidence
+    assert sized.rating == rating
+    assert sized.torque_is_certain == torque_is_certain
 
 
 def test_two_estimates_of_a_size_widen_its_interval(spring):
