@@ -566,7 +566,7 @@ def _built(
 
 
 @contextmanager
-def writing(path: str | Path) -> Iterator[BinaryIO]:
+def writing(path: str | Path, lasting: bool = True) -> Iterator[BinaryIO]:
     """Write a file atomically: the new file replaces the old one once it is complete.
 
     A writer that is killed leaves nothing behind. On systems where a file cannot exist
@@ -578,6 +578,8 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
     ----------
     path : path
         The file to write.
+    lasting : bool
+        Whether it waits until the file is on the disk and survives a power cut.
 
     Yields
     ------
@@ -604,7 +606,7 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
                 path,
             )
         if there is None or stat.S_ISREG(there.st_mode):
-            with _replacing(Path(os.path.realpath(path))) as file:
+            with _replacing(Path(os.path.realpath(path)), lasting) as file:
                 yield file
             return
         content = io.BytesIO()  # which can be told where it is, as some formats need
@@ -627,7 +629,7 @@ def _unwritable(error: Exception, path: Path) -> InputError:
     )
 
 
-def write_bytes(path: str | Path, content: bytes) -> None:
+def write_bytes(path: str | Path, content: bytes, lasting: bool = True) -> None:
     """Write a file atomically: completely or not at all.
 
     Parameters
@@ -636,22 +638,24 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         The file.
     content : bytes
         Its content.
+    lasting : bool
+        As for :func:`writing`.
 
     Raises
     ------
     InputError
         If it is an input of this command, or cannot be written.
     """
-    with writing(path) as file:
+    with writing(path, lasting) as file:
         file.write(content)
 
 
 @contextmanager
-def _replacing(path: Path) -> Iterator[BinaryIO]:
-    """Yield a new file, and put it in the place of ``path`` once it is on the disk.
+def _replacing(path: Path, lasting: bool) -> Iterator[BinaryIO]:
+    """Yield a new file, and put it in the place of ``path`` once it is complete.
 
     If possible the file has no name until then, so that it vanishes if the writer is
-    killed.
+    killed. ``lasting``: it is on the disk before it replaces the old one.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = _part_name(path)
@@ -667,7 +671,8 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
         try:
             with open(handle, "wb", closefd=False) as part:
                 yield part
-            os.fsync(handle)
+            if lasting:
+                os.fsync(handle)
             if not has_name:
                 _name_file(handle, temporary)
         finally:
@@ -677,8 +682,9 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
         with suppress(OSError):
             os.unlink(temporary)
         raise
-    with suppress(OSError):  # not every file system can
-        _sync_folder(path.parent)
+    if lasting:
+        with suppress(OSError):  # not every file system can
+            _sync_folder(path.parent)
 
 
 def _part_name(path: Path) -> Path:
@@ -807,7 +813,7 @@ def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
         os.close(handle)
 
 
-def write_text(path: str | Path, content: str) -> None:
+def write_text(path: str | Path, content: str, lasting: bool = True) -> None:
     """Write a text as UTF-8, atomically: completely or not at all.
 
     Bytes of a file name that are not text (PEP 383) are written as escapes.
@@ -818,13 +824,15 @@ def write_text(path: str | Path, content: str) -> None:
         The file.
     content : str
         Its text.
+    lasting : bool
+        As for :func:`writing`.
 
     Raises
     ------
     InputError
         If it is an input of this command, or cannot be written.
     """
-    write_bytes(path, content.encode("utf-8", "backslashreplace"))
+    write_bytes(path, content.encode("utf-8", "backslashreplace"), lasting)
 
 
 def problems_folder() -> Path:

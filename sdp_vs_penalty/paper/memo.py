@@ -62,7 +62,8 @@ def remembered(
     except (OSError, ValueError):
         result = _plain(compute())
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(path, json.dumps(result))
+    # Not forced onto the disk: what a power cut damages is computed again.
+    write_text(path, json.dumps(result), lasting=False)
     return result
 
 
@@ -98,7 +99,7 @@ def remembered_arrays(
     except (OSError, ValueError, EOFError, BadZipFile):
         arrays = dict(compute())
     folder.mkdir(parents=True, exist_ok=True)
-    with writing(path) as file:
+    with writing(path, lasting=False) as file:
         np.savez(file, **cast(Any, arrays))
     return arrays
 
@@ -140,38 +141,41 @@ def content_key(content: Iterable[object]) -> str:
         For a value of any other type: left out of the key, it could give a wrong
         result.
     """
-    hasher = hashlib.sha256()
+    pieces: list[bytes] = []
     for part in content:
-        for piece in _pieces(part):
-            hasher.update(len(piece).to_bytes(8, "little"))
-            hasher.update(piece)
+        _collect(part, pieces)
+    hasher = hashlib.sha256()
+    for piece in pieces:
+        hasher.update(len(piece).to_bytes(8, "little"))
+        hasher.update(piece)
     return hasher.hexdigest()[:32]
 
 
-def _pieces(value: Any) -> Iterable[bytes]:
-    """Yield bytes that represent a value, with its type and size, for a hash.
+def _collect(value: Any, pieces: list[bytes]) -> None:
+    """Append bytes that represent a value, with its type and size, for a hash.
 
     Values that differ yield other bytes. Raises TypeError for a value that is no
     number, text, array, dataclass, list or mapping.
     """
-    if isinstance(value, np.ndarray):
-        yield f"{value.dtype} {value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif is_dataclass(value) and not isinstance(value, type):
-        yield type(value).__qualname__.encode()
-        for field in fields(value):
-            yield from _pieces(getattr(value, field.name))
-    elif isinstance(value, Mapping):
-        yield f"mapping {len(value)}".encode()
-        for name, item in value.items():
-            yield from _pieces(name)
-            yield from _pieces(item)
+    # The most frequent kinds come first: to ask for a dataclass or a mapping is slow.
+    if value is None or isinstance(value, str | bool | int | float | np.number):
+        pieces.append(f"{type(value).__name__} {value!r}".encode())
+    elif isinstance(value, np.ndarray):
+        pieces.append(f"{value.dtype} {value.shape}".encode())
+        pieces.append(np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple | list):
-        yield f"list {len(value)}".encode()
+        pieces.append(f"list {len(value)}".encode())
         for item in value:
-            yield from _pieces(item)
-    elif value is None or isinstance(value, str | bool | int | float | np.number):
-        yield f"{type(value).__name__} {value!r}".encode()
+            _collect(item, pieces)
+    elif isinstance(value, Mapping):
+        pieces.append(f"mapping {len(value)}".encode())
+        for name, item in value.items():
+            _collect(name, pieces)
+            _collect(item, pieces)
+    elif is_dataclass(value) and not isinstance(value, type):
+        pieces.append(type(value).__qualname__.encode())
+        for field in fields(value):
+            _collect(getattr(value, field.name), pieces)
     else:
         raise TypeError(f"{type(value).__name__} is no content of a key")
 
