@@ -10,10 +10,10 @@ w and shifts S_i,
 is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w, and
 S tends to the multipliers, from which the certificate bounds the optimum (Powell 1969, Hestenes 1969,
 Rockafellar 1974: the augmented Lagrangian). The weight grows tenfold while the violation does not fall
-to a quarter. Each minimisation is one of nonlinear least squares, by MINPACK's Levenberg-Marquardt
-method; its Gauss-Newton steps are semismooth Newton steps (Zhao, Sun, Toh, SIAM J. Optim. 2010;
-:func:`projected_rows`). A weak pull to the last x keeps its rows of full rank where the data leave
-directions open (Rockafellar 1976: the proximal method of multipliers).
+to a quarter. Each minimisation is one of nonlinear least squares, by Gauss-Newton steps, which are
+semismooth Newton steps (Zhao, Sun, Toh, SIAM J. Optim. 2010; :func:`projected_rows`). Where they do not
+settle, MINPACK's Levenberg-Marquardt method goes on. A weak pull to the last x keeps the rows of full
+rank where the data leave directions open (Rockafellar 1976: the proximal method of multipliers).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -49,6 +49,14 @@ _QR_BLOCK = 16
 #: too early: with 60, runs on columns that torque hardly tells apart (rotors, links)
 #: ended .8 % too high.
 _STEPS = 300
+#: A stage has settled if a step promises no more than this share of the value.
+_SETTLED = 1e-14
+#: Steps go on as long as each promises less than this share of the last one.
+_LAST_GAIN = 0.01
+#: Gauss-Newton steps of a stage at most, and the shortest share of a step.
+_NEWTON_STEPS, _SHORTEST = 40, 2.0**-6
+#: Share of what its slope promises that a step has to gain.
+_ARMIJO = 1e-4
 
 
 @dataclass(frozen=True)
@@ -454,45 +462,101 @@ class _Stage:
         stacked = np.vstack([loss, pull])
         return np.asarray(np.linalg.qr(stacked, mode="r"))
 
-    def rows(self, z: Array) -> tuple[Array, Array]:
-        """Return residuals (p + 1,) and Jacobian (p + 1, p) of one minimisation at z
-        (p,).
+    def at(self, z: Array) -> "_Point":
+        """Evaluate what is minimised at z (p,)."""
+        residuals, slopes = self.penalty.cone_rows(z, self.shifts, self.weight)
+        fixed = self.quadratic[:, :-1] @ z - self.quadratic[:, -1]
+        value = float(fixed @ fixed + residuals @ residuals)
+        return _Point(z, value, fixed, np.column_stack([slopes, residuals]))
 
-        All rows (data, pull to the centre, cones) are reduced to a triangle by a
-        blocked QR, which keeps |r|^2 and its derivatives. MINPACK's result is the same,
-        and its own QR, which is not blocked, has less to do.
+    def triangle(self, point: "_Point") -> Array:
+        """Return the triangle (p + 1, p + 1) of all rows [J, r] at a point.
+
+        These are the data, the pull to the centre, and the cones. LAPACK's blocked QR
+        puts the cones' rows below the triangle of the others.
         """
-        residuals, slopes = self.penalty.cone_rows(
-            z,
-            self.shifts,
-            self.weight,
-        )
-        cones = np.column_stack([slopes, residuals])  # rows [J, r]
-        triangle = self.quadratic.copy()
-        target = triangle[:, -1]
-        triangle[:, -1] = triangle[:, :-1] @ z - target
-        if len(cones):
-            # LAPACK's QR of a triangle above other rows.
-            size = triangle.shape[1]
-            triangle, *_ = scipy.linalg.lapack.dtpqrt(
-                0, min(_QR_BLOCK, size), triangle, cones
-            )
+        above = self.quadratic.copy()
+        above[:, -1] = point.fixed
+        if not len(point.cones):
+            return above
+        block = min(_QR_BLOCK, above.shape[1])
+        together, *_ = scipy.linalg.lapack.dtpqrt(0, block, above, point.cones)
+        return np.asarray(together)
+
+    def rows(self, z: Array) -> tuple[Array, Array]:
+        """Return residuals (p + 1,) and Jacobian (p + 1, p) at z (p,), as a triangle.
+
+        It keeps |r|^2 and its derivatives, so that MINPACK's result is the same, and
+        its own QR, which is not blocked, has less to do.
+        """
+        triangle = self.triangle(self.at(z))
         return triangle[:, -1], triangle[:, :-1]
 
     def solve(self) -> Array:
-        """Return the minimiser (p,), by MINPACK's Levenberg-Marquardt method."""
+        """Return the minimiser (p,): by Gauss-Newton steps, and where these do not
+        settle by MINPACK's Levenberg-Marquardt method.
+        """
+        point, settled = self.descended()
+        if settled:
+            return point.z
         rows = InTurn(self.rows)
         solution = scipy.optimize.least_squares(
             rows.residual,
-            self.centre,
+            point.z,
             rows.jacobian,
             method="lm",
-            ftol=1e-14,
-            xtol=1e-14,
-            gtol=1e-14,
+            ftol=_SETTLED,
+            xtol=_SETTLED,
+            gtol=_SETTLED,
             max_nfev=_STEPS,
         )
         return np.asarray(solution.x)
+
+    def descended(self) -> tuple["_Point", bool]:
+        """Take Gauss-Newton steps from the centre until they settle or become short.
+
+        A step is halved until the value falls by a share of what its slope promises
+        (Armijo's rule). Steps become short where cones begin to act within them.
+
+        Returns
+        -------
+        tuple of (_Point, bool)
+            The last point, and whether steps have settled there.
+        """
+        point = self.at(self.centre)
+        last = np.inf
+        for _ in range(_NEWTON_STEPS):
+            triangle = self.triangle(point)
+            r = triangle[:-1, -1]
+            step, _ = scipy.linalg.lapack.dtrtrs(triangle[:-1, :-1], -r)
+            # A whole step gains |r|^2 where the rows are linear; the slope is twice that.
+            gain = float(r @ r)
+            settled = gain <= _SETTLED * point.value
+            if settled and gain > _LAST_GAIN * last:
+                return point, True
+            last = gain
+            share = 1.0
+            trial = self.at(point.z + step)
+            wanted = 2.0 * _ARMIJO * gain
+            # The value of a settled stage is known to rounding only.
+            while not settled and trial.value > point.value - share * wanted:
+                share *= 0.5
+                if share < _SHORTEST:
+                    return point, False
+                trial = self.at(point.z + share * step)
+            point = trial
+        return point, False
+
+
+@dataclass(frozen=True)
+class _Point:
+    """What a stage minimises at z (p,): its value, the residuals of the data and of the
+    pull (p + 1,), and the rows [J, r] (k, p + 1) of the cones."""
+
+    z: Array
+    value: float
+    fixed: Array
+    cones: Array
 
 
 def minimise(

@@ -226,7 +226,6 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
     dPi(M)[H] = U (Omega o U^T H U) U^T, with eigenvectors U and the divided differences
     Omega of max(., 0).
     """
-    width = directions.shape[2]  # p parameters
     d = values.shape[-1]
     eigenvalues, u = np.linalg.eigh(values)
     # A matrix without positive eigenvalues is projected to zero.
@@ -234,19 +233,17 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
     eigenvalues = eigenvalues[has_projection]
     u = u[has_projection]
     positive = np.maximum(eigenvalues, 0.0)
-    omega = _divided_differences(eigenvalues, positive)
-    # Directions as matrices H (g, p, d, d), then U^T H U.
-    h = directions[has_projection].reshape(len(u), d, d, width)
-    h = h.transpose(0, 3, 1, 2)
-    rotated = np.swapaxes(u, 1, 2)[:, None] @ h @ u[:, None]
-    weighted = np.sqrt(omega)[:, None] * rotated
     # One row stands for the two equal entries on both sides of the diagonal.
     i, j = np.triu_indices(d)
-    entries = weighted[:, :, i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
-    derivative = np.swapaxes(entries, 1, 2).reshape(-1, width)
+    omega = _divided_differences(eigenvalues, positive)[:, i, j]
+    scale = np.sqrt(np.where(i == j, omega, 2.0 * omega))
+    # Entry (i, j) of U^T H U is the row u_i (x) u_j times the entries of H.
+    pairs = u[:, :, None, i] * u[:, None, :, j]
+    rotation = (scale[:, None, None] * pairs).reshape(len(u), d * d, len(i))
+    turned = np.swapaxes(rotation, 1, 2) @ directions[has_projection]
     rows = np.zeros((len(u), len(i)))
     rows[:, i == j] = positive
-    return rows.ravel(), derivative
+    return rows.ravel(), turned.reshape(-1, directions.shape[2])
 
 
 def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
