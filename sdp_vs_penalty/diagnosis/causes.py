@@ -804,20 +804,19 @@ def held_out_share(
     rows_by_fold = [(scaled[fold == f], error[fold == f]) for f in folds]
     grams = np.array([A.T @ A for A, _ in rows_by_fold])
     pulls = np.array([A.T @ y for A, y in rows_by_fold])
-    explained = np.zeros(len(_RIDGES))
-    for gram_left_out, pull_left_out in zip(grams, pulls, strict=True):
-        gram = grams.sum(axis=0) - gram_left_out
-        pull = pulls.sum(axis=0) - pull_left_out
-        ridges = _RIDGES * np.trace(gram) / n_features
-        if not ridges[0] > 0.0:  # the cause does not occur in the other folds
-            return 0.0
-        # One eigendecomposition solves (A'A + ridge I) theta = A'y for all ridges.
-        values, vectors = np.linalg.eigh(gram)
-        eigenvalues = np.maximum(values, 0.0)
-        projected = vectors.T @ pull
-        for k, ridge in enumerate(ridges):
-            theta = vectors @ (projected / (eigenvalues + ridge))
-            # On the fold left out: y'y - (y - A theta)'(y - A theta).
-            explained[k] += 2.0 * theta @ pull_left_out
-            explained[k] -= theta @ gram_left_out @ theta
+    # Of each fold the products of all others, to which it is fitted.
+    gram = grams.sum(axis=0) - grams
+    pull = pulls.sum(axis=0) - pulls
+    ridges = np.trace(gram, axis1=1, axis2=2)[:, None] / n_features * _RIDGES
+    if not np.all(ridges[:, 0] > 0.0):  # the cause does not occur in the other folds
+        return 0.0
+    # One eigendecomposition a fold solves (A'A + ridge I) theta = A'y for all ridges.
+    values, vectors = np.linalg.eigh(gram)
+    eigenvalues = np.maximum(values, 0.0)
+    projected = np.swapaxes(vectors, 1, 2) @ pull[:, :, None]
+    theta = vectors @ (projected / (eigenvalues[:, :, None] + ridges[:, None, :]))
+    # On the fold left out: y'y - (y - A theta)'(y - A theta).
+    linear = np.einsum("fk,fkr->r", pulls, theta)
+    quadratic = np.einsum("fkr,fkr->r", theta, grams @ theta)
+    explained = 2.0 * linear - quadratic
     return max(0.0, float(explained.max()) / total)

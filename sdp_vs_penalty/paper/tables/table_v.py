@@ -8,7 +8,7 @@ those at hand.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -98,14 +98,45 @@ def sinusoids(robot: Robot) -> Course:
     return states
 
 
-def play(
-    kind: type[Engine],
-    robot: Robot,
-    links: Array,
-    motion: Course,
-    duration: float,
-    step: float = 1e-3,
-) -> EngineRun:
+@dataclass(frozen=True)
+class Commanded:
+    """What every engine is told to follow, worked out once for all of them.
+
+    robot; links (n, 10) : standard parameters [kg, kg m, kg m^2]; motion : maps
+    instants (M,) [s] to q, dq, ddq (M, n); duration, step : of the motion and of a step
+    [s].
+    """
+
+    robot: Robot
+    links: Array
+    motion: Course
+    duration: float
+    step: float = 1e-3
+
+    @cached_property
+    def q(self) -> Array:
+        """(N + 1, n) positions at the ends of the steps [rad, m]."""
+        ends = np.arange(round(self.duration / self.step) + 1)
+        return np.asarray(self.motion(ends * self.step)[0])
+
+    @cached_property
+    def t(self) -> Array:
+        """(N,) middle of each step [s]."""
+        return np.asarray((np.arange(len(self.q) - 1) + 0.5) * self.step, float)
+
+    @cached_property
+    def torque(self) -> Array:
+        """(N, n) torque of the model in the middle of each step [N m, N]."""
+        theta = np.asarray(self.links).ravel()
+        return self.robot.inverse_dynamics(theta, *self.motion(self.t))
+
+    @cached_property
+    def poses(self) -> Array:
+        """(N, 4, 4) of the last joint's frame at the end of each step."""
+        return self.robot.poses(self.q[1:])[:, self.robot.n - 1]
+
+
+def play(kind: type[Engine], commanded: Commanded) -> EngineRun:
     """Let a physics engine follow a motion, and compare its torque with the model's.
 
     The velocity commanded for a step is the motion's mean velocity over it, so that an
@@ -115,16 +146,8 @@ def play(
     ----------
     kind : type of Engine
         An installed engine.
-    robot : Robot
-        The kinematics: joints and their frames.
-    links : (n, 10) array
-        Standard parameters [kg, kg m, kg m^2].
-    motion : callable
-        Maps instants (M,) [s] to q, dq, ddq (M, n).
-    duration : float
-        Length of the motion [s].
-    step : float
-        Time step [s].
+    commanded : Commanded
+        The robot, its links, and the motion.
 
     Returns
     -------
@@ -136,49 +159,41 @@ def play(
     InputError
         If the engine rejects a link.
     """
-    steps = np.arange(round(duration / step) + 1)
-    q = motion(steps * step)[0]
-    t = np.asarray((steps[:-1] + 0.5) * step, float)
-    content = (program_version(), kind.name, kind.version(), robot.to_dict(), links, q)
+    robot, links = commanded.robot, commanded.links
+    engine = (program_version(), kind.name, kind.version())
     followed = remembered_arrays(
         "engine",
-        (*content, step),
-        partial(_follow, kind, robot, links, q, step),
+        (*engine, robot.to_dict(), links, commanded.q, commanded.step),
+        partial(_follow, kind, commanded),
     )
     torque = followed["torque"]
-    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
     return EngineRun(
         engine=kind.name,
-        t=t,
+        t=commanded.t,
         torque=torque,
-        model=model,
-        error=torque - model,
+        model=commanded.torque,
+        error=torque - commanded.torque,
         position=followed["position"],
         angle=followed["angle"],
     )
 
 
-def _follow(
-    kind: type[Engine],
-    robot: Robot,
-    links: Array,
-    q: Array,
-    step: float,
-) -> dict[str, Array]:
-    """Simulate an engine that follows the positions q (N + 1, n), ``step`` [s] apart.
+def _follow(kind: type[Engine], commanded: Commanded) -> dict[str, Array]:
+    """Simulate an engine that follows the commanded positions.
 
     Returns
     -------
     dict
         "torque" (N, n) [N m, N]; "position" [m] and "angle" [rad], (N,): how far the
-        last joint's frame is from where q puts it.
+        last joint's frame is from where the commands put it.
     """
-    torque, pose = kind(robot, links).follow(
+    q, step = commanded.q, commanded.step
+    torque, pose = kind(commanded.robot, commanded.links).follow(
         q[0],
         np.diff(q, axis=0) / step,
         step,
     )
-    there = robot.poses(q[1:])[:, robot.n - 1]
+    there = commanded.poses
     distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
     relative = np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
     turned = scipy.spatial.transform.Rotation.from_matrix(relative)
@@ -297,6 +312,7 @@ def _played(
     run.
     """
     links = study.links(METHOD, data)
+    commanded = Commanded(study.problem.robot, links, motion, duration, step)
     out = Played()
     for name, kind in engine_types().items():
         if kind.version() is None:
@@ -304,14 +320,7 @@ def _played(
             continue
         study.progress(f"engine {name}, {data.label} motion")
         try:
-            out[kind] = play(
-                kind,
-                study.problem.robot,
-                links,
-                motion,
-                duration,
-                step,
-            )
+            out[kind] = play(kind, commanded)
         except InputError as error:
             out[kind] = f"rejected: {error}"
     return out
