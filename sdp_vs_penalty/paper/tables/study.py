@@ -156,15 +156,15 @@ class Data:
     """One data set, compressed: what estimates are made from, and what they are judged
     on.
 
-    label : how columns and rows are named, "simulated" or "measured"; test is None
-    where estimates are judged on no other rows. is_repeated : whether the test motion is
-    the training motion again, so that errors on it are repeatability. workers : who
-    compresses test runs.
+    label : how columns and rows are named, "simulated" or "measured"; make_test : makes
+    the runs that estimates are judged on, None where there are none. is_repeated :
+    whether the test motion is the training motion again, so that errors on it are
+    repeatability. workers : who compresses test runs.
     """
 
     label: str
     train: Measurements
-    test: Measurements | None
+    make_test: Callable[[], Measurements] | None
     model: Model
     preprocessing: Preprocessing
     is_repeated: bool = False
@@ -174,6 +174,11 @@ class Data:
     def judged_on(self) -> str:
         """What kind of motion the test rows hold, in words."""
         return "repeated motion" if self.is_repeated else "unseen motion"
+
+    @cached_property
+    def test(self) -> Measurements | None:
+        """The runs that estimates are judged on, made when they are asked for."""
+        return None if self.make_test is None else self.make_test()
 
     @cached_property
     def regression(self) -> Regression:
@@ -343,8 +348,12 @@ class Study:
         self.progress("simulating")
         x = self.experiment
         train = x.training_run(self.seed)
-        test = concatenate(x.validation_runs(self.seed, self.workers))
-        return self._data("simulated", train, test, x.effects)
+        return self._data("simulated", train, lambda: self._validation, x.effects)
+
+    @cached_property
+    def _validation(self) -> Measurements:
+        """The random trajectories that estimates from simulated data are judged on."""
+        return concatenate(self.experiment.validation_runs(self.seed, self.workers))
 
     @cached_property
     def run(self) -> Measurements | None:
@@ -366,7 +375,9 @@ class Study:
         """
         if self.run is None:
             return None
-        return replace(self._data("measured", *halves(self.run)), is_repeated=True)
+        train, test = halves(self.run)
+        data = self._data("measured", train, lambda: test)
+        return replace(data, is_repeated=True)
 
     def unseen(
         self,
@@ -455,18 +466,18 @@ class Study:
         self,
         label: str,
         train: Measurements,
-        test: Measurements | None,
+        make_test: Callable[[], Measurements] | None,
         effects: Any = None,
     ) -> Data:
         """Bundle runs, model and filter settings as a data set.
 
-        ``test`` holds the runs to judge on, None for a data set that is only trained
-        on; ``effects`` are those of the model, None for the problem's own. The filters
-        are chosen for the training run.
+        ``make_test`` makes the runs to judge on, None for a data set that is only
+        trained on; ``effects`` are those of the model, None for the problem's own. The
+        filters are chosen for the training run.
         """
         model = self.problem.model(effects)
         settings = self.problem.preprocessing.resolve(train)
-        return Data(label, train, test, model, settings, workers=self.workers)
+        return Data(label, train, make_test, model, settings, workers=self.workers)
 
     @property
     def whole(self) -> list[Data]:
@@ -628,9 +639,12 @@ class Study:
         Those with a joint prior are left out if no joint has parameters such as
         friction.
         """
+        effects_of_sets: list[Any] = [self.experiment.effects]
+        if self.run is not None:
+            effects_of_sets.append(None)
+        models = [self.problem.model(effects) for effects in effects_of_sets]
         has_joint_parameters = any(
-            len(data.model.parameters) > len(data.model.rigid_indices)
-            for data in self.whole
+            len(model.parameters) > len(model.rigid_indices) for model in models
         )
         return {
             column: method
