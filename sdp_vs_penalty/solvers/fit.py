@@ -222,6 +222,8 @@ def _polished(
     ]
     dual = entries.split(e.multipliers)
     multipliers = e.multipliers
+    # Without a matrix that holds a link's slope, a second round would be the first again.
+    holds_links = any(_is_of_link(g) for g in entries.groups)
     best = -np.inf  # the largest lower bound so far, up to a constant
     for _ in range(_DUAL_ROUNDS):
         # Project the multipliers onto their cones.
@@ -257,13 +259,13 @@ def _polished(
         best = max(best, value)
         if gained > 0.0:
             multipliers = flat
-        if gained <= _WORTHWHILE * cost:
+        if gained <= _WORTHWHILE * cost or not holds_links:
             break
         # Put the slope that is left into the multipliers of the links' matrices.
         dual = [
             (
                 s + t * np.einsum("gk,gkab->gab", leftover[g.indices], _inverse(g, t))
-                if g.coefficients.shape[1:] == (10, 4, 4)
+                if _is_of_link(g)
                 else s
             )
             for g, s, t in zip(
@@ -278,6 +280,11 @@ def _polished(
         multipliers=multipliers,
         push=push,
     )
+
+
+def _is_of_link(group: ConeGroup) -> bool:
+    """Return whether a group holds 4x4 matrices of a link's ten parameters."""
+    return group.coefficients.shape[1:] == (10, 4, 4)
 
 
 def _inverse(group: ConeGroup, t: Array) -> Array:
