@@ -53,10 +53,11 @@ _STEPS = 300
 _SETTLED = 1e-14
 #: Steps go on as long as each promises less than this share of the last one.
 _LAST_GAIN = 0.01
-#: Gauss-Newton steps of a stage at most, and the shortest share of a step.
-_NEWTON_STEPS, _SHORTEST = 40, 2.0**-6
-#: Share of what its slope promises that a step has to gain.
-_ARMIJO = 1e-4
+#: Evaluations of a stage by Gauss-Newton steps, at most.
+_EVALUATIONS = 30
+#: Share of what its slope promises that a step has to gain; to what share a step is cut at
+#: once, at most.
+_ARMIJO, _LARGEST_CUT = 1e-4, 1e-3
 
 
 @dataclass(frozen=True)
@@ -513,19 +514,21 @@ class _Stage:
         return np.asarray(solution.x)
 
     def descended(self) -> tuple["_Point", bool]:
-        """Take Gauss-Newton steps from the centre until they settle or become short.
+        """Take Gauss-Newton steps from the centre until they settle.
 
-        A step is halved until the value falls by a share of what its slope promises
-        (Armijo's rule). Steps become short where cones begin to act within them.
+        A step that does not gain a share of what its slope promises (Armijo's rule) is
+        cut to where a parabola through both its ends is lowest. Steps become short
+        where cones begin to act within them.
 
         Returns
         -------
         tuple of (_Point, bool)
-            The last point, and whether steps have settled there.
+            The last point, and whether steps have settled within _EVALUATIONS.
         """
         point = self.at(self.centre)
         last = np.inf
-        for _ in range(_NEWTON_STEPS):
+        n_evaluations = 1
+        while n_evaluations < _EVALUATIONS:
             triangle = self.triangle(point)
             r = triangle[:-1, -1]
             step, _ = scipy.linalg.lapack.dtrtrs(triangle[:-1, :-1], -r)
@@ -537,13 +540,18 @@ class _Stage:
             last = gain
             share = 1.0
             trial = self.at(point.z + step)
-            wanted = 2.0 * _ARMIJO * gain
+            n_evaluations += 1
             # The value of a settled stage is known to rounding only.
-            while not settled and trial.value > point.value - share * wanted:
-                share *= 0.5
-                if share < _SHORTEST:
+            while (
+                not settled
+                and (rise := trial.value - point.value) > -2.0 * _ARMIJO * share * gain
+            ):
+                if n_evaluations == _EVALUATIONS:
                     return point, False
+                lowest = gain * share**2 / (rise + 2.0 * gain * share)
+                share = min(0.5 * share, max(lowest, _LARGEST_CUT * share))
                 trial = self.at(point.z + share * step)
+                n_evaluations += 1
             point = trial
         return point, False
 
