@@ -144,7 +144,7 @@ class Search:
         """
         n_coefficients = sum(t.form.n_coefficients for t in self.terms)
         price = np.log(self.data.y.size)
-        return float(self.fit.deviance(self.fit.rss) + n_coefficients * price)
+        return float(self.fit.own_deviance + n_coefficients * price)
 
     def take_attempts_of(self, other: Search) -> None:
         """Take over for which chosen effects another search has found no exchange.
