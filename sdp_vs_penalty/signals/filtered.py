@@ -8,7 +8,7 @@ nothing is filtered twice by what is given the same :class:`FilteredRuns`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -58,6 +58,9 @@ class FilteredChunk:
     rows: Motion
     torque: Array
 
+
+#: Columns of a block from which on a product of its own costs less than a copy.
+_WIDE = 16
 
 #: How to read an effect's low-passed columns.
 Read = Callable[[], list[Block]]
@@ -151,7 +154,8 @@ def _new_columns(
 def low_passed(
     low_pass: Decimator, blocks: Mapping[int, list[Block]]
 ) -> dict[int, list[Block]]:
-    """Filter effects' columns by one product, which reads the low-pass once for all.
+    """Filter effects' columns: narrow blocks by one product, which reads the low-pass
+    once for all, each wide one by a product of its own, without a copy.
 
     Parameters
     ----------
@@ -165,22 +169,28 @@ def low_passed(
     dict
         The same with columns at the rows.
     """
-    columns = [b.columns.T for effect_blocks in blocks.values() for b in effect_blocks]
-    if not columns:
-        return dict(blocks)
-    ends = np.cumsum([len(x) for x in columns])
-    filtered = low_pass @ np.vstack(columns).T
-    parts = iter(
-        np.split(
-            filtered,
-            ends[:-1],
-            axis=1,
-        )
+    columns = [b.columns for effect_blocks in blocks.values() for b in effect_blocks]
+    narrow = [x for x in columns if x.shape[1] < _WIDE]
+    filtered_narrow = iter(_filtered_together(low_pass, narrow))
+    filtered = iter(
+        [
+            next(filtered_narrow) if x.shape[1] < _WIDE else low_pass @ x
+            for x in columns
+        ]
     )
     return {
-        k: [replace(b, columns=next(parts)) for b in effect_blocks]
+        k: [replace(b, columns=next(filtered)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()
     }
+
+
+def _filtered_together(low_pass: Decimator, columns: Sequence[Array]) -> list[Array]:
+    """Filter arrays of columns, (N, k) each, by one product; return (M, k) of each."""
+    if len(columns) < 2:
+        return [low_pass @ x for x in columns]
+    transposed = [x.T for x in columns]
+    ends = np.cumsum([len(x) for x in transposed])
+    return np.split(low_pass @ np.vstack(transposed).T, ends[:-1], axis=1)
 
 
 @dataclass(eq=False)
