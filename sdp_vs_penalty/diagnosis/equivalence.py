@@ -203,7 +203,7 @@ def _judge_group(
     deviance_drop = judged[0].drop
     if len(terms) > 1:
         deviance_after = fit.deviance(fit_with_terms.rss)
-        deviance_drop = float(fit.deviance(fit.rss) - deviance_after)
+        deviance_drop = float(fit.own_deviance - deviance_after)
     return _Group(
         terms=terms,
         others=tuple(others),

@@ -92,6 +92,8 @@ def _follow_size(judge: Judge, best: ScoredEffect, sized: str) -> ScoredEffect:
         value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
         if effect.shapes[sized].complaint(value):
             break  # outside of the constant's range
+        if value == effect.shape[sized]:
+            break  # the next step would be this one again
         best = judge.scored(best.form.with_shape(**{sized: value}))
     return best
 

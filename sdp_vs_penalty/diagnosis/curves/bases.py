@@ -544,7 +544,7 @@ class CurveColumns:
         rss = rss.reshape(*np.shape(drop), -1)
         # ``drop`` is in units of the fit's level (its RMS residual).
         rss[..., j] = np.maximum(fit.rss[j] - drop * fit.level[j] ** 2, 0.0)
-        deviance_drop = fit.deviance(fit.rss) - fit.deviance(rss)
+        deviance_drop = fit.own_deviance - fit.deviance(rss)
         n_independent = max(self.count / self.v, 3.0)  # a positive logarithm
         price = freedom * np.log(n_independent)
         selection = 2.0 * np.log(max(looked, 1))
