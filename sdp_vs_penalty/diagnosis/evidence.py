@@ -123,35 +123,28 @@ class _Trial:
             self.information, self.products_with_residual, self.nonnegative
         )
 
-    def deviance_drop_to(self, before: WhiteFit, beta: Array) -> float:
-        """Return the drop of the deviance when the torque T beta joins the fit.
+    @cached_property
+    def squares(self) -> Array:
+        """(n,) squares of the candidate's torque T beta on each joint, in units of the
+        joint's level."""
+        return self.products.squares_with(self.beta * self.is_visible)
 
-        drop = D(before) - D(fit + T beta) - sum (beta / prior_std)^2, where D = -2 log
-        L is the deviance, and the last term is that of the prior.
+    @cached_property
+    def deviance_drop(self) -> float:
+        """The drop dD of the deviance that is due to the candidate.
 
-        Parameters
-        ----------
-        before
-            The fit from which the drop is counted.
-        beta
-            (k,) coefficients of the columns T.
+        dD = D(fit to beat) - D(fit + T beta) - sum (beta / prior_std)^2, where D = -2
+        log L is the deviance, and the last term is that of the prior.
         """
-        rss = self.products.rss_with(beta * self.is_visible)
+        beta = self.beta
+        rss = self.products.rss_with(beta * self.is_visible, self.squares)
         deviance_before = self.fit.own_deviance
+        before = self.fit_to_beat
         if before is not self.fit:  # with the degrees of freedom of this fit
             deviance_before = float(self.fit.deviance(before.rss))
         deviance_after = self.fit.deviance(rss)
         prior = np.sum((beta / self.prior_std) ** 2)
         return float(deviance_before - deviance_after - prior)
-
-    @property
-    def deviance_drop(self) -> float:
-        """The drop dD of the deviance that is due to the candidate.
-
-        dD = D(fit to beat) - D(fit with the candidate), where the deviance D is -2 log
-        L plus the squared coefficients in units of their prior deviations.
-        """
-        return self.deviance_drop_to(self.fit_to_beat, self.beta)
 
     @cached_property
     def freedom(self) -> float:
@@ -243,13 +236,11 @@ class EvidenceScorer(WhiteFitter):
         trial = self._trial(fit, term.form, term.columns)
         if trial.is_absorbed:
             return replace(term, drop=-np.inf)
-        beta = trial.beta
-        squares = trial.products.squares_with(beta * trial.is_visible)
         return replace(
             term,
             drop=trial.deviance_drop,
-            beta=beta,
-            squares=squares * trial.fit.level**2,
+            beta=trial.beta,
+            squares=trial.squares * trial.fit.level**2,
         )
 
     def deviance_drop_of(
@@ -322,7 +313,7 @@ class EvidenceScorer(WhiteFitter):
         residual = fit.residual - T @ trial.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(trial.information)))
         # (n,) squares of the candidate's torque, weighted.
-        squares = trial.products.squares_with(trial.beta * trial.is_visible)
+        squares = trial.squares
         if form.replaces_own_constant:
             # The rows tell the new value from the present one only by what the fit
             # with the present value leaves of the new column: v is computed from that.

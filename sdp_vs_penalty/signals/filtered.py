@@ -173,10 +173,7 @@ def low_passed(
     narrow = [x for x in columns if x.shape[1] < _WIDE]
     filtered_narrow = iter(_filtered_together(low_pass, narrow))
     filtered = iter(
-        [
-            next(filtered_narrow) if x.shape[1] < _WIDE else low_pass @ x
-            for x in columns
-        ]
+        [next(filtered_narrow) if x.shape[1] < _WIDE else low_pass @ x for x in columns]
     )
     return {
         k: [replace(b, columns=next(filtered)) for b in effect_blocks]
