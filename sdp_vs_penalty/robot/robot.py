@@ -657,9 +657,14 @@ class Robot(JsonRecordSkippingNone):
         out = np.zeros((3, len(states[0]), len(self.tree), len(self.tree)))
         for sign, model in self._signed(theta):
             data = model.createData()
+            # Views of Pinocchio's results, which each call overwrites.
+            results = data.dtau_dq, data.dtau_dv, data.M
+            of_model = np.empty_like(out)
+            by_q, by_dq, by_ddq = of_model
             for k, row in enumerate(zip(*states, strict=True)):
                 derive(model, data, *row)
-                out[:, k] += sign * np.array([data.dtau_dq, data.dtau_dv, data.M])
+                by_q[k], by_dq[k], by_ddq[k] = results
+            out += sign * of_model
         by_q, by_dq, by_ddq = out
         return (
             self._projected(by_q, True),
@@ -734,9 +739,10 @@ class Robot(JsonRecordSkippingNone):
                 )
                 model.inertias[place] = inertias.inertias[i + 1]
             data = model.createData()
+            by_q = data.dtau_dq  # a view, which each call overwrites
             for k, row in enumerate(np.swapaxes(states, 0, 1)):
                 pin.computeRNEADerivatives(model, data, *row)
-                out[k] += sign * data.dtau_dq[derivatives]
+                out[k] += sign * by_q[derivatives]
         return self._projected(out).reshape(
             len(out),
             self.n,
