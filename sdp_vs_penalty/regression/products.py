@@ -85,6 +85,21 @@ class NormalEquations(LeastSquares):
         )
         return np.asarray(theta + move)
 
+    def with_prior(self, scale: ArrayLike, weight: float) -> NormalEquations:
+        """Return the data with a prior that pulls parameters to zero.
+
+        Parameters
+        ----------
+        scale
+            (p,) size of each parameter [SI]; infinite: no pull.
+        weight
+            Weight of the squares [(N m)^2].
+        """
+        products = self.products.copy()
+        diagonal = products.ravel()[:: len(products) + 1]  # a view, the torque's last
+        diagonal[:-1] += weight * (1.0 / np.asarray(scale, float)) ** 2
+        return self.of(products, self.rows, self.tau_squared)
+
     def with_observations(
         self,
         rows: Array,
