@@ -285,6 +285,29 @@ def test_no_link_swings_on_an_inertia_that_is_not_positive(two_link):
     assert not effect.deviated(motion, 0).any()
 
 
+@pytest.mark.parametrize("count", [801, 802, 808, 815])
+def test_kinematic_errors_between_some_instants_are_cubic_splines(count):
+    """Torque and columns come from the same instants, of a motion with another torque
+    as well, and for any number of samples behind the last even one."""
+    robot = robots()["arm"]
+    t = np.arange(count) / 400.0
+    q = np.outer(np.sin(2.0 * t), [0.5, 0.8, -0.6])
+    dq = np.outer(2.0 * np.cos(2.0 * t), [0.5, 0.8, -0.6])
+    links = steady_motion(robot).current
+    motion = Motion(t, q, dq, -4.0 * q, current=links)
+    effect = effect_types()["kinematic_error"](robot)
+    instants = np.unique(np.append(np.arange(0, count, 16), count - 1))
+    sparse = effect.torques(motion.part(instants))
+    columns = effect.torques(motion.with_torque(q))
+    np.testing.assert_array_equal(effect.torques(motion), columns)
+    expected = interpolate.CubicSpline(t[instants], sparse)(t)
+    np.testing.assert_allclose(columns, expected, rtol=1e-9, atol=1e-9)
+    theta = np.random.default_rng(0).normal(size=columns.shape[2])
+    np.testing.assert_allclose(
+        effect.torque(theta, motion), columns @ theta, rtol=1e-9, atol=1e-8
+    )
+
+
 @pytest.mark.parametrize(
     ("over_expected", "contradicts"),
     [(0.2, True), (0.5, False), (1.0, False), (1.9, False), (2.1, True)],

@@ -60,6 +60,21 @@ def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
 
 
 @given(seeds)
+def test_a_parameter_of_infinite_size_is_not_pulled(seed):
+    _, _, regression = noisy_run(seed)
+    rng = np.random.default_rng(seed)
+    p = regression.p
+    scale = np.where(rng.uniform(size=p) < 0.5, np.inf, rng.uniform(0.5, 2.0, p))
+    theta = rng.normal(size=p)
+    for data in (regression, ProductRegression.of(regression)):
+        squares = data.least_squares()
+        rise = squares.with_prior(scale, weight=30.0).loss(theta) - squares.loss(theta)
+        assert rise == pytest.approx(
+            30.0 * np.sum((theta / scale) ** 2), abs=1e-7 * squares.loss(theta)
+        )
+
+
+@given(seeds)
 def test_factors_answer_what_all_rows_would(seed):
     model, run, regression = noisy_run(seed)
     rows = FilteredRun(run, FILTERS).all_rows(model)
