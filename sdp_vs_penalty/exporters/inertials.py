@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
@@ -28,8 +27,6 @@ from sdp_vs_penalty.robot.urdf import (
 
 #: Moments of inertia up to this are zero [kg m^2]: simulators refuse such bodies.
 _ZERO = 1e-12
-#: Root mean square distance of a link's mass from a plane, at least [m].
-_THINNEST = 1e-3
 #: How far a link reaches that no joint moves, such as the base [m].
 _REACH_OF_BASE = 3.0
 
@@ -90,7 +87,7 @@ class LinkCheck:
         if verdict == "consistent":
             gyration = float(inertia.gyration(theta))
         elif inertial.mass > 0.0:
-            about_com = nearest_inertia(inertial.about_com, inertial.mass)
+            about_com = inertia.nearest_inertia(inertial.about_com, inertial.mass)
             nearest = replace(inertial, about_com=about_com)
         return cls(
             link,
@@ -363,36 +360,6 @@ def massless_links(path: str | Path) -> list[str]:
         strict=True,
     )
     return [str(parts[0][0].get("name")) for parts, theta in moving if not theta.any()]
-
-
-def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
-    """Return the consistent inertia that is nearest to a symmetric matrix (Frobenius
-    norm).
-
-    Consistent inertias are I = tr(S) 1 - S with the second moment of the mass S >= 0.
-    They are invariant to rotation, so the projection keeps the principal axes and acts
-    on the principal moments, D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM
-    J. Optimization 1996, for spectral sets in general).
-
-    Parameters
-    ----------
-    about_com : (3, 3)
-        Symmetric matrix [kg m^2].
-    mass : float
-        Mass [kg]. With a positive one the result is strictly consistent: no thinner
-        than a millimetre, as simulators demand.
-
-    Returns
-    -------
-    (3, 3)
-        [kg m^2].
-    """
-    moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
-    second, _ = scipy.optimize.nnls(1.0 - np.eye(3), moments)  # D = (1 - I) s
-    # As far inside as it takes to survive being written as text and read again.
-    second = second + 4.0 * ROUNDING * second.sum()
-    second = np.maximum(second, mass * _THINNEST**2)
-    return np.asarray((axes * (second.sum() - second)) @ axes.T, float)
 
 
 def write_nearest(

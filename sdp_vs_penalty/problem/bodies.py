@@ -227,11 +227,10 @@ def plausible_links(
 def _with_possible_moments(link: Array, drawn: Array, reach: float) -> Array:
     """Return the pseudo-inertia (4, 4) of a file's link whose moments no body has.
 
-    Its mass and centre of mass stay. Its second moments about the centre become the
-    nearest possible ones: eigenvalues below that of a rod of THINNEST times the link's
-    length are raised to it (Higham, Linear Algebra Appl. 1988). Where the file has no
-    positive moment it states no shape: that of the drawn link is taken, and its centre
-    too where the file's is zero.
+    Its mass and centre of mass stay. Its inertia becomes the nearest possible one
+    (:func:`~sdp_vs_penalty.robot.inertia.nearest_inertia`), no thinner than THINNEST
+    times the link's length. Where the file has no positive moment it states no shape:
+    that of the drawn link is taken, and its centre too where the file's is zero.
 
     Parameters
     ----------
@@ -243,13 +242,13 @@ def _with_possible_moments(link: Array, drawn: Array, reach: float) -> Array:
         Length of the link [m].
     """
     mass = link[0]
-    pseudo = inertia.pseudo_inertia(link)
-    centre = pseudo[:3, 3] / mass
-    moments = pseudo[:3, :3] / mass - np.outer(centre, centre)
-    size, axes = np.linalg.eigh(moments)
-    if size[-1] > 0.0:
-        thin = (c.THINNEST * reach) ** 2 / 5.0
-        return _lump(mass, centre, (axes * np.maximum(size, thin)) @ axes.T)
+    centre = link[1:4] / mass
+    about_centre = inertia.inertia_matrix(inertia.barycentric_from_standard(link)[4:])
+    if np.linalg.eigvalsh(about_centre)[-1] > 0.0:
+        thinnest = c.THINNEST * reach / np.sqrt(5.0)
+        about_centre = inertia.nearest_inertia(about_centre, mass, thinnest)
+        moments = 0.5 * np.trace(about_centre) * np.eye(3) - about_centre
+        return _lump(mass, centre, moments / mass)
     centre_of_drawn = drawn[:3, 3] / drawn[3, 3]
     shape = drawn[:3, :3] / drawn[3, 3] - np.outer(centre_of_drawn, centre_of_drawn)
     return _lump(mass, centre if centre.any() else centre_of_drawn, shape)

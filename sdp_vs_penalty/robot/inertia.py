@@ -350,3 +350,44 @@ def second_moment(theta: ArrayLike) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         central = p[..., :3, :3] / mass - h * np.swapaxes(h, -1, -2) / mass**2
     return np.where(np.isfinite(central), central, 0.0)
+
+
+#: Root mean square distance of a link's mass from a plane, at least [m]: simulators
+#: demand a millimetre.
+_THINNEST = 1e-3
+#: Relative distance from the boundary that survives being written as text.
+_INSIDE = 4e-12
+
+
+def nearest_inertia(
+    about_com: Array, mass: float = 0.0, thinnest: float = _THINNEST
+) -> Array:
+    """Return the consistent inertia that is nearest to a symmetric matrix (Frobenius
+    norm).
+
+    Consistent inertias are I = tr(S) 1 - S with the second moment of the mass S >= 0.
+    They are invariant to rotation, so the projection keeps the principal axes and acts
+    on the principal moments, D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM
+    J. Optimization 1996, for spectral sets in general).
+
+    Parameters
+    ----------
+    about_com : (3, 3) array
+        Symmetric matrix [kg m^2].
+    mass : float
+        Mass [kg]. With a positive one the result is strictly consistent.
+    thinnest : float
+        Root mean square distance of the mass from any plane, at least [m].
+
+    Returns
+    -------
+    (3, 3) array
+        [kg m^2].
+    """
+    from scipy.optimize import nnls  # takes a while to import
+
+    moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
+    second, _ = nnls(1.0 - np.eye(3), moments)  # D = (1 - I) s
+    second = second + _INSIDE * second.sum()
+    second = np.maximum(second, mass * thinnest**2)
+    return np.asarray((axes * (second.sum() - second)) @ axes.T, float)

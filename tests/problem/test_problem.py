@@ -441,17 +441,17 @@ def test_a_link_with_impossible_moments_keeps_its_mass_and_centre(centre, diagon
     assert np.all(inertia.consistency_margin(found) > 0.0)
 
 
-def test_possible_second_moments_of_an_impossible_link_stay():
-    """Only the negative one is raised, to that of a thin rod."""
+def test_the_moments_of_an_impossible_link_are_the_nearest_possible_ones():
+    """No body has diag(1, 1, 4); diag(5, 5, 10) / 3 is the nearest inertia of one. That
+    body is flat across z, and the link thicker."""
     joint = Joint("a", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
     robot = Robot("one", (joint,))
-    second = np.diag([0.004, 0.002, -0.0005])  # about the centre [kg m^2]
-    moments = np.trace(second) * np.eye(3) - second
     theirs = inertia.standard_from_barycentric(
-        [[2.0, 0.1, 0, 0, moments[0, 0], 0, moments[1, 1], 0, 0, moments[2, 2]]]
+        [[2.0, 0.1, 0.0, 0.0, 0.001, 0.0, 0.001, 0.0, 0.0, 0.004]]
     )
     (found,), _ = plausible_links(robot, theirs)
-    pseudo = inertia.pseudo_inertia(found)
-    about_centre = pseudo[:3, :3] - 2.0 * np.outer([0.1, 0, 0], [0.1, 0, 0])
+    about_centre = inertia.barycentric_from_standard(found)[4:]
     thin = 2.0 * (0.05 * robot.link_reach()[0]) ** 2 / 5.0
-    np.testing.assert_allclose(about_centre, np.diag([0.004, 0.002, thin]), atol=1e-12)
+    across = 0.005 / 3.0 + thin
+    expected = [across, 0.0, across, 0.0, 0.0, 0.01 / 3.0]
+    np.testing.assert_allclose(about_centre, expected, rtol=1e-6, atol=1e-12)
