@@ -8,7 +8,7 @@ looks). Forms that no world draws stand here.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from sdp_vs_penalty.effects import (
     parse_effects,
 )
 from sdp_vs_penalty.effects.motion import Command
-from sdp_vs_penalty.robot import FourierTrajectory, Joint, Robot, random_trajectory
+from sdp_vs_penalty.robot import Joint, Robot, random_trajectory
 from sdp_vs_penalty.simulation import (
     MAKERS,
     DryFriction,
@@ -351,6 +351,53 @@ def worlds() -> dict[str, tuple[Problem, World, Array]]:
 
 
 @dataclass(frozen=True)
+class SharedWorld(World):
+    """A true robot that keeps the rigid-body torque (N, n) of the motion that its cases
+    share."""
+
+    motion: TrueMotion | None = None
+    torque_of_motion: Array | None = None
+
+    def rigid(self, motion: TrueMotion, model: Any = None) -> Array:
+        if motion is self.motion and model is None:
+            return self.torque_of_motion
+        return super().rigid(motion, model)
+
+
+@cache
+def setting(
+    which: str,
+    width: float,
+    fine: float,
+    rate: float,
+    has_torque: bool,
+) -> tuple[SharedWorld, TrueMotion, Motion]:
+    """A robot whose dry friction turns over a width [rad/s, m/s], 17 s of its motion at
+    the rate ``fine`` [1/s], and every so many of its samples as columns see them, at
+    ``rate`` [1/s], with a torque or without."""
+    problem, world, links = worlds()[which]
+    robot = problem.robot
+    trajectory = random_trajectory(robot, 5, 17.0, frequency=2.0 * np.pi / 13.3)
+    t = np.arange(0.0, 17.0, 1.0 / fine)
+    true = TrueMotion(t, *trajectory.states(t))
+    parts = {field.name: getattr(world, field.name) for field in fields(world)}
+    parts["dry"] = DryFriction(np.full(robot.n, width))
+    sharp = SharedWorld(**parts, motion=true, torque_of_motion=world.rigid(true))
+    rows = slice(None, None, int(fine / rate))
+    motion = Motion(
+        t[rows],
+        true.q[rows],
+        true.dq[rows],
+        true.ddq[rows],
+        sharp.torque(true)[rows] if has_torque else None,
+        CurrentModel(robot, links),
+        sign_width=width,
+        temperature=sharp.temperature(t[rows]),
+    )
+    return sharp, true, motion
+
+
+@dataclass(frozen=True)
 class Case:
     """One hidden effect: its torque (n, N); columns (n, N, k) of the effect with the
     true shape; plain (n, N, m) columns of the effects that it refines, where it counts
@@ -381,16 +428,9 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
     backlash), and the other forms."""
     kind = effect_types()[name]
     cases = []
-    for which, (problem, world, links) in worlds().items():
+    for which, (problem, world, _) in worlds().items():
         robot = problem.robot
-        width = _width(name)
-        sharp = replace(world, dry=DryFriction(np.full(robot.n, width)))
-        trajectory = random_trajectory(
-            robot,
-            5,
-            17.0,
-            frequency=2.0 * np.pi / 13.3,
-        )
+        sharp = replace(world, dry=DryFriction(np.full(robot.n, _width(name))))
         if name == "transmission_friction" and which == "slide_arm":
             continue  # worlds hide it where neighbours turn
         for joint in [0] if kind.whole_robot else (robot.n // 2, robot.n - 1):
@@ -408,7 +448,7 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
             others = OTHER_FORMS.get(name, lambda w, j: [])(sharp, joint)
             for one in (replace(x, effect=name) for x in (*drawn, *others)):
                 where = f"{which} joint {joint + 1} {one.shape}"
-                case = _case(where, robot, sharp, links, one, trajectory)
+                case = _case(where, which, one)
                 if np.abs(case.torque).max() > 1e-9:
                     cases.append(case)
     return tuple(cases)
@@ -419,14 +459,7 @@ def _width(name: str) -> float:
     return 0.3 if name in ("torque_delay", "global_delay", "torque_filter") else 1e-8
 
 
-def _case(
-    where: str,
-    robot: Robot,
-    sharp: World,
-    links: Array,
-    hidden: Hidden,
-    trajectory: FourierTrajectory,
-) -> Case:
+def _case(where: str, which: str, hidden: Hidden) -> Case:
     kind = effect_types()[hidden.effect]
     width = _width(kind.name)
     # Derivatives in time are differences; friction states are integrated in the world,
@@ -434,21 +467,10 @@ def _case(
     fine, rate = (
         (500.0, 250.0) if kind.has_memory or hidden.shift is not None else (100.0, 25.0)
     )
-    t = np.arange(0.0, 17.0, 1.0 / fine)
-    true = TrueMotion(t, *trajectory.states(t))
-    rows = slice(None, None, int(fine / rate))
+    sharp, true, motion = setting(which, width, fine, rate, kind.needs_torque)
+    robot = worlds()[which][0].robot
     seen = slice(int(BEGIN * rate), int(END * rate))
-    torque = hidden.torque(sharp, true)[rows][seen]
-    motion = Motion(
-        true.t[rows],
-        true.q[rows],
-        true.dq[rows],
-        true.ddq[rows],
-        sharp.torque(true)[rows] if kind.needs_torque else None,
-        CurrentModel(robot, links),
-        sign_width=width,
-        temperature=sharp.temperature(true.t[rows]),
-    )
+    torque = hidden.torque(sharp, true)[:: int(fine / rate)][seen]
 
     def columns(kind: type[Effect], **shape: float) -> tuple[Effect, Array]:
         convention = {k: width for k, s in kind.shapes.items() if s.role == "estimated"}
