@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import os
 import re
@@ -17,8 +18,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("SDP_VS_PENALTY_CACHE", "")
 
 # Where Python is told to write no bytecode, each worker and each command of a test would
-# compile all modules anew: they share it in pytest's own cache.
-if sys.dont_write_bytecode and os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+# compile the checkout's modules anew: they share it in pytest's own cache. An installed
+# package has its bytecode beside it, as others have; Python would not look for it there.
+if (
+    sys.dont_write_bytecode
+    and (spec := importlib.util.find_spec("sdp_vs_penalty"))
+    and Path(str(spec.origin)).parents[1] == Path(__file__).parents[1]
+    and os.environ.pop("PYTHONDONTWRITEBYTECODE", "")
+):
     sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
     sys.dont_write_bytecode = False
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
@@ -96,6 +103,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if "real_data" in item.keywords:
                 item.add_marker(skip)
+
+
+def pytest_collection() -> None:
+    """Of what is collected nothing is garbage before the end: it is not looked through,
+    neither now nor in tests."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")
