@@ -139,6 +139,14 @@ def two_link() -> Problem:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _files_need_not_outlive_a_loss_of_power():
+    """No test waits until the disk has what it wrote."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _issues_say_what_they_mean():
     """Whatever the check says, in any test: no word of Python's, and the joints of its
     figures."""

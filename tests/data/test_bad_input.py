@@ -337,8 +337,7 @@ def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
     "value",
     [
         "x",
-        [1.0],
-        *(pytest.param(x, marks=pytest.mark.long) for x in (float("nan"), {})),
+        *(pytest.param(x, marks=pytest.mark.long) for x in ([1.0], float("nan"), {})),
     ],
     ids=repr,
 )

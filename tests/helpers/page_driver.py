@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from commands import PROGRAM
+from commands import HOME, PROGRAM
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -64,7 +64,7 @@ class Server:
 def started(folder: Path, *options: str) -> Server:
     """The verb, which has said where it is; its files are in the folder."""
     command = [sys.executable, *PROGRAM, "page", "--no-browser", *options]
-    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": ROOT}
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": HOME}
     process = subprocess.Popen(
         command,
         cwd=folder,

@@ -40,7 +40,14 @@ def carried(
     return simulated_picks(load_problem(name), mass, seed)
 
 
-@pytest.fixture(scope="module", params=[("panda", 1.2), ("ur10e", 3.0)])
+#: Robots, and the mass that each picks up [kg]; the second is picked up for real below.
+ARMS = [
+    pytest.param(("panda", 1.2), id="panda"),
+    pytest.param(("ur10e", 3.0), id="ur10e", marks=pytest.mark.long),
+]
+
+
+@pytest.fixture(scope="module", params=ARMS)
 def arm(request: pytest.FixtureRequest) -> SimulatedPicks:
     return carried(*request.param)
 
