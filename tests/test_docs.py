@@ -373,6 +373,7 @@ def test_the_python_runs(folder, monkeypatch, capsys):
     assert not (folder / "better.json").exists()  # nothing is hidden in these runs
 
 
+@pytest.mark.long
 def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, capsys):
     """Whatever is hidden: the better model has it, and the first one stays."""
     (code,) = blocks(README, "python")

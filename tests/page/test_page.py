@@ -63,7 +63,7 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Three runs with a hidden effect and a shorter test run, in two formats."""
     folder = tmp_path_factory.mktemp("runs")
-    seconds = {"run1.csv": 12.0, "run2.npz": 12.0, "run3.npz": 12.0, "test.npz": 6.0}
+    seconds = {"run1.csv": 8.0, "run2.npz": 8.0, "run3.npz": 8.0, "test.npz": 6.0}
     paths = [folder / name for name in seconds]
     for run, path in zip(hidden.runs, paths, strict=True):
         save(run.window(0.0, seconds[path.name]), path)
@@ -151,6 +151,7 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story, files):
     assert not re.search(r"<(script|img|link)[^>]+(src|href)=[\"']?(http|//)", html)
 
 
+@pytest.mark.long
 def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
     story,
     browser,

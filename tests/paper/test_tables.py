@@ -54,6 +54,9 @@ METHODS = {
 
 #: Figures that draw every physics engine.
 ENGINES = (5, 6)
+#: Figures and tables that take a second and more each.
+LONG_FIGURES = (1, 3, 10)
+LONG_TABLES = ("I", "II", "methods", "data")
 
 
 class SimulatedStudy(Study):
@@ -203,7 +206,13 @@ def test_a_figure_is_as_it_was(number, studies, tmp_path):
     as_kept(f"figure_{number}.txt", "\n".join(shown(figure)) + "\n")
 
 
-@pytest.mark.parametrize("number", sorted(FIGURES))
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(k, marks=pytest.mark.long if k in LONG_FIGURES else ())
+        for k in sorted(FIGURES)
+    ],
+)
 def test_a_figure_labels_units_and_is_drawn(number, studies):
     import matplotlib.pyplot as plt
 
@@ -245,37 +254,35 @@ def test_tables_come_out_as_committed(whole, problem, name, folder):
 
 
 @pytest.mark.parametrize(
-    "problem",
-    ["two_link", "measured", pytest.param("panda", marks=pytest.mark.long)],
+    ("problem", "name"),
+    [
+        pytest.param(p, name, marks=pytest.mark.long if name in LONG_TABLES else ())
+        for p in SMALL
+        for name in SMALL[p]
+    ],
 )
-def test_all_three_forms_hold_the_same_cells(made, problem):
-    for table in (made(problem, name) for name in SMALL[problem]):
-        cells = table.cells().to_numpy().tolist()
-        read = list(csv.reader(io.StringIO(table.csv())))
-        for row, exact, shown in zip(
-            table.frame.to_numpy(),
-            read[1:],
-            cells,
-            strict=True,
-        ):
-            for cell, kept, rounded in zip(row, exact, shown, strict=True):
-                if isinstance(cell, float) and np.isfinite(cell):
-                    assert float(kept) == cell  # all digits: to compute with
-                else:
-                    assert kept == rounded
-        body = [
-            line for line in table.markdown().splitlines() if line.startswith("| ")
-        ][2:]
-        plain = [
-            [c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body
-        ]
-        assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
-        lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][
-            1:
-        ]
-        assert [line.count(" & ") for line in lines] == [
-            len(table.frame.columns) - 1
-        ] * len(cells)
+def test_all_three_forms_hold_the_same_cells(problem, name, made):
+    table = made(problem, name)
+    cells = table.cells().to_numpy().tolist()
+    read = list(csv.reader(io.StringIO(table.csv())))
+    for row, exact, shown in zip(
+        table.frame.to_numpy(),
+        read[1:],
+        cells,
+        strict=True,
+    ):
+        for cell, kept, rounded in zip(row, exact, shown, strict=True):
+            if isinstance(cell, float) and np.isfinite(cell):
+                assert float(kept) == cell  # all digits: to compute with
+            else:
+                assert kept == rounded
+    body = [line for line in table.markdown().splitlines() if line.startswith("| ")][2:]
+    plain = [[c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body]
+    assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
+    lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
+    assert [line.count(" & ") for line in lines] == [
+        len(table.frame.columns) - 1
+    ] * len(cells)
 
 
 def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, studies):

@@ -32,6 +32,7 @@ def test_hidden_effects_are_found_and_clean_robots_are_clean():
     assert judge.abstained(run_case(Case("unknown_strong", "encoder", 1000, 10))[1])
 
 
+@pytest.mark.long
 def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends():
     """A moving average of 40 ms has the second moment of a filter and its mirror image
     of 8.2 ms."""
