@@ -1,10 +1,11 @@
 """Streams in which a payload is picked up and put down."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, identify
+from sdp_vs_penalty import Estimate, Measurements, identify, load_problem
 from sdp_vs_penalty.online import PayloadChange, PayloadEstimator
 from sdp_vs_penalty.simulation import LEVELS
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -47,12 +48,27 @@ class SimulatedPicks:
 
 
 def simulated_picks(
-    problem: Problem,
+    name: str,
     mass: float,
     seed: int,
     rate: float = 200.0,
 ) -> SimulatedPicks:
-    """Of a problem's arm, with friction and noise of the simulator's own."""
+    """Of a built-in arm, at a rate [1/s], with friction and noise of the simulator's
+    own."""
+    made = _at_a_thousand_hertz(name, mass, seed)
+    return replace(
+        made,
+        training=[thinned(run, rate) for run in made.training],
+        calibration=thinned(made.calibration, rate),
+        bare=thinned(made.bare, rate),
+        loaded=thinned(made.loaded, rate),
+    )
+
+
+@cache
+def _at_a_thousand_hertz(name: str, mass: float, seed: int) -> SimulatedPicks:
+    """As it is simulated."""
+    problem = load_problem(name)
     clean = hidden_runs(problem, [], seed=seed)
     load = [("payload", [])]
     small = hidden_runs(problem, load, "strong", seed, 1, clean.world)
@@ -64,10 +80,10 @@ def simulated_picks(
     *training, calibration, bare = clean.runs
     return SimulatedPicks(
         identify(problem, training, check=False),
-        [thinned(run, rate) for run in training],
-        thinned(calibration, rate),
-        thinned(bare, rate),
-        thinned(heavy.runs[3], rate),
+        training,
+        calibration,
+        bare,
+        heavy.runs[3],
         truth["size"],
         com,
     )

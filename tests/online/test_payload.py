@@ -1,8 +1,13 @@
-"""Payloads from streams: picked up, weighed, put down, and no alarm without one."""
+"""Payloads from streams: picked up, weighed, put down, and no alarm without one; the
+node of docs/online.md."""
 
+import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,8 +21,8 @@ from sdp_vs_penalty import (
     PayloadEstimator,
     export,
     identify,
-    load_problem,
 )
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.online import (
     Payload,
     PayloadChange,
@@ -37,7 +42,7 @@ def carried(
     seed: int = 5,
 ) -> SimulatedPicks:
     """A robot that picks up a mass [kg]."""
-    return simulated_picks(load_problem(name), mass, seed)
+    return simulated_picks(name, mass, seed)
 
 
 #: Robots, and the mass that each picks up [kg]; the second is picked up for real below.
@@ -465,3 +470,75 @@ def test_fifty_seconds_without_a_load_raise_no_alarm(ur10e, ur10e_runs, name):
 def test_the_prior_says_how_heavy_a_payload_may_be():
     prior = PayloadPrior(mass=10.0, reach=0.5)
     assert prior.information[0, 0] == pytest.approx(0.01)
+
+
+#: Its node is run.
+PAGE = Path(__file__).parents[2] / "docs" / "online.md"
+
+
+class PlayedNode:
+    """What the page's node uses of rclpy's."""
+
+    def __init__(self, name: str) -> None:
+        self.said: list[str] = []
+        self.messages: list[SimpleNamespace] = []
+
+    def create_publisher(self, kind, topic, depth):
+        return SimpleNamespace(publish=self.messages.append)
+
+    def create_subscription(self, kind, topic, callback, depth):
+        assert topic == "joint_states"
+
+    def get_logger(self):
+        return SimpleNamespace(info=self.said.append)
+
+
+def inertia_message(header):
+    inertia = SimpleNamespace(m=0.0, com=SimpleNamespace())
+    return SimpleNamespace(header=header, inertia=inertia)
+
+
+def play_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    modules = {
+        "rclpy": {},
+        "rclpy.node": {"Node": PlayedNode},
+        "geometry_msgs": {},
+        "geometry_msgs.msg": {"InertiaStamped": inertia_message},
+        "sensor_msgs": {},
+        "sensor_msgs.msg": {"JointState": SimpleNamespace},
+    }
+    for name, content in modules.items():
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+def test_the_node_of_the_page_publishes_the_payload(tmp_path, monkeypatch):
+    """ROS's modules are played by ours."""
+    play_ros(monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    arm = simulated_picks("panda", 1.2, seed=5, rate=1000.0)
+    arm.estimate.save("model.json")
+    save(arm.calibration, "without_load.csv")
+    text = PAGE.read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(import numpy.*?)```", text, re.DOTALL)
+    assert len([line for line in code.splitlines() if line]) <= 35
+    names: dict[str, type] = {"__name__": "node"}
+    exec(compile(code, "online.md", "exec"), names)
+    node = names["PayloadNode"]()
+    run = arm.stream(2.0).window(0.5, 3.0)
+    for t, q, tau in zip(run.t, run.q[:, ::-1], run.tau[:, ::-1], strict=True):
+        stamp = SimpleNamespace(sec=int(t), nanosec=round(1e9 * (t % 1.0)))
+        node.take(
+            SimpleNamespace(
+                name=list(node.names[::-1]),
+                position=q.tolist(),
+                effort=tau.tolist(),
+                header=SimpleNamespace(stamp=stamp),
+            )
+        )
+    assert len(node.said) == 1
+    assert node.said[0].startswith("picked up")
+    last = node.messages[-1].inertia
+    assert last.m == pytest.approx(arm.mass, rel=0.1)
+    assert last.ixx > 0.0
