@@ -25,7 +25,7 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 NAMES = ("a.csv", "b.csv", "test.csv")
 DOCS = Path(__file__).parents[2] / "docs"
 #: Of runs of 20 s at 1 kHz every so many samples are kept: stories are to be cheap.
-THINNED = 5
+THINNED = 10
 
 
 @dataclass
