@@ -61,12 +61,8 @@ def thinned(made: HiddenRuns, step: int = 4) -> HiddenRuns:
 
 @pytest.fixture(scope="module")
 def stribeck(panda: Problem) -> HiddenRuns:
-    return hidden_runs(
-        panda,
-        [("stribeck_friction", [2])],
-        "medium",
-        seed=11,
-    )
+    made = hidden_runs(panda, [("stribeck_friction", [2])], "medium", seed=11)
+    return thinned(made, step=2)
 
 
 @pytest.fixture(scope="module")
@@ -75,13 +71,9 @@ def found(stribeck: HiddenRuns) -> Diagnosis:
 
 
 def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
-    made = hidden_runs(
-        two_link,
-        [("presliding_hysteresis", [0])],
-        "medium",
-        seed=1,
-    )
-    run = made.runs[0]
+    effects = [("presliding_hysteresis", [0])]
+    made = thinned(hidden_runs(two_link, effects, "medium", seed=1, count=1), step=2)
+    (run,) = made.runs
     settings = two_link.preprocessing
     estimate = identify(
         two_link,
@@ -391,13 +383,7 @@ def test_a_model_that_has_the_delay_lacks_the_rest_of_it(late):
 def test_a_refit_holds_what_is_known_of_the_models_own_sizes(two_link):
     """Rows hardly tell where joints are mounted: by themselves they say 550 times what
     is plausible."""
-    made = hidden_runs(
-        two_link,
-        [("joint_spring", [1])],
-        "medium",
-        seed=1,
-        count=3,
-    )
+    made = hidden_runs(two_link, [("joint_spring", [1])], "medium", seed=1, count=2)
     data = concatenate(made.runs[:2])
     model = add(identified(made, data), "kinematic_error", data)
     white = whiten_rows(
