@@ -62,8 +62,8 @@ def torque(
 
 
 @pytest.mark.parametrize("written", WRITTEN)
-def test_the_header_makes_each_effects_torque(written, tmp_path):
-    robot = load_problem("two_link").robot
+def test_the_header_makes_each_effects_torque(written, two_link, tmp_path):
+    robot = two_link.robot
     estimate = estimate_of(robot, f"{FULL},torque_offset,{written}", 4)
     assert export(estimate, tmp_path / "model.h") == ()
     rows = states(robot, 50, 2)
@@ -154,10 +154,12 @@ def test_every_format_of_a_model_has_a_reader():
 
 @pytest.mark.parametrize("ending", READERS)
 @pytest.mark.parametrize("name", NAMES)
-def test_each_file_makes_the_torque_of_the_model_that_is_judged(name, ending, tmp_path):
+def test_each_file_makes_the_torque_of_the_model_that_is_judged(
+    name, ending, two_link, tmp_path
+):
     """Whatever the effect: the file and the copy that gets the verdict are one model."""
-    robot = load_problem("two_link").robot
-    estimate = with_payload_that_exists(estimate_of(robot, everything(name), 5))
+    estimate = estimate_of(two_link.robot, everything(name), 5)
+    estimate = with_payload_that_exists(estimate)
     check_that_file_is_what_is_judged(estimate, tmp_path / f"out{ending}")
 
 
