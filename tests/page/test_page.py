@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import http.client
 import re
 import socket
@@ -149,6 +151,43 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story, files):
     assert compare(model, load_measurements(files[3]))[0].verdict.grade in html.lower()
     assert "default-src 'none'" in html
     assert not re.search(r"<(script|img|link)[^>]+(src|href)=[\"']?(http|//)", html)
+
+
+def test_the_report_draws(story, browser):
+    """Joints are zoomed together, far figures wait, and no script was refused."""
+    path = story["folder"] / "report.html"
+    script = re.findall(r'id="plotly">(.*?)</script>', path.read_text())[0]
+    read = gzip.decompress(base64.b64decode(script))
+    assert (
+        b"root.moduleName = factory" not in read
+    )  # the function that a browser would read twice
+    faults: list[str] = []
+    page = browser.new_page(viewport={"width": 1000, "height": 1200})
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on(
+        "console",
+        lambda said: faults.append(said.text) if said.type == "error" else None,
+    )
+    page.goto(path.as_uri())
+    page.wait_for_function("document.querySelectorAll('#torques .js-line').length >= 8")
+    assert page.locator("#provenance").count() == 1
+    assert page.locator("#friction .js-plotly-plot").count() == 0
+    first, second = (
+        f"document.querySelectorAll('#torques .plot')[{k}]" for k in (0, 1)
+    )
+    page.evaluate(
+        f"Plotly.relayout({first}, {{'xaxis.range[0]': 3, 'xaxis.range[1]': 5}})"
+    )
+    page.wait_for_function(f"{second}.layout.xaxis.range?.[1] === 5")
+    page.locator("#torques .legendtoggle").nth(1).click()
+    page.wait_for_function(f"{second}.data[1].visible === 'legendonly'")
+    page.evaluate("document.querySelector('#friction').scrollIntoView()")
+    page.wait_for_selector("#friction .js-plotly-plot")
+    page.wait_for_function(
+        "document.querySelectorAll('#friction .js-line').length >= 2 * 2"
+    )
+    page.close()
+    assert faults == []
 
 
 @pytest.mark.long

@@ -1,5 +1,5 @@
-"""The report is one file that asks for nothing, says what it must, and draws in a real
-browser."""
+"""The report is one file that asks for nothing and says what it must; tests/page/test_page.py
+draws it in a real browser."""
 
 import base64
 import gzip
@@ -177,48 +177,6 @@ def test_the_verb_and_short_runs(two_link, tmp_path):
     out = tmp_path / "short.html"
     assert run_cli("report", model, "--data", data, "--out", out) == 0
     assert "from the runs that it was identified" in out.read_text()
-
-
-def test_it_draws_in_chromium(made, tmp_path):
-    """Joints are zoomed together, far figures wait, and no script was refused."""
-    from page_driver import browsing  # which skips without Chromium
-
-    path = tmp_path / "report.html"
-    path.write_text(made[2])
-    script = re.findall(r'id="plotly">(.*?)</script>', made[2])[0]
-    read = gzip.decompress(base64.b64decode(script))
-    assert (
-        b"root.moduleName = factory" not in read
-    )  # the function that a browser would read twice
-    faults: list[str] = []
-    with browsing() as browser:
-        page = browser.new_page(viewport={"width": 1000, "height": 1200})
-        page.on("pageerror", lambda error: faults.append(str(error)))
-        page.on(
-            "console",
-            lambda said: faults.append(said.text) if said.type == "error" else None,
-        )
-        page.goto(path.as_uri())
-        page.wait_for_function(
-            "document.querySelectorAll('#torques .js-line').length >= 8"
-        )
-        assert page.locator("#provenance").count() == 1
-        assert page.locator("#friction .js-plotly-plot").count() == 0
-        first, second = (
-            f"document.querySelectorAll('#torques .plot')[{k}]" for k in (0, 1)
-        )
-        page.evaluate(
-            f"Plotly.relayout({first}, {{'xaxis.range[0]': 3, 'xaxis.range[1]': 5}})"
-        )
-        page.wait_for_function(f"{second}.layout.xaxis.range?.[1] === 5")
-        page.locator("#torques .legendtoggle").nth(1).click()
-        page.wait_for_function(f"{second}.data[1].visible === 'legendonly'")
-        page.evaluate("document.querySelector('#friction').scrollIntoView()")
-        page.wait_for_selector("#friction .js-plotly-plot")
-        page.wait_for_function(
-            "document.querySelectorAll('#friction .js-line').length >= 2 * 2"
-        )
-    assert faults == []
 
 
 UNITS = ["N*m", "N*m"]
