@@ -77,6 +77,7 @@ def test_fix_of_a_long_run_says_what_to_do(two_link, long_run, tmp_path, capsys)
     assert "long.npz: --fix: too long to be repaired: cut it into files" in said
 
 
+@pytest.mark.long
 def test_a_long_run_dropped_on_the_page_becomes_one_run(long_run, tmp_path):
     file = tmp_path / "long.npz"
     save(long_run, file)

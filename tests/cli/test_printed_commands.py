@@ -268,6 +268,7 @@ def twelve_found(
     return found
 
 
+@pytest.mark.long
 def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
     (Path("held.json")).write_text(
@@ -283,6 +284,7 @@ def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     assert after.certificate.held == [e.text for e in before.model.effects]
 
 
+@pytest.mark.long
 def test_weak_findings_at_the_end_are_shown_to_who_asks(
     two_link,
     run,

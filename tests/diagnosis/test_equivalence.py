@@ -103,6 +103,7 @@ def test_one_delay_of_all_joints_is_not_those_of_single_ones(problem):
     assert len(found.effects) == 1
 
 
+@pytest.mark.long
 def test_a_causal_filter_shows_beside_friction_that_turns_over_a_travel(problem):
     """And leaves the friction as it is."""
     travel = np.array([0.01, 0.008, 0.01])
