@@ -357,8 +357,8 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
-    """Yield issues about torque channels that never change, that are clipped at a
-    limit, or that hold magnitudes without their sign.
+    """Yield issues about torque channels that never change, or that are clipped at a
+    limit.
 
     Parameters
     ----------
@@ -370,16 +370,32 @@ def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
     iterator of Issue
         Issues to report; none if nothing is wrong.
     """
-    unsigned = []
     for j, x in enumerate(glance.run.tau.T):
         if not np.ptp(x):
             yield _dead(glance, j, float(x[0]))
-            continue
-        yield from _clipped(glance, j, x)
-        if glance.moving[j] and _is_unsigned(x, glance.run.q):
-            unsigned.append(j)
-    if unsigned:
-        yield unsigned_torques(unsigned)
+        else:
+            yield from _clipped(glance, j, x)
+
+
+def possible_magnitudes(glance: RunSummary) -> list[int]:
+    """List the moving joints (from 0) whose torque looks like a magnitude: it never is
+    negative, and turns back at zero in corners.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run with its clock and channels, as repaired by earlier rules.
+
+    Returns
+    -------
+    list of int
+        Joints, ascending.
+    """
+    return [
+        j
+        for j, x in enumerate(glance.run.tau.T)
+        if glance.moving[j] and np.ptp(x) and _is_unsigned(x, glance.run.q)
+    ]
 
 
 def unsigned_torques(joints: Sequence[int]) -> Issue:

@@ -4,7 +4,7 @@
 the order of the code.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from sdp_vs_penalty.checks.facts import mended
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
-from sdp_vs_penalty.checks.magnitude import is_magnitude
+from sdp_vs_penalty.checks.magnitude import magnitudes
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
@@ -174,9 +174,9 @@ def _facts_of_windows(
 def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) -> Report:
     """Report the facts of a run, and repair those that can be repaired.
 
-    Facts are read from rows, clock and channels; no arm is fitted. The rules run in
-    order, each on the run as the rules before have repaired it. They stop early if no
-    rows, no numbers or too few rows are left.
+    Facts are read from rows, clock and channels. An arm is fitted only to a torque that
+    looks like a magnitude. The rules run in order, each on the run as the rules before
+    have repaired it. They stop early if no rows, no numbers or too few rows are left.
 
     Parameters
     ----------
@@ -225,32 +225,14 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             *find_wrong_velocities(glance),
         ]
         if work.torque_logged:
-            found = channels.find_bad_torque_channels(glance)
-            issues += _with_magnitudes_confirmed(problem, work, settings, found)
+            issues += channels.find_bad_torque_channels(glance)
+            possible = channels.possible_magnitudes(glance)
+            if confirmed := magnitudes(problem, work, settings, possible):
+                issues.append(channels.unsigned_torques(confirmed))
             issues += channels.find_torques_in_counts(glance)
         if not any(f.kind in NO_DYNAMICS for f in issues):
             issues += _coarse(glance, settings)
     return replace(report, issues=tuple(issues))
-
-
-def _with_magnitudes_confirmed(
-    problem: Problem,
-    run: Measurements,
-    settings: Preprocessing,
-    found: Iterable[Issue],
-) -> list[Issue]:
-    """Return issues about torque channels; those of torques without signs only for
-    joints whose torque contradicts the arm without signs."""
-    issues = []
-    for issue in found:
-        if issue.kind != "torque magnitude":
-            issues.append(issue)
-            continue
-        joints = [number - 1 for number in issue.figures["joints"]]
-        confirmed = [j for j in joints if is_magnitude(problem, run, settings, j)]
-        if confirmed:
-            issues.append(channels.unsigned_torques(confirmed))
-    return issues
 
 
 def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:

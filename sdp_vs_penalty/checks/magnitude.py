@@ -7,7 +7,7 @@ Only the motion tells: a magnitude contradicts every arm, with any parameters.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -30,13 +30,13 @@ _TIMES = c.CONTRADICTS[0]
 _ROUNDING = 1e-8
 
 
-def is_magnitude(
+def magnitudes(
     problem: Problem,
     run: Measurements,
     settings: Preprocessing,
-    joint: int,
-) -> bool:
-    """Whether signs explain a torque clearly better than none.
+    joints: Sequence[int],
+) -> list[int]:
+    """List those of some joints whose torque signs explain clearly better than none.
 
     The arm's model, with all parameters free, is fitted to the torque as it is logged,
     and to the torque with the signs that the model itself gives it. The first has to
@@ -51,27 +51,39 @@ def is_magnitude(
         A single run.
     settings : Preprocessing
         Filters.
-    joint : int
-        Of a torque that never is negative, from 0.
+    joints : sequence of int
+        Of torques that never are negative, from 0.
 
     Returns
     -------
-    bool
-        False where the run is too short to be filtered.
+    list of int
+        Joints whose torque is a magnitude; none where the run is too short to be
+        filtered.
     """
+    if not joints:
+        return []
     model = problem.model()
     try:
         rows = FilteredRun(run, settings.resolve(run)).all_rows(model)
     except InputError:
-        return False
+        return []
+    nominal = problem.nominal(model)
+    return [j for j in joints if _is_magnitude(rows, j, nominal)]
+
+
+def _is_magnitude(rows: Rows, joint: int, nominal: Array) -> bool:
+    """Whether signs explain a joint's torque clearly better than none.
+
+    rows : of the run; joint : from 0; nominal : parameters of the problem's arm.
+    """
     torque = rows.torque[:, joint]
     columns = rows.columns[joint]
     basis = _orthonormal(columns.columns)
     squares_as_logged = _squares_left(torque, basis)
-    nominal = columns.columns @ problem.nominal(model)[columns.indices]
+    nominal_torque = columns.columns @ nominal[columns.indices]
     squares_signed = [
         _squares_left(signs * torque, basis)
-        for first_signs in _first_signs(rows, joint, nominal)
+        for first_signs in _first_signs(rows, joint, nominal_torque)
         if np.ptp(signs := _settled(first_signs, torque, basis)) > 0.0
     ]
     smallest = min(squares_signed, default=np.inf)
