@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.regression.evidence import deviance, independent_rows
 from sdp_vs_penalty.regression.normal_equations import FLOOR, solve
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: A column of which less than this share of its square is outside the basis is spanned
 #: by it: rounding errors are no column [-].
@@ -19,6 +19,8 @@ _SPANNED_SHARE = 1e-12
 _NOTHING_NEW_SHARE = 1e-10
 #: Smallest share of a candidate column that the arm's parameters are taken to leave [-].
 _SHARE_LEFT_BY_ARM = 1e-3
+#: Columns whose singular value is a smaller share of the largest are dependent [-].
+_DEPENDENT_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -286,3 +288,26 @@ class ArmFit:
         """(n,) weights of the joints' rows, one over the squared residual; 0 for joints
         that do not move."""
         return np.where(self.moving, 1.0 / self.energy_left, 0.0)
+
+
+def orthonormal(columns: Array) -> Array:
+    """Return an orthonormal basis of the columns of each of several joints.
+
+    Parameters
+    ----------
+    columns : (n, M, k) array
+        Columns of one joint alone, for each of n joints; k <= M.
+
+    Returns
+    -------
+    (n, M, k) array
+        Orthonormal columns; where columns are dependent, zeros in place of the missing
+        vectors.
+    """
+    norms = np.linalg.norm(columns, axis=1, keepdims=True)
+    scaled = columns / nonzero_or_one(norms)
+    basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)  # (n, M, k), (n, k)
+    is_independent = sizes > _DEPENDENT_SHARE * sizes.max(
+        axis=1, keepdims=True, initial=0.0
+    )
+    return np.asarray(basis * is_independent[:, None])

@@ -24,7 +24,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy
 
-from sdp_vs_penalty.checks.arm_fit import ArmFit, RepairedRows
+from sdp_vs_penalty.checks.arm_fit import ArmFit, RepairedRows, orthonormal
 from sdp_vs_penalty.checks.constants import (
     CENTRE_OF_MASS,
     MAX_INERTIA_LOG_ODDS,
@@ -63,8 +63,6 @@ At: TypeAlias = Callable[[float], LogTransform]
 _TINY = 1e-300
 #: An amplifier's curve is inverted up to this share of its limit [-].
 _LARGEST_SHARE_OF_LIMIT = 0.999
-#: Own columns whose singular value is a smaller share of the largest are dependent [-].
-_DEPENDENT_SHARE = 1e-6
 #: Least share of the slopes by a number that the arm's parameters may leave of them, for
 #: the number to be seen: a hundred ridges [-].
 _SEEN_BESIDE_ARM = 100.0 * RIDGE
@@ -551,13 +549,13 @@ class Likelihood:
         with_events = np.zeros((*used.shape[:2], width))
         with_events[:, :, : basis.shape[2]] = basis
         joints = sorted({event.joint for event in events})
-        with_events[joints] = _orthonormal(used[joints])
+        with_events[joints] = orthonormal(used[joints])
         return with_events
 
     def _make_basis_of_channels(self) -> Array:
         """Make an orthonormal basis (n, M, k) of the own columns that each position
         channel makes, without events."""
-        return _orthonormal(self.data.own_columns * self.data.torque_mask.T[:, :, None])
+        return orthonormal(self.data.own_columns * self.data.torque_mask.T[:, :, None])
 
     def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
         """Return the columns (n, M, r) of an event of one joint's torque; 0 for other
@@ -1082,16 +1080,6 @@ class Likelihood:
         plausible_weight = self.nominal(repair, speed=0.0)
         product = np.tensordot(plausible_weight, weight, joints_and_rows)
         return np.array([power, product]) / self.data.count
-
-
-def _orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis (n, M, k) of each joint's columns (n, M, k); where
-    columns are dependent, zeros in place of the missing vectors."""
-    norms = np.linalg.norm(columns, axis=1, keepdims=True)
-    scaled = columns / nonzero_or_one(norms)
-    basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)  # (n, M, k), (n, k)
-    is_independent = sizes > _DEPENDENT_SHARE * sizes.max(axis=1, keepdims=True)
-    return np.asarray(basis * is_independent[:, None])
 
 
 def _straighten(value: Array, limit: float) -> Array:

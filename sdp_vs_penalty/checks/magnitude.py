@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import orthonormal
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -26,8 +27,6 @@ _NEAR_ZERO = 0.2
 #: An arm contradicts a torque if it leaves so many times the energy that it leaves of
 #: the same torque with signs.
 _TIMES = c.CONTRADICTS[0]
-#: Singular values below this share of the largest are rounding.
-_ROUNDING = 1e-8
 
 
 def magnitudes(
@@ -78,7 +77,7 @@ def _is_magnitude(rows: Rows, joint: int, nominal: Array) -> bool:
     """
     torque = rows.torque[:, joint]
     columns = rows.columns[joint]
-    basis = _orthonormal(columns.columns)
+    basis = orthonormal(columns.columns[None])[0]
     squares_as_logged = _squares_left(torque, basis)
     nominal_torque = columns.columns @ nominal[columns.indices]
     squares_signed = [
@@ -121,14 +120,6 @@ def _settled(signs: Array, torque: Array, basis: Array) -> Array:
 def _signs(x: Array) -> Array:
     """Return 1 or -1 for each value of x; 1 for zero."""
     return np.where(x < 0.0, -1.0, 1.0)
-
-
-def _orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis (M, r) of columns (M, k)."""
-    norms = np.linalg.norm(columns, axis=0)
-    unit = columns[:, norms > 0.0] / norms[norms > 0.0]
-    left, values, _ = np.linalg.svd(unit, full_matrices=False)
-    return np.asarray(left[:, values > _ROUNDING * values.max(initial=0.0)])
 
 
 def _squares_left(torque: Array, basis: Array) -> float:
