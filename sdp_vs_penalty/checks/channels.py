@@ -15,7 +15,7 @@ from sdp_vs_penalty.data.plausibility import beside_range, far_outside
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.encoder import lattice_step
+from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
@@ -523,9 +523,9 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
         Issues to report; none if nothing is wrong.
     """
     tau = glance.run.tau[:, glance.moving]
-    n_values = [len(np.unique(x)) for x in tau.T]
-    is_whole = bool(np.all(tau == np.round(tau)))
-    if is_whole and np.min(n_values) > _FEWEST_COUNTS:
+    if not np.all(tau == np.round(tau)):
+        return
+    if min(len(np.unique(x)) for x in tau.T) > _FEWEST_COUNTS:
         largest = float(np.abs(tau).max())
         unit = ", as permil of its rated torque" if largest <= _LARGEST_PERMIL else ""
         yield Issue.of(
@@ -608,12 +608,16 @@ def _quantised(
     whose mean over the band is a fifth of that: hence the root of 60.
     """
     x = glance.run.q[:, j]
-    step = lattice_step(x)
     n_changes = max(int(np.count_nonzero(np.diff(x))), 1)
     seconds_per_level = glance.usual_step * len(x) / n_changes
     bands_of_rounding = max(1.0, 0.5 / (cutoff * seconds_per_level))
-    noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * bands_of_rounding)
-    if not noise > c.TYPICAL["link"] * size > 0.0:
+    noise_per_step = (2.0 * np.pi * cutoff) ** 2 / np.sqrt(60.0 * bands_of_rounding)
+    least = c.TYPICAL["link"] * size
+    if not noise_per_step * lattice_step_bound(x) > least > 0.0:
+        return
+    step = lattice_step(x)
+    noise = noise_per_step * step
+    if noise <= least:
         return
     yield Issue.of(
         kind="quantisation",
