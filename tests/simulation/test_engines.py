@@ -11,6 +11,7 @@ from recorded import refusal
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.paper.tables import table_v
 from sdp_vs_penalty.paper.tables.table_v import (
+    Commanded,
     inverse_dynamics_error,
     play,
     sinusoids,
@@ -67,7 +68,7 @@ def test_torques_and_poses_are_pinocchios(name, which, capfd):
     kind = present(name)
     error = inverse_dynamics_error(kind, robot, links)
     assert error is None if name == "ODE" else error < 1e-9
-    run = play(kind, robot, links, sinusoids(robot), 1.0)
+    run = play(kind, Commanded(robot, links, sinusoids(robot), 1.0))
     # The first steps hold the jump of the acceleration from rest.
     assert np.abs(run.error[20:]).max() < TOLERANCE[name] * np.abs(run.model).max()
     assert run.position.max() < 2e-3
