@@ -5,13 +5,14 @@ from pathlib import Path
 from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
-CHALLENGE = ["results/challenge", "--seed", "800000", "--out", str(HERE)]
+CHALLENGE = ["results/challenge", "--seed", "810000", "--out", str(HERE)]
 #: Three cases of every class and nuisance; then more of these.
 MORE = (
     ["--classes", "clean", "--cases", "10"],
     ["--classes", "clean", "--nuisance", "mixed", "--cases", "60"],
     ["--classes", "strong", "medium", "--cases", "60"],
     ["--classes", "weak", "pairs", "--cases", "50"],
+    ["--limits"],  # of what these missed
 )
 
 if __name__ == "__main__":
