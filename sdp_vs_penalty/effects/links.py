@@ -611,8 +611,6 @@ _TURN = 4e-3
 #: fewer instants.
 _THINNED = 0.02
 _FEWEST = 200
-#: Instants up to which a motion keeps these columns: some megabytes.
-_KEPT = 2048
 
 
 class KinematicError(Effect):
@@ -706,8 +704,6 @@ class KinematicError(Effect):
     def _at_some_instants(self, motion: Motion) -> tuple[NDArray[np.intp], Array]:
         """Compute the torque per unit of each displacement and rotation at K instants.
 
-        A motion of which not many instants are needed keeps them.
-
         Returns
         -------
         (K,) array
@@ -715,10 +711,6 @@ class KinematicError(Effect):
         (K, n, k) array
             The torque there.
         """
-        kept = motion.from_states_and_links
-        if self.name in kept:
-            instants, torques = kept[self.name]
-            return instants, torques
         instants = _thinned(motion)
         derivatives = self.robot.placement_derivatives(
             motion.model_links,
@@ -729,8 +721,6 @@ class KinematicError(Effect):
         torques = np.stack(
             [derivatives[:, :, j, k] for j, k in self._joint_axis_pairs], axis=2
         )
-        if len(instants) <= _KEPT:
-            kept[self.name] = instants, torques
         return instants, torques
 
 

@@ -346,8 +346,7 @@ class Motion:
             A copy with that torque.
         """
         out = replace(self, torque=torque)
-        kept = "link_torque", "_derivatives", "_signs", "_legs", "from_states_and_links"
-        for name in kept:
+        for name in ("link_torque", "_derivatives", "_signs", "_legs"):
             if name in self.__dict__:
                 out.__dict__[name] = self.__dict__[name]
         return out
@@ -624,12 +623,6 @@ class Motion:
                 "this effect needs Motion.current, the current model's links"
             )
         return self.current
-
-    @cached_property
-    def from_states_and_links(self) -> dict[str, Any]:
-        """What effects computed from the states and the links of the current model, by
-        the effect's name, so that it is computed once."""
-        return {}
 
     def derivatives(self, joint: int) -> tuple[Array, Array, Array]:
         """Return derivatives of the inverse dynamics of the current model's links by
