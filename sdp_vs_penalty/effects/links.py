@@ -690,70 +690,39 @@ class KinematicError(Effect):
         The derivatives are expensive: they are computed at fewer instants and
         interpolated by cubic splines.
         """
-        instants, torques = self._at_some_instants(motion)
-        return _interpolated(motion, instants, torques)
+        thinned = _thinned(motion)
+        return _interpolated(motion, thinned, self._torques_at(motion, thinned))
 
     def torque(self, theta: Array, motion: Motion) -> Array:
         """Compute the torque (N, n) [N m, N] of all displacements and rotations.
 
         Only the sum is interpolated between the instants of :meth:`torques`.
         """
-        instants, torques = self._at_some_instants(motion)
-        return _interpolated(motion, instants, torques @ theta)
+        thinned = _thinned(motion)
+        torque = self._torques_at(motion, thinned) @ theta
+        return _interpolated(motion, thinned, torque)
 
-    def _at_some_instants(self, motion: Motion) -> tuple[NDArray[np.intp], Array]:
-        """Compute the torque per unit of each displacement and rotation at K instants.
-
-        Returns
-        -------
-        (K,) array
-            Numbers of the instants.
-        (K, n, k) array
-            The torque there.
-        """
-        instants = _thinned(motion)
+    def _torques_at(self, motion: Motion, instants: NDArray[np.intp]) -> Array:
+        """Compute the torque (K, n, k) per unit of each displacement and rotation at K
+        instants of a motion, given by their numbers."""
         derivatives = self.robot.placement_derivatives(
             motion.model_links,
             motion.q[instants],
             motion.dq[instants],
             motion.ddq[instants],
         )
-        torques = np.stack(
+        return np.stack(
             [derivatives[:, :, j, k] for j, k in self._joint_axis_pairs], axis=2
         )
-        return instants, torques
 
 
 def _interpolated(motion: Motion, instants: NDArray[np.intp], values: Array) -> Array:
     """Interpolate values (K, ...) at K instants of a motion, given by their numbers, at
-    all its N instants by cubic splines; return (N, ...).
-
-    The instants are evenly numbered, but for the last one: between two of them one
-    product of the powers of time and the spline's coefficients makes all values.
-    """
+    all its N instants by cubic splines; return (N, ...)."""
     if len(instants) == len(motion.t):
         return values
-    t = motion.t
-    spline = scipy.interpolate.CubicSpline(t[instants], values)
-    coefficients = spline.c.reshape(4, len(instants) - 1, -1)
-    out = np.empty((len(t), coefficients.shape[2]))
-    stride = int(instants[1])
-    n_even = (len(instants) - 2) * stride  # instants before the last interval
-    since = t[:n_even].reshape(-1, stride) - t[instants[:-2], None]
-    np.matmul(
-        _powers(since),
-        coefficients[:, :-1].swapaxes(0, 1),
-        out=out[:n_even].reshape(len(since), stride, -1),
-    )
-    since = t[n_even:] - t[n_even]
-    out[n_even:] = _powers(since) @ coefficients[:, -1]
-    return out.reshape(len(t), *values.shape[1:])
-
-
-def _powers(x: Array) -> Array:
-    """Return the powers x^3, x^2, x and 1 of numbers (...), as an array (..., 4)."""
-    square = x * x
-    return np.stack([square * x, square, x, np.ones_like(x)], axis=-1)
+    spline = scipy.interpolate.CubicSpline(motion.t[instants], values)
+    return np.asarray(spline(motion.t))
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:
@@ -769,7 +738,8 @@ def _thinned(motion: Motion) -> NDArray[np.intp]:
         return instants
     for stride in (16, 8, 4, 2):
         chosen = np.unique(np.append(instants[::stride], instants[-1]))
-        error = _interpolated(motion, chosen, motion.ddq[chosen]) - motion.ddq
+        spline = scipy.interpolate.CubicSpline(motion.t[chosen], motion.ddq[chosen])
+        error = spline(motion.t) - motion.ddq
         if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
             return chosen
     return instants
