@@ -31,11 +31,6 @@ _SIGNLESS = ("stiffness", "offset")
 #: What every simulator's file holds.
 HELD = frozenset({"rigid_body", "payload", "viscous_friction", "coulomb_friction"})
 
-#: Smallest eigenvalue of a pseudo-inertia, relative to its trace, that still counts as
-#: consistent: what rounding leaves of an exact zero (a rod, a point mass) after a
-#: change of frames.
-ROUNDING = 1e-12
-
 
 @dataclass(frozen=True)
 class Options:
@@ -363,7 +358,7 @@ def require_consistent(link: Array, name: str) -> None:
     """
     pseudo = inertia.pseudo_inertia(link)
     smallest = float(np.linalg.eigvalsh(pseudo)[0])
-    tolerance = ROUNDING * max(float(np.trace(pseudo)), 0.0)
+    tolerance = inertia.ROUNDING * max(float(np.trace(pseudo)), 0.0)
     if not np.all(np.isfinite(link)) or smallest < -tolerance:
         raise InputError(
             "the inertial is not physically consistent (smallest eigenvalue of its"

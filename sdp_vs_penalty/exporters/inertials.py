@@ -10,7 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.exporters.content import ROUNDING, Inertial
+from sdp_vs_penalty.exporters.content import Inertial
 from sdp_vs_penalty.exporters.urdf import Document, inertial_tags
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
@@ -170,7 +170,7 @@ def _verdict_on(
     if inertial.mass == 0.0 and has_parameters:
         return "moment of inertia without mass"
     to_origin = 2.0 * inertial.mass * float(np.sum(inertial.com**2))
-    tolerance = -ROUNDING * (abs(float(moments.sum())) + to_origin)
+    tolerance = -inertia.ROUNDING * (abs(float(moments.sum())) + to_origin)
     if moments[0] < tolerance:
         return "negative moment of inertia"
     if moments[0] + moments[1] - moments[2] < tolerance:

@@ -246,12 +246,13 @@ def _with_possible_moments(link: Array, drawn: Array, reach: float) -> Array:
     about_centre = inertia.inertia_matrix(inertia.barycentric_from_standard(link)[4:])
     if np.linalg.eigvalsh(about_centre)[-1] > 0.0:
         thinnest = c.THINNEST * reach / np.sqrt(5.0)
-        about_centre = inertia.nearest_inertia(about_centre, mass, thinnest)
-        moments = 0.5 * np.trace(about_centre) * np.eye(3) - about_centre
-        return _lump(mass, centre, moments / mass)
-    centre_of_drawn = drawn[:3, 3] / drawn[3, 3]
-    shape = drawn[:3, :3] / drawn[3, 3] - np.outer(centre_of_drawn, centre_of_drawn)
-    return _lump(mass, centre if centre.any() else centre_of_drawn, shape)
+        possible = inertia.nearest_inertia(about_centre, mass, thinnest)
+        barycentric = np.hstack([mass, centre, inertia.inertia_entries(possible)])
+        return inertia.pseudo_inertia(inertia.standard_from_barycentric(barycentric))
+    if not centre.any():
+        centre = drawn[:3, 3] / drawn[3, 3]
+    shape = inertia.second_moment(inertia.from_pseudo_inertia(drawn))
+    return _lump(mass, centre, shape)
 
 
 def _is_possible(link: Array, reach: float) -> bool:

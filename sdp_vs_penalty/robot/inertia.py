@@ -30,6 +30,14 @@ UNITS = tuple(
     "kg" if p == "m" else "kg*m" if p.startswith("m") else "kg*m^2" for p in PARAMETERS
 )
 
+#: Smallest eigenvalue of a pseudo-inertia, relative to its trace, that still counts as
+#: consistent: what rounding leaves of an exact zero (a rod, a point mass) after a
+#: change of frames.
+ROUNDING = 1e-12
+#: Root mean square distance of a link's mass from a plane, at least [m]: simulators
+#: demand a millimetre.
+_THINNEST = 1e-3
+
 #: (row, column) of each of the six inertia entries, in the parameter order.
 _ENTRIES = tuple(
     tuple(map("xyz".index, p.removeprefix("I")))
@@ -352,13 +360,6 @@ def second_moment(theta: ArrayLike) -> Array:
     return np.where(np.isfinite(central), central, 0.0)
 
 
-#: Root mean square distance of a link's mass from a plane, at least [m]: simulators
-#: demand a millimetre.
-_THINNEST = 1e-3
-#: Relative distance from the boundary that survives being written as text.
-_INSIDE = 4e-12
-
-
 def nearest_inertia(
     about_com: Array, mass: float = 0.0, thinnest: float = _THINNEST
 ) -> Array:
@@ -388,6 +389,7 @@ def nearest_inertia(
 
     moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
     second, _ = nnls(1.0 - np.eye(3), moments)  # D = (1 - I) s
-    second = second + _INSIDE * second.sum()
+    # As far inside as it takes to survive being written as text and read again.
+    second = second + 4.0 * ROUNDING * second.sum()
     second = np.maximum(second, mass * thinnest**2)
     return np.asarray((axes * (second.sum() - second)) @ axes.T, float)
