@@ -46,7 +46,7 @@ _ALONE = 5.0
 _NEAR = 2.0
 #: Half width of a line in a spectrum with a Hann window, in steps of its frequencies:
 #: the main lobe reaches two.
-LOBE = 2.5
+_LOBE = 2.5
 
 
 @dataclass(frozen=True)
@@ -496,6 +496,13 @@ def hann_spectrum(series: Array, rate: float) -> tuple[Array, Array]:
     return np.abs(spectrum) ** 2, frequency
 
 
+def is_of_line(line: float, frequency: Array) -> Mask:
+    """Return which frequencies (K,) [Hz] of a spectrum with a Hann window belong to the
+    line at a frequency [Hz].
+    """
+    return np.asarray(np.abs(frequency - line) < _LOBE * frequency[1])
+
+
 def stands_alone(line: float, power: Array, frequency: Array) -> bool:
     """Return whether a line's power is five times that of any other within 2 Hz.
 
@@ -506,9 +513,8 @@ def stands_alone(line: float, power: Array, frequency: Array) -> bool:
     power, frequency
         (K,) a spectrum with a Hann window, and its frequencies [Hz].
     """
-    distance = np.abs(frequency - line)
-    is_line = distance < LOBE * frequency[1]
-    is_neighbour = (distance < _NEAR) & ~is_line
+    is_line = is_of_line(line, frequency)
+    is_neighbour = (np.abs(frequency - line) < _NEAR) & ~is_line
     largest_beside = power[is_neighbour].max(initial=0.0)
     return bool(power[is_line].max() > _ALONE * largest_beside)
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.events import (
-    LOBE,
     Event,
     hann_spectrum,
+    is_of_line,
     refined_line,
     spectral_lines,
     stands_alone,
@@ -80,8 +80,7 @@ def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
     largest = 0.0
     hum = None
     for line in lines:
-        near = np.abs(frequency - line) < LOBE * frequency[1]
-        energy = float(np.sum(above[near]))
+        energy = float(np.sum(above[is_of_line(line, frequency)]))
         is_large = energy >= max(largest, _LARGE_SHARE * float(above.sum()))
         if not is_large or not stands_alone(line, above, frequency):
             continue
