@@ -119,8 +119,9 @@ def _beside(
     return [found.refined(fit, term) for term in scored[:_REFINED]]
 
 
-def limit_of(case: Case, record: Record) -> Limit:
-    """Judge one missed effect."""
+def limit_of(missed_case: tuple[Case, Record]) -> Limit:
+    """Judge one missed effect, by its case and what the challenge recorded of it."""
+    case, record = missed_case
     truth = record["truth"][0]
     effect, joints = truth["effect"], truth["joints"]
     found = finished_search(case, build_case(case))
@@ -152,16 +153,12 @@ def run_limits(out: Path, jobs: int) -> list[Path]:
     records = json.loads((out / "challenge.json").read_text())["cases"]
     todo = [(case, records[case.key]) for case in missed(records)]
     limits: list[Limit] = []
-    for done, (_, limit) in enumerate(spread(_limit_of, todo, jobs=jobs), start=1):
+    for done, (_, limit) in enumerate(spread(limit_of, todo, jobs=jobs), start=1):
         limits.append(limit)
         print(f"case {done} of {len(todo)}", end="\r")
     report = out / "limits.md"
     write_text(report, limits_text(sorted(limits, key=lambda x: x.key)))
     return [report]
-
-
-def _limit_of(arguments: tuple[Case, Record]) -> Limit:
-    return limit_of(*arguments)
 
 
 def limits_text(limits: Sequence[Limit]) -> str:

@@ -629,7 +629,7 @@ class ColumnProducts:
             squares[j] += float(beta @ gram @ beta) - 2.0 * along_design
         return np.asarray(np.maximum(squares, 0.0))
 
-    def rss_with(self, beta: Array, squares_of_torque: Array | None = None) -> Array:
+    def rss_with(self, beta: Array, squares_of_torque: Array) -> Array:
         """Return the squared errors (n,) of the joints once T beta joins the fit.
 
         T is what the fit leaves of Z. Errors are not weighted.
@@ -639,11 +639,9 @@ class ColumnProducts:
         beta
             (K,) coefficients.
         squares_of_torque
-            (n,) squares of T beta, where they are known (:meth:`squares_with`).
+            (n,) squares of T beta (:meth:`squares_with`).
         """
         fit = self.fit
-        if squares_of_torque is None:
-            squares_of_torque = self.squares_with(beta)
         d = fit.whitener @ (self.along_fit @ beta)
         squares = fit.rss / fit.level**2 + squares_of_torque
         squares += 2.0 * fit.design_with_residual @ d
@@ -1077,10 +1075,10 @@ def _triangle(gram: Array) -> Array:
     L L' = gram + DEPENDENT^2 diag(gram). The ridge keeps it positive where one column
     depends on others.
     """
-    with_ridge = gram.copy()
-    diagonal = with_ridge.ravel()[:: len(gram) + 1]  # a view
+    regular = gram.copy()
+    diagonal = regular.ravel()[:: len(gram) + 1]  # a view
     diagonal += DEPENDENT**2 * nonzero_or_one(diagonal)
-    return np.asarray(np.linalg.cholesky(with_ridge))
+    return np.asarray(np.linalg.cholesky(regular))
 
 
 def with_ridge(A: Array) -> Array:

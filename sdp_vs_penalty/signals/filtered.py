@@ -170,13 +170,14 @@ def low_passed(
         The same with columns at the rows.
     """
     columns = [b.columns for effect_blocks in blocks.values() for b in effect_blocks]
-    narrow = [x for x in columns if x.shape[1] < _WIDE]
-    filtered_narrow = iter(_filtered_together(low_pass, narrow))
-    filtered = iter(
-        [next(filtered_narrow) if x.shape[1] < _WIDE else low_pass @ x for x in columns]
-    )
+    is_narrow = [x.shape[1] < _WIDE for x in columns]
+    narrow = [k for k, x in enumerate(is_narrow) if x]
+    filtered = {k: low_pass @ columns[k] for k, x in enumerate(is_narrow) if not x}
+    together = _filtered_together(low_pass, [columns[k] for k in narrow])
+    filtered |= zip(narrow, together, strict=True)
+    in_order = iter([filtered[k] for k in range(len(columns))])
     return {
-        k: [replace(b, columns=next(filtered)) for b in effect_blocks]
+        k: [replace(b, columns=next(in_order)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()
     }
 
