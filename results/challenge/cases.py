@@ -344,6 +344,15 @@ def rounded(record: Record) -> Record:
 VERSION = 3
 
 
+def kept_records(store: Path) -> dict[str, Record]:
+    """Read the records of challenge.json by their case, in this version's format; none
+    if there is no such file, or it is of another version."""
+    if not store.is_file():
+        return {}
+    kept = json.loads(store.read_text())
+    return dict(kept["cases"]) if kept.get("version") == VERSION else {}
+
+
 def run_challenge(
     todo: Sequence[Case],
     seed: int,
@@ -354,11 +363,8 @@ def run_challenge(
     challenge.md."""
     store = out / "challenge.json"
     report = out / "challenge.md"
-    records: dict[str, Record] = {}
     with folder_lock(out):
-        if store.is_file():
-            kept = json.loads(store.read_text())
-            records = kept["cases"] if kept.get("version") == VERSION else {}
+        records = kept_records(store)
         todo = [c for c in todo if c.key not in records]
         for done, (_, (key, record)) in enumerate(
             spread(run_case, todo, jobs=jobs), start=1

@@ -8,13 +8,18 @@ less what an addition needs). Within 6 (odds of 20 to 1) these rows do not tell 
 apart, and no method that reads them can.
 """
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from challenge.cases import BuiltCase, Case, build_case, identify_case
+from challenge.cases import (
+    BuiltCase,
+    Case,
+    build_case,
+    identify_case,
+    kept_records,
+)
 from challenge.judge import SINGLE, Record, counted, first_right, in_set
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.constants import (
@@ -150,7 +155,7 @@ def limit_of(missed_case: tuple[Case, Record]) -> Limit:
 
 def run_limits(out: Path, jobs: int) -> list[Path]:
     """Judge what the cases in challenge.json missed; write limits.md beside it."""
-    records = json.loads((out / "challenge.json").read_text())["cases"]
+    records = kept_records(out / "challenge.json")
     todo = [(case, records[case.key]) for case in missed(records)]
     limits: list[Limit] = []
     for done, (_, limit) in enumerate(spread(limit_of, todo, jobs=jobs), start=1):
