@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import colours, formatting
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import iter_chunks
+from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
@@ -30,7 +30,7 @@ from sdp_vs_penalty.render.arms import link_ellipsoid
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.filtered import FilteredRun, Rows, joined
+from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import Following
 
 Context = dict[str, Any]
@@ -70,25 +70,37 @@ class JudgedRun:
         """
         count = sum(len(states.t) for states in run.states())
         shown = charts.spread_rows(count)
-        pieces_of_run = list[Rows]()
-        modelled = list[Array]()
+        # Arrays of a long run lie in temporary files, out of the process's memory.
+        states = {name: AppendableArray() for name in ("t", "q", "dq", "ddq")}
+        torque = AppendableArray()
+        modelled = AppendableArray()
+        chunks_with_shown = list[list[JointColumns]]()
         first = 0
         for rows in run.rows(estimate.model):
+            for name, array in states.items():
+                array.append(getattr(rows.motion, name))
+            torque.append(rows.torque)
+            modelled.append(predicted(rows, estimate.theta))
             last = first + len(rows.torque)
             inside = shown[(shown >= first) & (shown < last)] - first
-            columns = [JointColumns(c.indices, c.columns[inside]) for c in rows.columns]
-            modelled.append(predicted(rows, estimate.theta))
-            pieces_of_run.append(replace(rows, columns=columns))
+            chunks_with_shown.append(
+                [JointColumns(c.indices, c.columns[inside]) for c in rows.columns]
+            )
             first = last
-        chunks_by_joint = zip(*(piece.columns for piece in pieces_of_run), strict=True)
         columns_of_joints = []
-        for chunks in chunks_by_joint:
+        for chunks in zip(*chunks_with_shown, strict=True):
             values = np.concatenate([chunk.columns for chunk in chunks])
             columns_of_joints.append(JointColumns(chunks[0].indices, values))
+        motion = Motion(
+            t=states["t"].array(),
+            q=states["q"].array(),
+            dq=states["dq"].array(),
+            ddq=states["ddq"].array(),
+        )
         return cls(
-            motion=joined(piece.motion for piece in pieces_of_run),
-            torque=np.concatenate([piece.torque for piece in pieces_of_run]),
-            modelled=np.concatenate(modelled),
+            motion=motion,
+            torque=torque.array(),
+            modelled=modelled.array(),
             shown=shown,
             columns=columns_of_joints,
         )
