@@ -5,7 +5,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import (
+    Array,
+    JointCoverage,
+    JointEffect,
+    Motion,
+    Parameter,
+)
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint
@@ -89,6 +95,10 @@ def _orders(
     return [float(f"{k:.6g}") for k in orders]  # as many digits as a written effect has
 
 
+#: Waves that a joint has to travel until a torque is seen to repeat.
+_WAVES_TO_REPEAT = 2.0
+
+
 class TorqueRipple(JointEffect):
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
@@ -145,6 +155,22 @@ class TorqueRipple(JointEffect):
         """Return cos(k q) and sin(k q) (N, 2)."""
         phase = self.shape["k"] * motion.q[:, joint]
         return np.column_stack([np.cos(phase), np.sin(phase)])
+
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Give a reason to doubt a ripple of which fewer than two waves were travelled:
+        nothing shows that it repeats.
+
+        Of a ripple without a size, only the reason that every wave has is given: it is
+        still worth a try.
+        """
+        reason = super().looks_like(size, coverage)
+        n_waves = self.shape["k"] * coverage.travel / (2.0 * np.pi)
+        if reason or size == 0.0 or n_waves >= _WAVES_TO_REPEAT:
+            return reason
+        return (
+            "fewer than two waves were travelled, so nothing shows that it repeats: a"
+            " spring, a balancer or a cable looks so"
+        )
 
 
 #: Phases of a wave at which the friction may not become negative.

@@ -11,7 +11,13 @@ from random_robots import sines
 from recorded import refusal, refusals, same_refusal
 from scipy import interpolate
 
-from sdp_vs_penalty.effects import Model, Motion, effect_types, parse_effects
+from sdp_vs_penalty.effects import (
+    JointCoverage,
+    Model,
+    Motion,
+    effect_types,
+    parse_effects,
+)
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.problem import load_problem
 
@@ -214,6 +220,18 @@ def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel(
         assert waves[0] == pytest.approx(2.0 * np.pi / travel, rel=1e-4)
         assert waves[-1] <= 1.0001 * finest
         assert len(waves) == 200 or waves[-1] > 0.999 * finest - np.pi / travel
+
+
+@pytest.mark.parametrize(
+    ("waves", "is_tried", "is_named"),
+    [(0.9, False, False), (1.5, True, False), (2.1, True, True)],
+)
+def test_a_ripple_is_named_where_it_was_seen_to_repeat(waves, is_tried, is_named):
+    """A wave is tried from one period on; two show that it repeats."""
+    ripple = effect_types()["torque_ripple"](robots()["arm"], [0], k=3.0)
+    coverage = JointCoverage(travel=waves * 2.0 * np.pi / 3.0)
+    assert (ripple.looks_like(0.0, coverage) == "") == is_tried
+    assert (ripple.looks_like(0.2, coverage) == "") == is_named
 
 
 def test_torque_is_that_of_the_columns_over_the_models_own_width():
