@@ -546,7 +546,7 @@ class Search:
             others = [t for t in terms if t is not term]
             fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
             judged = self.score.evidence_of(fit, term.form, term.columns)
-            on_its_joints = frozenset(t.text for t in terms if t.joints & term.joints)
+            on_its_joints = frozenset(t.key for t in terms if t.joints & term.joints)
             before, rivals = self._not_exchanged.get(term.key, (None, ()))
             if before != on_its_joints:
                 candidates = self._candidates_to_replace(judged, others, fit)
