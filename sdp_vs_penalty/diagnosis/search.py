@@ -121,7 +121,7 @@ class Search:
             self._columns_of_motion = like._columns_of_motion
         #: By a chosen effect's key: the effects on its joints when no exchange was
         #: found for it, and its rivals then.
-        self._not_exchanged = dict[Key, tuple[frozenset[str], Rivals]]()
+        self._not_exchanged = dict[Key, tuple[frozenset[Key], Rivals]]()
         self.terms: list[ScoredEffect] = []
         #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
@@ -531,8 +531,8 @@ class Search:
         """Exchange one chosen effect for a better or simpler one.
 
         The effects ``terms`` are tried in order, and the first exchange that succeeds
-        ends the step. One for which no exchange was found is tried again only after the
-        effects on its joints have changed.
+        ends the step. One for which no exchange was found is tried again only after
+        other effects act on its joints; other constants of theirs do not count.
 
         Returns
         -------
