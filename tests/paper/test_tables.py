@@ -3,11 +3,13 @@ are made from."""
 
 import csv
 import io
+import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,7 @@ from sdp_vs_penalty.paper.tables import (
     wrenches,
 )
 from sdp_vs_penalty.paper.tables.table_i import exact_rows, fit_sigmoid, residual_rms
+from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot._pinocchio import pin
@@ -201,8 +204,8 @@ def shown(figure: Any) -> Iterator[str]:
 def test_a_figure_is_as_it_was(number, studies, tmp_path):
     if number in ENGINES:
         skip_without_engines()
-    problem, draw = FIGURES[number]
-    figure = draw(studies[problem])
+    home, draw = FIGURES[number]
+    figure = draw(studies[home.PROBLEM])
     as_kept(f"figure_{number}.txt", "\n".join(shown(figure)) + "\n")
 
 
@@ -216,8 +219,8 @@ def test_a_figure_is_as_it_was(number, studies, tmp_path):
 def test_a_figure_labels_units_and_is_drawn(number, studies):
     import matplotlib.pyplot as plt
 
-    problem, draw = FIGURES[number]
-    figure = draw(studies[problem])
+    home, draw = FIGURES[number]
+    figure = draw(studies[home.PROBLEM])
     assert list(shown(figure))
     for axis in figure.axes:
         for label in (axis.get_xlabel(), axis.get_ylabel()) if axis.axison else ():
@@ -233,8 +236,8 @@ def test_a_figure_labels_units_and_is_drawn(number, studies):
 @pytest.mark.long
 @pytest.mark.parametrize("number", sorted(FIGURES))
 def test_a_figure_is_written(number, studies, tmp_path):
-    problem, draw = FIGURES[number]
-    png, pdf = save(draw(studies[problem]), tmp_path / f"figure_{number}")
+    home, draw = FIGURES[number]
+    png, pdf = save(draw(studies[home.PROBLEM]), tmp_path / f"figure_{number}")
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
 
@@ -433,3 +436,30 @@ def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
     paths = make_figures([9], out=tmp_path)
     assert [p.name for p in paths] == ["figure_9.png", "figure_9.pdf"]
     assert all(p.is_file() for p in paths)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_figures_of_one_file_share_process_and_study(tmp_path, monkeypatch, jobs):
+    import matplotlib.pyplot as plt
+
+    files = [SimpleNamespace(PROBLEM="two_link") for _ in range(2)]
+    log = tmp_path / "log"
+
+    def draw(study):
+        with log.open("a") as written:
+            written.write(f"{os.getpid()} {id(study)}\n")
+        return plt.subplots()[0]
+
+    monkeypatch.setattr(figures, "_FILES", files)
+    known = {1: (files[0], draw), 2: (files[1], draw), 3: (files[0], draw)}
+    monkeypatch.setattr(figures, "FIGURES", known)
+    said = list[str]()
+    workers = Workers(jobs)
+    paths = make_figures([3, 2, 1], tmp_path, progress=said.append, workers=workers)
+    names = [f"figure_{n}.{form}" for n in (3, 2, 1) for form in ("png", "pdf")]
+    assert [path.name for path in paths] == names
+    assert all(path.is_file() for path in paths)
+    assert "2 of 2 done" in said
+    lines = log.read_text().splitlines()
+    assert (len(lines), len(set(lines))) == (3, 2)
+    assert len({line.split()[0] for line in lines}) == jobs

@@ -16,7 +16,7 @@ def verb(
 
     numbers [1 2 3 5 ... 10]: Figure numbers; default: all.
     --budget: Effort: quick, single (as quick), or paper (longer motions, more instants).
-    --jobs >=0: Parallel estimates on this computer; 0: one per core.
+    --jobs >=0: Processes on this computer, which estimate and draw; 0: one per core.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.figures import make_figures
