@@ -29,8 +29,7 @@ def refer_columns_to_current_model(
     A delay or a filter acts on all torque, also on that of the findings. Its columns
     are therefore computed from the torque of the model, refitted beside the findings,
     plus the findings' torque. Search and columns alternate (a Gauss-Newton iteration)
-    until new columns of the same findings lower the criterion by no more than the
-    evidence of one effect (EVIDENCE_TO_ADD), or a set of findings comes back.
+    until a set of findings comes back.
 
     Parameters
     ----------
@@ -58,21 +57,20 @@ def refer_columns_to_current_model(
         known_sets.append(keys)
         # New columns of the findings and, once, of all candidates: these are screened
         # on a grid of constants, and the torque changes little from round to round.
-        referred = refer_once(search)
-        # Columns that have settled lower the criterion no more: another search beside
-        # them would only move weak effects.
-        if referred.criterion >= lowest - EVIDENCE_TO_ADD:
-            break
-        search = referred
+        search = refer_once(search)
         if search.library is first_library:
             search.library = first_library.with_current_columns(search.data)
         # In new columns findings may lose their evidence, and other effects gain some.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)
-        if search.criterion < lowest:
+        criterion = search.criterion
+        has_improved = criterion < lowest - EVIDENCE_TO_ADD
+        if criterion < lowest:
             best = search
-            lowest = search.criterion
+            lowest = criterion
+        if not has_improved:
+            break
     return search if best is None else best
 
 

@@ -121,7 +121,7 @@ class Search:
             self._columns_of_motion = like._columns_of_motion
         #: By a chosen effect's key: the effects on its joints when no exchange was
         #: found for it, and its rivals then.
-        self._not_exchanged = dict[Key, tuple[frozenset[Key], Rivals]]()
+        self._not_exchanged = dict[Key, tuple[frozenset[str], Rivals]]()
         self.terms: list[ScoredEffect] = []
         #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
@@ -531,8 +531,8 @@ class Search:
         """Exchange one chosen effect for a better or simpler one.
 
         The effects ``terms`` are tried in order, and the first exchange that succeeds
-        ends the step. One for which no exchange was found is tried again only after
-        other effects act on its joints; other constants of theirs do not count.
+        ends the step. One for which no exchange was found is tried again only after the
+        effects on its joints have changed.
 
         Returns
         -------
@@ -546,7 +546,7 @@ class Search:
             others = [t for t in terms if t is not term]
             fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
             judged = self.score.evidence_of(fit, term.form, term.columns)
-            on_its_joints = frozenset(t.key for t in terms if t.joints & term.joints)
+            on_its_joints = frozenset(t.text for t in terms if t.joints & term.joints)
             before, rivals = self._not_exchanged.get(term.key, (None, ()))
             if before != on_its_joints:
                 candidates = self._candidates_to_replace(judged, others, fit)

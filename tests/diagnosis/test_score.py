@@ -24,7 +24,6 @@ from sdp_vs_penalty.diagnosis import (
     Search,
     WhiteFit,
     diagnosis_rows,
-    late_torque,
     list_candidates,
     spectral_lines,
     white_candidate,
@@ -387,67 +386,6 @@ def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_ch
     assert tried == [first.key, other.key, first.key, third.key]
 
 
-def test_an_exchange_is_not_tried_again_where_only_a_constant_has_moved(
-    two_link, monkeypatch
-):
-    search = searched(two_link)
-    forms = {f.key: f for b in search.library.batches for f in b.forms}
-    term = search.evidence_of(search.fit, forms["coulomb_friction", 0])
-    moved = replace(term, form=term.form.with_shape(**other_values(term)))
-    tried = []
-
-    def none_to_replace(term, others, fit):
-        tried.append(term.text)
-        return []
-
-    monkeypatch.setattr(search, "_candidates_to_replace", none_to_replace)
-    search.exchange_one([term])
-    search.exchange_one([moved])
-    assert moved.text != term.text
-    assert tried == [term.text]
-
-
-def other_values(term: ScoredEffect) -> dict[str, float]:
-    """The searched constants of an effect, 1 % larger."""
-    effect = term.form.effect
-    return {name: 1.01 * effect.shape[name] for name in effect.searched}
-
-
-@pytest.mark.parametrize(("after_new_columns", "searches"), [(95.0, 1), (80.0, 2)])
-def test_delays_are_searched_beside_new_columns_only_where_these_help(
-    monkeypatch, after_new_columns, searches
-):
-    """Evidence of 10 is what an effect has to bring; columns have to bring as much."""
-    runs = []
-    library = SimpleNamespace(with_current_columns=lambda data: None)
-
-    def fake(criterion: float, name: str) -> Any:
-        """A search with this criterion before it runs, and 100 and 79 after it."""
-        out = SimpleNamespace(
-            terms=[SimpleNamespace(key=name)],
-            library=library,
-            data=SimpleNamespace(n=2),
-            criterion=criterion,
-            drop_weak=lambda terms, on: terms,
-        )
-
-        def run(progress):
-            out.criterion = 79.0 if runs else 100.0
-            runs.append(name)
-
-        out.run = run
-        return out
-
-    rounds = iter(
-        [fake(500.0, "a"), fake(after_new_columns, "b"), fake(79.0, "c")],
-    )
-    monkeypatch.setattr(late_torque, "delays_torque", lambda search: True)
-    monkeypatch.setattr(late_torque, "refer_once", lambda search: next(rounds))
-    found = late_torque.refer_columns_to_current_model(fake(600.0, "first"))
-    assert len(runs) == searches
-    assert found.criterion == (100.0 if searches == 1 else 79.0)
-
-
 def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model(
     two_link,
 ):
@@ -459,7 +397,7 @@ def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model
     for form in (columns_stay, depends_on_model):
         term = other.evidence_of(other.fit, form)
         other.terms.append(term)
-        other._not_exchanged[term.key] = frozenset([term.key]), ()
+        other._not_exchanged[term.key] = frozenset([term.text]), ()
     search.take_attempts_of(other)
     assert set(search._not_exchanged) == {columns_stay.key}
 
