@@ -159,7 +159,9 @@ class Conclusion:
             self.curves,
         )
         return [
-            describe_finding(x.term, x.size, reasons_for_doubt(x), x.errors)
+            describe_finding(
+                x.term, x.size, reasons_for_doubt(x), x.errors, x.resembles
+            )
             for x in judged
         ]
 
@@ -314,6 +316,7 @@ def describe_finding(
     known: Size,
     doubts: Mapping[str, str],
     errors: Array,
+    resembles: Sequence[str] = (),
 ) -> Finding:
     """Make the report of a finding.
 
@@ -328,6 +331,8 @@ def describe_finding(
     errors
         (2, n) RMS errors on data left out [N m or N], row 0 without the finding, row 1
         with it.
+    resembles
+        Names of effects that make nearly the same torque over what was travelled.
 
     Returns
     -------
@@ -336,9 +341,11 @@ def describe_finding(
     """
     effect = term.form.effect
     size, std = size_of(effect, known.beta, known.covariance)
+    std_of_law = known.std_of_law(effect)
+    std = float(np.hypot(std, std_of_law))
     _, std_of_rows = size_of(effect, known.beta, known.covariance_of_rows)
     names = [_rival_name(effect, r.form.effect) for r in term.rivals]
-    rivals = dict.fromkeys([*names, *effect.resembles])  # each name once, in order
+    rivals = dict.fromkeys([*names, *resembles])  # each name once, in order
     equivalents = (*rivals, CURVE) if "curve" in doubts else tuple(rivals)
     parameters = zip(effect.parameters, known.beta, strict=True)
     return Finding(
@@ -349,6 +356,7 @@ def describe_finding(
         unit=effect.parameters[effect.sized_by][0].unit,
         std=std,
         std_of_rows=std_of_rows,
+        std_of_law=std_of_law,
         size_in_search=size,
         parameters={p.name: float(b) for p, b in parameters},
         confidence="weak" if doubts else "confident",

@@ -17,7 +17,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     HELD_TRAVEL,
     IMPLAUSIBLE_SIGMAS,
     SERIES,
-    SIGNIFICANT,
     UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
@@ -25,7 +24,12 @@ from sdp_vs_penalty.diagnosis.findings import REASONS, Invisible
 from sdp_vs_penalty.diagnosis.held_out import lowers
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sizes import Size, size_of
+from sdp_vs_penalty.diagnosis.sizes import (
+    Size,
+    is_insignificant,
+    is_uncertain,
+    size_of,
+)
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
@@ -76,6 +80,12 @@ class Judged:
         )
 
     @property
+    def resembles(self) -> tuple[str, ...]:
+        """Names of effects that make nearly the same torque over what was travelled."""
+        coverage = self.search.data.rows.seen(self.effect.joints[0])
+        return self.effect.resembles_over(coverage)
+
+    @property
     def looks_like(self) -> str:
         """A sentence about another cause that would look like this effect in the rows.
 
@@ -88,27 +98,13 @@ class Judged:
 
 
 def _is_uncertain(x: Judged) -> bool:
-    """Return whether the size's relative standard deviation is 20 % (UNCERTAIN) or more.
-
-    The standard deviation is that for exact shape constants. A size of zero counts as
-    uncertain.
-    """
-    size, std = x.value_and_std
-    return not std < UNCERTAIN * abs(size)  # "not ... <": True for NaN
+    """Return whether the size is uncertain, if its shape constants were exact."""
+    return is_uncertain(*x.value_and_std)
 
 
 def _is_insignificant(x: Judged) -> bool:
-    """Return whether the size is at most two standard deviations from zero.
-
-    That is std / |size| >= 0.5 (SIGNIFICANT). The standard deviation includes the
-    errors of the shape constants.
-    """
-    size, std = size_of(
-        x.effect,
-        x.size.beta,
-        x.size.covariance,
-    )
-    return not std < SIGNIFICANT * abs(size)  # "not ... <": True for NaN
+    """Return whether the size, with the errors of the shape constants, may be zero."""
+    return is_insignificant(*size_of(x.effect, x.size.beta, x.size.covariance))
 
 
 def _is_small(x: Judged) -> bool:

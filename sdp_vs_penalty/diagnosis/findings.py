@@ -171,6 +171,7 @@ class Finding(Rated):
     joints from 1, empty for the whole robot; size : of the effect's parameter (the
     amplitude where there are several) in ``unit``, with its standard deviation std;
     std_of_rows : that from the scatter over the log alone, all else being exact;
+    std_of_law : that from the tolerated error of its law, a part of std;
     size_in_search : the size that the search estimated, where ``size`` is a model's;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
@@ -197,6 +198,7 @@ class Finding(Rated):
     n_splits: int = 0
     n_splits_showing: int = 0
     std_of_rows: float = 0.0
+    std_of_law: float = 0.0
     size_in_search: float | None = None
 
     @property

@@ -147,12 +147,14 @@ class Search:
         return float(self.fit.own_deviance + n_coefficients * price)
 
     def take_attempts_of(self, other: Search) -> None:
-        """Take over for which chosen effects another search has found no exchange.
+        """Take over what another search has found to lead nowhere.
 
-        They are tried again only after the effects on their joints have changed. Left
-        out are effects whose columns depend on the model, which the searches do not
-        share.
+        These are the barred effects, and the chosen effects for which no exchange was
+        found. The latter are tried again only after the effects on their joints have
+        changed. Left out of them are effects whose columns depend on the model, which
+        the searches do not share.
         """
+        self.barred |= other.barred
         depends_on_model = {t.key for t in other.terms if depends(t.form.effect)}
         for key, attempt in other._not_exchanged.items():
             if key not in depends_on_model:
@@ -381,10 +383,14 @@ class Search:
         return makes_too_much or self.contradicts_itself(term)
 
     def contradicts_itself(self, term: ScoredEffect) -> bool:
-        """Return whether an effect's size and shape constants belong to different
-        machines, see :meth:`Effect.contradicts_itself`.
+        """Return whether no model may hold an effect with these parameters.
+
+        They exceed the effect's range (:attr:`Effect.largest_parameter`), or belong to
+        another machine than its shape constants (:meth:`Effect.contradicts_itself`).
         """
         effect = term.form.effect
+        if np.any(np.abs(term.beta) > effect.largest_parameter):
+            return True
         inertias = self.data.rows.mean_inertias
         return effect.contradicts_itself(term.beta, float(inertias[effect.joints[0]]))
 

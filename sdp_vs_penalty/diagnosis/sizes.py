@@ -6,6 +6,16 @@ constant too (:mod:`~sdp_vs_penalty.estimation.sensitivity`), and S sums over th
 clusters of rows, or the parts of the log, that make it largest. Variances are at least
 those of independent rows. Errors of the torque channels' gains, and of a model held
 fixed, are included.
+
+More rows do not tell the size better than the law is right. A law is trusted to a share
+eps = 4 % of the drop dD of the deviance that it brings (LAW_TOLERANCE), as in the
+search. So its shape constants may be any that lose no more than eps dD, and the size
+follows them. To second order its half width is
+
+    sqrt(eps dD (C - C_s)),
+
+with the variances C of the size beside free constants and C_s beside exact ones, of
+independent rows.
 """
 
 from __future__ import annotations
@@ -17,6 +27,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import (
+    LAW_TOLERANCE,
+    SIGNIFICANT,
+    UNCERTAIN,
+)
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import (
@@ -41,13 +56,41 @@ class Size:
     beta (k,) : parameters in SI units; covariance (k, k) : their covariance, with the
     errors of shape constants (such as a Stribeck velocity); covariance_given_constants
     (k, k) : their covariance if these constants were exact; covariance_of_rows (k, k) :
-    that without the torque in doubt as well, from the scatter over the log alone.
+    that without the torque in doubt as well, from the scatter over the log alone;
+    covariance_of_law (k, k) : what the tolerated error of the law adds.
     """
 
     beta: Array
     covariance: Array
     covariance_given_constants: Array
     covariance_of_rows: Array
+    covariance_of_law: Array
+
+    def std_of_law(self, effect: Effect) -> float:
+        """Return the standard deviation of the effect's size by the tolerated error of
+        its law, in the size's SI unit.
+
+        At most half the size (SIGNIFICANT): that the effect is there is judged by its
+        evidence, and another value of a shape constant does not take it away.
+        """
+        size, std = size_of(effect, self.beta, self.covariance_of_law)
+        return min(std, SIGNIFICANT * abs(size))
+
+
+def is_uncertain(size: float, std: float) -> bool:
+    """Return whether a size's relative standard deviation is 20 % (UNCERTAIN) or more.
+
+    A size of zero counts as uncertain, and so does one whose std is not a number.
+    """
+    return not std < UNCERTAIN * abs(size)
+
+
+def is_insignificant(size: float, std: float) -> bool:
+    """Return whether a size is at most two standard deviations from zero.
+
+    That is std / |size| >= 0.5 (SIGNIFICANT), or a std that is not a number.
+    """
+    return not std < SIGNIFICANT * abs(size)
 
 
 def sizes_with_intervals(
@@ -121,11 +164,21 @@ def size_with_interval(
         term.form,
         term.columns,
     )
-    columns_of_constants = [
-        fit.residual_of(fit.scaled(z))
-        for _, z in errors_of_constants
+    on_its_joints = [
+        (derivatives, z)
+        for derivatives, z in errors_of_constants
         if not term.joints.isdisjoint(z)
     ]
+    columns_of_constants = [fit.residual_of(fit.scaled(z)) for _, z in on_its_joints]
+    is_own = np.concatenate(
+        [
+            np.ones(k, bool),
+            *(
+                np.full(len(d.keys), d.effect.text == term.text)
+                for d, _ in on_its_joints
+            ),
+        ]
+    )
     # (n, M, K): the effect's k columns first, then those of errors of shape constants,
     # which are scaled so that their prior standard deviation is 1.
     T = np.concatenate([columns, *columns_of_constants], axis=2)
@@ -145,6 +198,10 @@ def size_with_interval(
     covariance = _sandwich(inverse, factors, gram)
     # Without the columns of the constants, as if these were exact.
     inverse_given_constants = np.linalg.pinv(A[:k, :k], rcond=1e-12, hermitian=True)
+    own = np.flatnonzero(is_own)
+    inverse_of_own = np.linalg.pinv(A[np.ix_(own, own)], rcond=1e-12, hermitian=True)
+    by_constants = inverse_of_own[:k, :k] - inverse_given_constants
+    tolerated = LAW_TOLERANCE * max(term.drop, 0.0) / NORMAL_95**2
     of_effect = [factor[:k] for factor in factors]
     gram_of_effect = gram[:k, :k]
     return Size(
@@ -160,6 +217,7 @@ def size_with_interval(
             of_effect[:1],
             gram_of_effect,
         ),
+        covariance_of_law=tolerated * by_constants,
     )
 
 

@@ -3,7 +3,8 @@
 The search estimates each finding beside the others by linear algebra. What a user works
 with is the model after `add`, under all constraints. So sizes are that model's wherever
 one is there. The two estimates weigh rows differently, so that what both lack makes them
-differ: the interval is as wide as the wider of theirs, and their difference is added.
+differ: the interval is as wide as the wider of theirs, and their difference is added,
+and so is the error of the law that is tolerated.
 The model itself takes this interval when findings are added, so that every place which
 shows the size reads one interval: the model's.
 """
@@ -17,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.conclude import sentence
-from sdp_vs_penalty.diagnosis.constants import SIGNIFICANT, UNCERTAIN
 from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.sizes import size_of
+from sdp_vs_penalty.diagnosis.sizes import is_insignificant, is_uncertain, size_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -45,6 +45,7 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
 
     A confident finding becomes weak if its size there is less than five standard
     deviations from zero. Its remark says whether the size is uncertain, or may be zero.
+    Whether it may be zero does not depend on the tolerated error of its law.
 
     Parameters
     ----------
@@ -68,10 +69,12 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
         return finding
     size, std = size_of(effect, theta, covariance)
     remarks = finding.remarks
-    if finding.confidence == "confident" and not std < SIGNIFICANT * abs(size):
-        remarks = (REASONS["insignificant"],)
-    elif finding.confidence == "confident" and not std < UNCERTAIN * abs(size):
-        remarks = (REASONS["uncertain"],)
+    std_without_law = max(std**2 - finding.std_of_law**2, 0.0) ** 0.5
+    if finding.confidence == "confident":
+        if is_insignificant(size, std_without_law):
+            remarks = (REASONS["insignificant"],)
+        elif is_uncertain(size, std):
+            remarks = (REASONS["uncertain"],)
     return replace(
         finding,
         confidence="weak" if remarks else "confident",
@@ -142,14 +145,16 @@ def std_of_both(size: float, std: float, finding: Finding) -> float:
     Returns
     -------
     float
-        Root of the sum of squares of the larger standard deviation, and of the
-        difference of both sizes, which counts as a half width of 95 %.
+        Root of the sum of squares of the larger standard deviation, of the difference
+        of both sizes, which counts as a half width of 95 %, and of what the tolerated
+        error of the law adds.
     """
     size_in_search = finding.size_in_search
     if size_in_search is None:  # findings.json of an older version
         size_in_search = finding.size
     difference = (abs(size) - abs(size_in_search)) / NORMAL_95
-    return float(np.hypot(max(std, finding.std_of_rows), difference))
+    of_both = np.hypot(max(std, finding.std_of_rows), difference)
+    return float(np.hypot(of_both, finding.std_of_law))
 
 
 def effect_of(

@@ -734,6 +734,17 @@ class Effect(ABC):
         """
         return False
 
+    def resembles_over(self, coverage: JointCoverage) -> tuple[str, ...]:
+        """Return the names of effects with nearly this one's torque over what a joint
+        covered; by default those on any motion (:attr:`resembles`).
+
+        Parameters
+        ----------
+        coverage
+            Travel, resolution and standstills of its joint in the runs.
+        """
+        return self.resembles
+
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """Give a reason to doubt the effect: what else would look like it in these
         measurements.

@@ -158,6 +158,11 @@ class Payload(Effect):
         return self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, -10:]
 
 
+#: Error of the angles in a robot's file, which are written with five digits or more
+#: [rad].
+_ROUNDED_ANGLE = 1e-5
+
+
 class ExternalWrench(Effect):
     equation = "-J(q)^T (F, M)"
     explanation = (
@@ -182,9 +187,16 @@ class ExternalWrench(Effect):
 
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, 6) per unit force and moment: minus the transposed
-        Jacobian."""
+        Jacobian.
+
+        Elements that only rounded angles of the robot's file make are zero: on joints
+        that are parallel but for these, a force along their axes would need 1e9 N to
+        make a torque.
+        """
         jacobians = self.robot.jacobians(motion.q, self.robot.link_joints[-1])
-        return -jacobians.swapaxes(1, 2)
+        reach = max(1.0, float(np.sum(self.robot.link_reach())))
+        is_rounding = np.abs(jacobians) < _ROUNDED_ANGLE * reach
+        return -np.where(is_rounding, 0.0, jacobians).swapaxes(1, 2)
 
 
 class RotorInertia(JointEffect):

@@ -141,6 +141,18 @@ class TorqueRipple(JointEffect):
         rad/m on a prismatic one."""
         return self.shape["k"]
 
+    def _is_seen_to_repeat(self, coverage: JointCoverage) -> bool:
+        """Return whether the joint travelled at least two waves."""
+        n_waves = self.shape["k"] * coverage.travel / (2.0 * np.pi)
+        return n_waves >= _WAVES_TO_REPEAT
+
+    def resembles_over(self, coverage: JointCoverage) -> tuple[str, ...]:
+        """Name springs where fewer than two waves were travelled: these make any smooth
+        torque there."""
+        if self._is_seen_to_repeat(coverage):
+            return super().resembles_over(coverage)
+        return ("joint_spring", "stiffening_spring")
+
     @classmethod
     def starts(
         cls,
@@ -164,8 +176,7 @@ class TorqueRipple(JointEffect):
         still worth a try.
         """
         reason = super().looks_like(size, coverage)
-        n_waves = self.shape["k"] * coverage.travel / (2.0 * np.pi)
-        if reason or size == 0.0 or n_waves >= _WAVES_TO_REPEAT:
+        if reason or size == 0.0 or self._is_seen_to_repeat(coverage):
             return reason
         return (
             "fewer than two waves were travelled, so nothing shows that it repeats: a"
