@@ -149,6 +149,24 @@ def test_two_estimates_of_a_size_widen_its_interval(spring):
     assert std == pytest.approx(np.hypot(0.1, 0.3 / 1.96), rel=1e-3)
 
 
+def test_the_tolerated_error_of_a_law_widens_an_interval(spring):
+    searched = finding("joint_spring", 1, std_of_rows=0.1, std_of_law=0.3)
+    assert std_of_both(1.0, 0.05, searched) == pytest.approx(np.hypot(0.1, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("std_of_law", "remark"),
+    [
+        (0.55, "its size is uncertain by > 20 %"),
+        (0.0, "its size is not told from zero"),
+    ],
+)
+def test_an_open_law_leaves_a_size_uncertain_but_not_zero(spring, std_of_law, remark):
+    searched = finding("joint_spring", 1, std_of_law=std_of_law)
+    sized = size_in_model(searched, model_with((spring, 1.0, 0.6)))
+    assert sized.remarks == (remark,)
+
+
 def test_the_size_of_the_search_outlasts_that_of_the_model(spring):
     """A findings.json has the model's size; `add` still knows what the search said."""
     searched = finding("joint_spring", 1, std_of_rows=0.1, size_in_search=1.0)

@@ -25,10 +25,12 @@ from sdp_vs_penalty.diagnosis import (
     WhiteFit,
     diagnosis_rows,
     list_candidates,
+    sizes_with_intervals,
     spectral_lines,
     white_candidate,
     whiten_rows,
 )
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.signals import coloured_noise
 
 n = 2
@@ -398,8 +400,49 @@ def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model
         term = other.evidence_of(other.fit, form)
         other.terms.append(term)
         other._not_exchanged[term.key] = frozenset([term.text]), ()
+    other.barred.add(("joint_resonance", 1))
     search.take_attempts_of(other)
     assert set(search._not_exchanged) == {columns_stay.key}
+    assert search.barred == other.barred
+
+
+def test_parameters_beyond_those_of_any_model_contradict_themselves(two_link):
+    search = searched(two_link)
+    forms = {f.key: f for b in search.library.batches for f in b.forms}
+    term = search.evidence_of(search.fit, forms["joint_spring", 0])
+    assert not search.contradicts_itself(term)
+    assert search.contradicts_itself(replace(term, beta=np.array([6e9])))
+
+
+def test_a_law_is_as_uncertain_after_many_rows_as_its_tolerated_error(two_link):
+    """Another value of its constant that loses 4 % of its drop moves the size by the
+    half width: friction beside the same columns with its constants moved that far."""
+    search = searched(two_link)
+    forms = [
+        f
+        for b in search.library.batches
+        for f in b.forms
+        if f.key == ("power_law_friction", 0)
+    ]
+    term = max((search.evidence_of(search.fit, f) for f in forms), key=lambda t: t.drop)
+    search.terms = [term]
+    data = search.data
+    errors = data.constant_error_columns([term.form.effect], [term.beta])
+    nothing_else = np.zeros((data.n, len(data.rows.t), 0))
+    (known,) = sizes_with_intervals(search, nothing_else, errors)
+    half_width = NORMAL_95 * np.sqrt(known.covariance_of_law[0, 0])
+    # The constant's derivative, beyond the model and the friction itself.
+    fit = search.score.fit(())
+    ((derivative, columns),) = [e for e in errors if e[0].effect is term.form.effect]
+    friction = fit.residual_of(fit.scaled(term.columns))[0]
+    by_constant = fit.residual_of(fit.scaled(columns))[0]
+    share = float(np.vdot(friction, by_constant) / np.vdot(friction, friction))
+    lost = np.sum((by_constant - share * friction) ** 2)
+    lost += 1.0  # by the constant's prior, a standard normal
+    moved = np.sqrt(LAW_TOLERANCE * term.drop / lost)
+    assert derivative.keys == ("alpha",)
+    assert half_width == pytest.approx(abs(share) * moved, rel=0.2)
+    assert known.std_of_law(term.form.effect) <= 0.5 * abs(term.beta[0])
 
 
 def test_a_drop_beside_another_fit_is_that_of_the_whole_score(two_link):

@@ -339,3 +339,26 @@ def test_a_gear_is_as_soft_as_its_frequency_and_its_links_say(
     compliance = np.array([over_expected / ((2.0 * np.pi * 2.5) ** 2 * 0.3)])
     assert effect.contradicts_itself(compliance, 0.3) == contradicts
     assert not effect.contradicts_itself(compliance, np.nan)
+
+
+def test_a_force_along_parallel_axes_makes_no_torque(scara_arm):
+    """But for the last digits of the angles in the robot's file."""
+    kind = effect_types()["external_wrench"]
+    robot = scara_arm.robot
+    torque = kind(robot).torques(steady_motion(robot))
+    largest = np.abs(torque).max(axis=(0, 1))
+    assert np.all((largest == 0.0) | (largest > 1e-3))
+    assert np.any(largest > 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("waves", "is_doubtful"), [(1.4, True), (1.9, True), (2.1, False)]
+)
+def test_a_ripple_of_less_than_two_waves_looks_like_a_spring(
+    two_link, waves, is_doubtful
+):
+    ripple = effect_types()["torque_ripple"](two_link.robot, [0], k=6.0)
+    coverage = JointCoverage(travel=2.0 * np.pi * waves / 6.0)
+    assert bool(ripple.looks_like(1.0, coverage)) == is_doubtful
+    assert ("joint_spring" in ripple.resembles_over(coverage)) == is_doubtful
+    assert not ripple.looks_like(0.0, coverage)  # it is looked for
