@@ -45,7 +45,8 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
 
     A confident finding becomes weak if its size there is less than five standard
     deviations from zero. Its remark says whether the size is uncertain, or may be zero.
-    Whether it may be zero does not depend on the tolerated error of its law.
+    The tolerated error of its law is no such doubt: another law changes the number, but
+    hardly the torque.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     if finding.confidence == "confident":
         if is_insignificant(size, std_without_law):
             remarks = (REASONS["insignificant"],)
-        elif is_uncertain(size, std):
+        elif is_uncertain(size, std_without_law):
             remarks = (REASONS["uncertain"],)
     return replace(
         finding,
