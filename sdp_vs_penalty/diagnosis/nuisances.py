@@ -29,6 +29,18 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
+#: Functions g by which a law's torque may be wrong: t, v, |v|, v^2, q, q^2, q v.
+N_FACTORS = 7
+
+
+def share_of_one_misfit(effect: Effect) -> float:
+    """Return the share of what an effect explains that one of its misfits is expected
+    to make.
+
+    All misfits, N_FACTORS and the free shape constants, make 4 % (LAW_TOLERANCE).
+    """
+    return LAW_TOLERANCE / (N_FACTORS + len(free_constants(effect)))
+
 
 def law_misfit_columns(
     data: WhiteData,

@@ -7,10 +7,11 @@ clusters of rows, or the parts of the log, that make it largest. Variances are a
 those of independent rows. Errors of the torque channels' gains, and of a model held
 fixed, are included.
 
-More rows do not tell the size better than the law is right. A law is trusted to a share
-eps = 4 % of the drop dD of the deviance that it brings (LAW_TOLERANCE), as in the
-search. So its shape constants may be any that lose no more than eps dD, and the size
-follows them. To second order its half width is
+More rows do not tell the size better than the law is right. As in the search
+(:mod:`~sdp_vs_penalty.diagnosis.nuisances`), errors of a law are expected to make 4 % of
+what it explains, and each of them its share eps. So the shape constants may be wrong by
+what loses the share eps of the drop dD of the deviance, and the size follows them. To
+second order its standard deviation is
 
     sqrt(eps dD (C - C_s)),
 
@@ -28,11 +29,11 @@ import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
-    LAW_TOLERANCE,
     SIGNIFICANT,
     UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
+from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import (
     ConstantErrors,
@@ -201,7 +202,7 @@ def size_with_interval(
     own = np.flatnonzero(is_own)
     inverse_of_own = np.linalg.pinv(A[np.ix_(own, own)], rcond=1e-12, hermitian=True)
     by_constants = inverse_of_own[:k, :k] - inverse_given_constants
-    tolerated = LAW_TOLERANCE * max(term.drop, 0.0) / NORMAL_95**2
+    tolerated = share_of_one_misfit(term.form.effect) * max(term.drop, 0.0)
     of_effect = [factor[:k] for factor in factors]
     gram_of_effect = gram[:k, :k]
     return Size(

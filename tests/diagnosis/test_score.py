@@ -30,7 +30,6 @@ from sdp_vs_penalty.diagnosis import (
     white_candidate,
     whiten_rows,
 )
-from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.signals import coloured_noise
 
 n = 2
@@ -415,8 +414,8 @@ def test_parameters_beyond_those_of_any_model_contradict_themselves(two_link):
 
 
 def test_a_law_is_as_uncertain_after_many_rows_as_its_tolerated_error(two_link):
-    """Another value of its constant that loses 4 % of its drop moves the size by the
-    half width: friction beside the same columns with its constants moved that far."""
+    """Another value of its constant that loses an eighth of 4 % of its drop (it has
+    eight misfits) moves the size by one standard deviation."""
     search = searched(two_link)
     forms = [
         f
@@ -430,7 +429,7 @@ def test_a_law_is_as_uncertain_after_many_rows_as_its_tolerated_error(two_link):
     errors = data.constant_error_columns([term.form.effect], [term.beta])
     nothing_else = np.zeros((data.n, len(data.rows.t), 0))
     (known,) = sizes_with_intervals(search, nothing_else, errors)
-    half_width = NORMAL_95 * np.sqrt(known.covariance_of_law[0, 0])
+    std = np.sqrt(known.covariance_of_law[0, 0])
     # The constant's derivative, beyond the model and the friction itself.
     fit = search.score.fit(())
     ((derivative, columns),) = [e for e in errors if e[0].effect is term.form.effect]
@@ -439,9 +438,9 @@ def test_a_law_is_as_uncertain_after_many_rows_as_its_tolerated_error(two_link):
     share = float(np.vdot(friction, by_constant) / np.vdot(friction, friction))
     lost = np.sum((by_constant - share * friction) ** 2)
     lost += 1.0  # by the constant's prior, a standard normal
-    moved = np.sqrt(LAW_TOLERANCE * term.drop / lost)
+    moved = np.sqrt(LAW_TOLERANCE / 8 * term.drop / lost)
     assert derivative.keys == ("alpha",)
-    assert half_width == pytest.approx(abs(share) * moved, rel=0.2)
+    assert std == pytest.approx(abs(share) * moved, rel=0.2)
     assert known.std_of_law(term.form.effect) <= 0.5 * abs(term.beta[0])
 
 
