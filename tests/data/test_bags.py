@@ -111,3 +111,15 @@ def test_two_topics_that_hold_all_joints_are_asked_for(tmp_path):
 
 def test_without_any_effort_the_bag_is_refused(tmp_path):
     refusal(lambda: read_bag(tmp_path, part("a b c", effort=False)), "has effort")
+
+
+def test_joints_may_change_their_order_from_message_to_message(tmp_path):
+    orders = [np.random.default_rng(k).permutation(3) for k in range(len(T))]
+    messages = [
+        (STATES, t, [JOINTS[j] for j in at], Q[k, at], DQ[k, at], TAU[k, at])
+        for k, (t, at) in enumerate(zip(T, orders, strict=True))
+    ]
+    run = read_bag(tmp_path, messages)
+    np.testing.assert_array_equal(run.q, Q)
+    np.testing.assert_array_equal(run.dq, DQ)
+    np.testing.assert_array_equal(run.tau, TAU)

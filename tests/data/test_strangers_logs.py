@@ -1,6 +1,7 @@
 """Logs as strangers write them: the same numbers come out of any spelling, and nothing
 is guessed where two readings are as good."""
 
+import json
 import re
 import shlex
 import warnings
@@ -16,7 +17,7 @@ from recorded import refusal
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import describe_columns, read_run, save
 from sdp_vs_penalty.data.formats.units import unit_of_factor
-from sdp_vs_penalty.errors import ColumnsRemark, Remark
+from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.simulation import experiment
 
 JOINTS = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint")
@@ -551,3 +552,78 @@ def test_the_printed_unit_is_one_of_the_quantity():
     assert unit_of_factor(1e-3, "t") == "ms"
     assert unit_of_factor(1e-3, "q") == "mm"
     assert unit_of_factor(0.3, "tau") is None
+
+
+def orders_that_change() -> list[np.ndarray]:
+    """The place of each joint in the rows of a log that has them in any order."""
+    return [np.random.default_rng(k).permutation(3) for k in range(len(T))]
+
+
+def message(k: int, order: np.ndarray) -> dict[str, list]:
+    return {
+        "name": [JOINTS[j] for j in order],
+        "position": Q[k, order].tolist(),
+        "effort": TAU[k, order].tolist(),
+    }
+
+
+def rows_with_names(layout: str, path: Path) -> Path:
+    """Rows that each name their joints, in an order of their own."""
+    messages = [message(k, order) for k, order in enumerate(orders_that_change())]
+    if layout == "json":
+        lines = [json.dumps({"time": t, **m}) for t, m in zip(T, messages, strict=True)]
+        path = path / "run.jsonl"
+        path.write_text("\n".join(lines))
+        return path
+    path = path / "run.csv"
+    if layout == "lists":
+        fields = ["name", "position", "effort"]
+        columns = [[f'"{m[field]}"' for m in messages] for field in fields]
+        return write(path, ["time", *fields], [T, *columns])
+    head = numbered("name[{}]", "position[{}]", "effort[{}]")
+    columns = zip(
+        *[[*m["name"], *m["position"], *m["effort"]] for m in messages], strict=True
+    )
+    return write(path, ["time", *head], [T, *columns])
+
+
+@pytest.mark.parametrize("layout", ["json", "lists", "columns"])
+def test_joints_may_change_their_order_from_row_to_row(layout, tmp_path):
+    run = read_silently(rows_with_names(layout, tmp_path))
+    np.testing.assert_allclose(run.q, Q, atol=1e-9)
+    np.testing.assert_allclose(run.tau, TAU, atol=1e-9)
+
+
+@pytest.mark.parametrize("layout", ["json", "lists", "columns"])
+def test_a_row_with_other_joints_is_refused(layout, tmp_path):
+    path = rows_with_names(layout, tmp_path)
+    lines = path.read_text().split("\n")
+    lines[40] = lines[40].replace(JOINTS[1], "finger_joint")
+    path.write_text("\n".join(lines))
+    sentence = f"{path}: (row|line) 41 names other joints than the first"
+    with pytest.raises(InputError, match=sentence):
+        read_silently(path)
+
+
+def test_joints_of_a_json_log_come_in_the_robot_s_order(tmp_path):
+    lines = [
+        json.dumps({"time": t, **message(k, np.array(ORDER))})
+        for k, t in enumerate(T.tolist())
+    ]
+    path = tmp_path / "run.jsonl"
+    path.write_text("\n".join(lines))
+    np.testing.assert_array_equal(read_silently(path).q, Q)
+
+
+@pytest.mark.parametrize("words", [("t", "q", "tau"), ("time", "positions", "efforts")])
+def test_arrays_follow_the_names_beside_them(words, tmp_path):
+    time, positions, efforts = words
+    names = np.array([JOINTS[k] for k in ORDER])
+    arrays = {time: T, positions: Q[:, ORDER], efforts: TAU[:, ORDER]}
+    path = tmp_path / "run.npz"
+    np.savez(path, joint_names=names, **arrays)
+    run = read_silently(path)
+    np.testing.assert_array_equal(run.q, Q)
+    np.testing.assert_array_equal(run.tau, TAU)
+    without_robot = read_silently(path, None)
+    np.testing.assert_array_equal(without_robot.q, Q[:, ORDER])

@@ -159,7 +159,7 @@ class _Stream:
     Parameters
     ----------
     topic : name of the topic
-    names : names of the joints
+    names : names of the joints, in the order of the first message that has them
     fields : those of position, velocity and effort that have a value for each joint
     table : appendable table on the disk, to which full parts of rows go
     rows : rows that are not in the table yet
@@ -233,10 +233,14 @@ def _streams(
     recording time), from which all others are counted.
     """
     streams = dict[tuple[Any, ...], _Stream]()
+    # A publisher may name the same joints in another order in every message.
+    first_order = dict[tuple[str, ...], tuple[str, ...]]()
     first = np.zeros(0)
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
-        names = tuple(str(name) for name in message.name)
+        in_message = tuple(str(name) for name in message.name)
+        names = first_order.setdefault(tuple(sorted(in_message)), in_message)
+        places = [in_message.index(name) for name in names]
         fields = _filled_fields(message, len(names))
         key = (connection.topic, names, fields)
         stream = streams.setdefault(key, _Stream(*key))
@@ -245,7 +249,7 @@ def _streams(
         row: list[float] = ((clocks - first) / 1e9).tolist()
         for name in _FIELDS:
             values = getattr(message, name) if name in fields else [np.nan] * len(names)
-            row += [float(x) for x in values]
+            row += [float(values[place]) for place in places]
         stream.add(row)
     for stream in streams.values():
         stream.finish_part()

@@ -20,6 +20,7 @@ from sdp_vs_penalty.data.formats.recognition import (
     AmbiguousColumnsError,
     CellTable,
     Recognition,
+    columns_of_joint_names,
     counted_from_zero,
     find_clock,
     has_our_names,
@@ -669,12 +670,12 @@ def _order_of(
     """Return the place in a block's lists of each of the robot's joints; None for the
     file's order.
 
-    Where the user chose the columns by ``--rename`` and named the joints, the order is
-    still recognised from the joints' names in the file.
+    Where the columns have our names, or the user chose them by ``--rename``, the order
+    is still recognised from the joints' names in the file.
     """
     if recognition is not None:
         return recognition.order
-    if not choice.rename or not choice.joints or table is None:
+    if not choice.joints or table is None or not columns_of_joint_names(names):
         return None
     try:
         guess = recognise(names, choice.joints, table)
@@ -774,7 +775,7 @@ def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, s
     """
     families = {
         pattern: columns
-        for pattern, columns in _numbered_families(names).items()
+        for pattern, columns in numbered_families(names).items()
         if len(columns) > 1
     }
     quantities = {pattern: _quantity_of(x[0]) for pattern, x in families.items()}
@@ -818,7 +819,7 @@ def _scale_of_proposal(
 
     scale = dict[str, float]()
     for our_name, pattern in pairs.items():
-        columns = _numbered_families(names).get(pattern, [pattern])
+        columns = numbered_families(names).get(pattern, [pattern])
         reading = read_name(columns[0]) if pattern != "NAME" else None
         if reading is not None and reading.factor != 1.0:
             scale[our_name.rstrip("*")] = reading.factor
@@ -834,9 +835,19 @@ def _quantity_of(name: str) -> str | None:
     return None if reading is None else reading.quantity
 
 
-def _numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
-    """Collect columns that differ by their last number alone, by their pattern: "pos_*"
-    for pos_0 and pos_1."""
+def numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
+    """Collect columns that differ by their last number alone.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Names of columns.
+
+    Returns
+    -------
+    dict of str to list of str
+        The columns by their pattern: "pos_*" for pos_0 and pos_1.
+    """
     families = dict[str, list[str]]()
     for name in names:
         pattern = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", name)

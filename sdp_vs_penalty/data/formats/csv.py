@@ -11,7 +11,16 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import GROUPS, Choice, Header, columns_of
-from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.formats.joint_order import (
+    Places,
+    in_first_order,
+    places_of_joints,
+)
+from sdp_vs_penalty.data.formats.recognition import (
+    CellTable,
+    columns_of_joint_names,
+    joints_of_texts,
+)
 from sdp_vs_penalty.data.formats.renaming import group_of
 from sdp_vs_penalty.data.formats.stamps import past_midnight
 from sdp_vs_penalty.data.formats.text_columns import (
@@ -82,7 +91,12 @@ def read(path: Path, choice: Choice) -> Measurements:
     )
     chosen = sorted(names.index(name) for name in header.columns)
     _refuse_texts(table, names, chosen)
-    run = _run_of_columns(table, header, names, chosen)
+    is_chosen = bool(choice.rename or header.joints)
+    places = _places_of_joints(table, names, header.joints) if is_chosen else None
+    if places is None:
+        run = _run_of_columns(table, header, names, chosen)
+    else:
+        run = header.read(in_first_order(_numeric_columns(table, names), places))
     clock = () if choice.rate is not None else header.groups.get("t", ())
     has_times_of_day = any(table.kinds[names.index(x)] == "stamp" for x in clock)
     return replace(run, t=past_midnight(run.t)) if has_times_of_day else run
@@ -141,13 +155,50 @@ def read_columns(path: Path) -> dict[str, Array]:
         Naming the row and column that is wrong.
     """
     table = inspect_table(path)
+    return _numeric_columns(table, table.names)
+
+
+def _numeric_columns(table: TextTable, names: Sequence[str]) -> dict[str, Array]:
+    """Read the columns that hold numbers, lists of numbers or time stamps, by the names
+    that they go by here."""
     numeric_kinds = ("number", "list", "stamp")
-    chosen = [k for k, kind in enumerate(table.kinds) if kind in numeric_kinds]
+    texts = set(_columns_of_joints(table, names))
+    chosen = [
+        k
+        for k, kind in enumerate(table.kinds)
+        if kind in numeric_kinds and k not in texts
+    ]
     pieces = list(read_pieces(table, chosen))
     columns = dict[str, Array]()
     for place, k in enumerate(chosen):
-        columns[table.names[k]] = np.concatenate([piece[place] for piece in pieces])
+        columns[names[k]] = np.concatenate([piece[place] for piece in pieces])
     return columns
+
+
+def _columns_of_joints(table: TextTable, names: Sequence[str]) -> list[int]:
+    """List the places, from 0, of the columns that hold joints' names, one or a list in
+    each cell."""
+    places = [names.index(name) for name in columns_of_joint_names(names)]
+    return [
+        k
+        for k in places
+        if table.kinds[k] == "text"
+        or (table.kinds[k] == "list" and joints_of_texts(table.first_cells(k)[:1]))
+    ]
+
+
+def _places_of_joints(
+    table: TextTable, names: Sequence[str], joints: Sequence[str]
+) -> Places | None:
+    """Find where each row has the joints of the first row; None where the order never
+    changes, or the table has no columns with the names of these joints."""
+    name_columns = _columns_of_joints(table, names)
+    first_joints = joints_of_texts([table.first_cells(k)[0] for k in name_columns])
+    if len(first_joints) < 2 or not set(joints) <= set(first_joints):
+        return None
+    row_numbers, cells = read_cells(table, name_columns)
+    joints_of_rows = [joints_of_texts(row) for row in zip(*cells, strict=True)]
+    return places_of_joints(table.path, joints_of_rows, row_numbers)
 
 
 def inspect(path: Path) -> CellTable:

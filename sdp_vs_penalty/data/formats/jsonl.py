@@ -1,14 +1,19 @@
 """JSON lines: one object a sample, such as {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.data.formats.columns import Choice, Header, table_of_arrays
-from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.formats.joint_order import (
+    Places,
+    in_first_order,
+    places_of_joints,
+)
+from sdp_vs_penalty.data.formats.recognition import CellTable, columns_of_joint_names
 from sdp_vs_penalty.data.formats.text_table import iter_rows
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -39,21 +44,26 @@ def read(path: Path, choice: Choice) -> Measurements:
     InputError
         A file that cannot be read, or a channel that is missing.
     """
-    columns = read_columns(path)
-    return Header.of(path, list(columns), choice, table=_cell_table(columns)).read(
-        columns
-    )
+    columns, joints = _columns_and_joints(path)
+    table = _cell_table(columns, joints)
+    return Header.of(path, list(table.kinds), choice, table=table).read(columns)
 
 
 def inspect(path: Path) -> CellTable:
     """Describe the fields of JSON lines by their kinds and first values. See
     :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
-    return _cell_table(read_columns(path))
+    return _cell_table(*_columns_and_joints(path))
 
 
-def _cell_table(columns: Mapping[str, Array]) -> CellTable:
-    """Describe fields by their kinds and first values."""
-    return table_of_arrays(columns)
+def _cell_table(
+    columns: Mapping[str, Array], joints: Mapping[str, Sequence[str]]
+) -> CellTable:
+    """Describe fields by their kinds and first values; ``joints`` are the joints' names
+    by the field that holds them."""
+    numbers = table_of_arrays(columns)
+    kinds = dict.fromkeys(joints, "text")
+    cells = {name: [str(list(texts))] for name, texts in joints.items()}
+    return CellTable({**numbers.kinds, **kinds}, {**numbers.cells, **cells})
 
 
 def read_columns(path: Path) -> dict[str, Array]:
@@ -75,17 +85,41 @@ def read_columns(path: Path) -> dict[str, Array]:
     InputError
         A line that is no JSON object, or lists of different lengths.
     """
+    return _columns_and_joints(path)[0]
+
+
+def _columns_and_joints(
+    path: Path,
+) -> tuple[dict[str, Array], dict[str, Sequence[str]]]:
+    """Read the fields of numbers, and the joints' names by the field that holds them.
+
+    Where lines name the same joints in different orders, each number goes back to its
+    joint: all lists are in the first line's order.
+    """
     samples = list[dict[str, Any]]()
+    line_numbers = list[int]()
     for first, lines in iter_rows(path):
         for number, line in enumerate(lines, start=first):
             if line.strip():
                 samples.append(_parse_line(path, number, line))
+                line_numbers.append(number)
     columns = dict[str, Array]()
+    joints = dict[str, Sequence[str]]()
+    places = list[Places]()
     for name in samples[0] if samples else ():
         values = [sample.get(name) for sample in samples]
-        if all(value is not None for value in values):
+        if _is_list_of_texts(values[0]):
+            if name not in columns_of_joint_names([name]):
+                continue
+            rows = [_texts_of(value) for value in values]
+            joints[name] = rows[0]
+            found = places_of_joints(path, rows, line_numbers, SAMPLE)
+            places += [] if found is None else [found]
+        elif not any(value is None or _is_list_of_texts(value) for value in values):
             columns[name] = _block(path, name, values)
-    return columns
+    for order in places:
+        columns = in_first_order(columns, order)
+    return columns, joints
 
 
 def _parse_line(
@@ -93,7 +127,7 @@ def _parse_line(
     number: int,
     line: str,
 ) -> dict[str, Any]:
-    """Parse the numbers and lists of numbers of one line, by their names.
+    """Parse the numbers, and lists of numbers or texts, of one line, by their names.
 
     Raises InputError where the line is no JSON object.
     """
@@ -109,15 +143,31 @@ def _parse_line(
 
 
 def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Iterate over the numbers, and lists of numbers, of nested objects, named like
-    "header.stamp.sec"."""
+    """Iterate over the numbers, and lists of numbers or texts, of nested objects, named
+    like "header.stamp.sec"."""
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{prefix}{key}.")
-        elif _is_number(value) or (
-            isinstance(value, list) and all(map(_is_number, value))
+        elif (
+            _is_number(value)
+            or _is_list_of_texts(value)
+            or (isinstance(value, list) and all(map(_is_number, value)))
         ):
             yield f"{prefix}{key}", value
+
+
+def _texts_of(value: Any) -> Sequence[str]:
+    """Return a list of texts as it is, and no texts for any other JSON value."""
+    return list(value) if _is_list_of_texts(value) else []
+
+
+def _is_list_of_texts(value: Any) -> bool:
+    """Return whether a JSON value is a list of texts, at least one."""
+    return (
+        isinstance(value, list)
+        and len(value) > 0
+        and all(isinstance(text, str) for text in value)
+    )
 
 
 def _is_number(value: Any) -> bool:

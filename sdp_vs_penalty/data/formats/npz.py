@@ -18,7 +18,7 @@ from sdp_vs_penalty.data.formats.columns import (
     understood,
 )
 from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
-from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.formats.recognition import CellTable, columns_of_joint_names
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import LARGEST_IN_MEMORY, PART, concatenate_chunks
 from sdp_vs_penalty.errors import InputError
@@ -57,12 +57,42 @@ def read(path: Path, choice: Choice) -> Measurements:
         table = _columns_of_one_table(path, file)
         if table is not None:
             return run_of_columns(path, table, choice)
-        header = Header.of(path, list(file.files), choice)
+        header = Header.of(
+            path,
+            list(file.files),
+            choice,
+            table=_table_of_joints(file),
+        )
         arrays = {name: _channel(path, file, name) for name in header.columns}
     lengths = {len(array) for array in arrays.values()}
     if len(lengths) > 1 or max(lengths, default=0) <= PART or "t" not in header.groups:
         return header.read(arrays)
     return header.gather(_pieces(header, arrays))
+
+
+def _table_of_joints(file: Any) -> CellTable | None:
+    """Describe an archive that names its joints beside blocks of numbers; None for one
+    that does not.
+
+    The names are an array of n texts called "joint_names" or alike. An array (N, n) is
+    a "list" a row, whose order the names tell. Numbers are not read here.
+    """
+    kinds = dict.fromkeys(file.files, "list")
+    cells = dict[str, list[str]]()
+    for name in columns_of_joint_names(file.files):
+        if _is_text(file, name):
+            kinds[name] = "text"
+            cells[name] = [str(np.ravel(file[name]).astype(str).tolist())]
+    return CellTable(kinds, cells) if cells else None
+
+
+def _is_text(file: Any, name: str) -> bool:
+    """Return whether an array of an archive holds texts, by its header alone."""
+    if f"{name}.npy" not in file.zip.namelist():
+        return False
+    with file.zip.open(f"{name}.npy") as member:
+        _, dtype = _row_layout(member)
+    return dtype.kind in "US"
 
 
 def _pieces(header: Header, arrays: Mapping[str, Array]) -> Iterator[Measurements]:

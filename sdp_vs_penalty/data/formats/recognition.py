@@ -861,6 +861,26 @@ def _texts_of_joints(names: Sequence[str], table: CellTable | None) -> list[str]
     """
     if table is None:
         return []
+    texts = [_first_cell(table, name) for name in columns_of_joint_names(names)]
+    texts = joints_of_texts(texts)
+    is_unique = len(set(texts)) == len(texts)
+    return texts if is_unique and all(texts) else []
+
+
+def columns_of_joint_names(names: Sequence[str]) -> list[str]:
+    """Find the columns that hold joints' names.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Names of the file's columns.
+
+    Returns
+    -------
+    list of str
+        "name0", "name1" ..., one joint each, by their numbers; or "name", with a list
+        of all names.
+    """
     without_number = -1
     columns = dict[int, str]()
     for name in names:
@@ -868,11 +888,24 @@ def _texts_of_joints(names: Sequence[str], table: CellTable | None) -> list[str]
         if match is not None:
             number = int(match[1]) if match[1] else without_number
             columns[number] = name
-    texts = [_first_cell(table, columns[number]) for number in sorted(columns)]
-    if list(columns) == [without_number]:
-        return _words_of_list(texts[0])
-    is_unique = len(set(texts)) == len(texts)
-    return texts if is_unique and all(texts) else []
+    return [columns[number] for number in sorted(columns)]
+
+
+def joints_of_texts(texts: Sequence[str]) -> list[str]:
+    """Read the joints' names of one row.
+
+    Parameters
+    ----------
+    texts : Sequence[str]
+        The row's cells in the columns of :func:`columns_of_joint_names`.
+
+    Returns
+    -------
+    list of str
+        One name a cell, or the names of a list in the only cell; empty without cells,
+        and for a list of fewer than two names.
+    """
+    return _words_of_list(texts[0]) if len(texts) == 1 else list(texts)
 
 
 def _first_cell(table: CellTable, name: str) -> str:
