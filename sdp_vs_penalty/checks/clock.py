@@ -28,8 +28,13 @@ _STEPS = (2e-5, 0.5)
 
 #: Fewest long steps in a row that are another rate, and not gaps.
 _SHORTEST_CHANGE_OF_RATE = 5
-#: Units of time that loggers write.
-_UNITS = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
+#: Units of time that loggers write; spreadsheets and MATLAB's datenum count days.
+_UNITS = {
+    "milliseconds": "ms",
+    "microseconds": "us",
+    "nanoseconds": "ns",
+    "days": "day",
+}
 
 
 def find_time_unit(glance: RunSummary) -> Iterator[Issue]:

@@ -129,6 +129,12 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
         "nanoseconds",
         "error",
     ),
+    "days, as spreadsheets count them": (
+        lambda run: replace(run, t=46_000.0 + run.t / 86_400.0),
+        "time unit",
+        "days",
+        "error",
+    ),
     "a dead channel": (
         changed("tau", 2, lambda x: 0.25),
         "dead channel",

@@ -10,9 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import run_cli
 from recorded import refusal
+from scipy.io import savemat
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import describe_columns, read_run, save
@@ -547,6 +549,16 @@ def test_a_thousandth_of_a_newton_metre_in_any_writing(unit, tmp_path):
     np.testing.assert_allclose(read_silently(path).tau, TAU, atol=1e-8)
 
 
+@pytest.mark.parametrize("unit", ["oz-in", "ozf in", "oz*in"])
+def test_ounces_and_inches(unit, tmp_path):
+    path = write(
+        tmp_path / "run.csv",
+        ["t", *numbered("q{}", first=1), *numbered("tau{} (" + unit + ")", first=1)],
+        [T, *channels(Q, TAU / (0.02834952 * 9.80665 * 0.0254))],
+    )
+    np.testing.assert_allclose(read_silently(path).tau, TAU, rtol=1e-6, atol=1e-8)
+
+
 def test_the_printed_unit_is_one_of_the_quantity():
     assert unit_of_factor(1e-3, "tau") == "mnm"
     assert unit_of_factor(1e-3, "t") == "ms"
@@ -575,6 +587,10 @@ def rows_with_names(layout: str, path: Path) -> Path:
         path = path / "run.jsonl"
         path.write_text("\n".join(lines))
         return path
+    if layout == "parquet":
+        table = pd.DataFrame({"time": T, **pd.DataFrame(messages)})
+        table.to_parquet(path / "run.parquet")
+        return path / "run.parquet"
     path = path / "run.csv"
     if layout == "lists":
         fields = ["name", "position", "effort"]
@@ -587,7 +603,7 @@ def rows_with_names(layout: str, path: Path) -> Path:
     return write(path, ["time", *head], [T, *columns])
 
 
-@pytest.mark.parametrize("layout", ["json", "lists", "columns"])
+@pytest.mark.parametrize("layout", ["json", "lists", "columns", "parquet"])
 def test_joints_may_change_their_order_from_row_to_row(layout, tmp_path):
     run = read_silently(rows_with_names(layout, tmp_path))
     np.testing.assert_allclose(run.q, Q, atol=1e-9)
@@ -627,3 +643,37 @@ def test_arrays_follow_the_names_beside_them(words, tmp_path):
     np.testing.assert_array_equal(run.tau, TAU)
     without_robot = read_silently(path, None)
     np.testing.assert_array_equal(without_robot.q, Q[:, ORDER])
+
+
+def test_comments_between_and_below_the_rows_are_left_out(tmp_path):
+    head = ["t", *numbered("q{}", "tau{}", first=1)]
+    path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU)])
+    lines = path.read_text().splitlines()
+    lines.insert(50, "# the arm was paused, for a second")
+    path.write_text("\n".join([*lines, "# end of the log"]))
+    with pytest.warns(Remark, match="2 comments left out"):
+        run = read_run(path, None, JOINTS)
+    np.testing.assert_allclose(run.q, Q)
+
+
+def test_structs_of_matlab_in_an_array(tmp_path):
+    joints = np.zeros((1, 3), [("pos", "O"), ("torque", "O")])
+    for k in range(3):
+        joints[0, k] = (Q[:, k : k + 1], TAU[:, k : k + 1])
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": T[:, None], "joint": joints})
+    run = read_silently(path)
+    np.testing.assert_array_equal(run.q, Q)
+    np.testing.assert_array_equal(run.tau, TAU)
+
+
+def test_signals_of_simulink_are_called_by_their_labels(tmp_path):
+    signals = np.zeros((1, 2), [("values", "O"), ("label", "O")])
+    signals[0, 0] = (Q, "q")
+    signals[0, 1] = (TAU, "tau")
+    path = tmp_path / "run.mat"
+    savemat(path, {"ScopeData": {"time": T[:, None], "signals": signals}})
+    run = read_silently(path)
+    np.testing.assert_array_equal(run.t, T)
+    np.testing.assert_array_equal(run.q, Q)
+    np.testing.assert_array_equal(run.tau, TAU)

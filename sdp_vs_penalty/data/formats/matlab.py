@@ -1,7 +1,7 @@
 """MATLAB .mat files (versions 4 to 7) with variables t, q, tau (dq optional), or q1,
 q2, ..."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +74,9 @@ def read_columns(path: Path) -> dict[str, Array]:
         for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
             arrays |= part
     arrays = {name: np.atleast_1d(block) for name, block in arrays.items()}
-    tables = [block for block in arrays.values() if min(block.shape) > 1]
+    tables = [
+        block for block in arrays.values() if block.ndim > 1 and min(block.shape) > 1
+    ]
     if len(arrays) == 1 and tables:
         return columns_of_array(path, tables[0])  # as Simulink writes it to a file
     return arrays
@@ -124,9 +126,38 @@ def _leaves(
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{name}.")
             continue
+        structs = _structs_of(value)
+        if structs:
+            yield from _leaves(_by_label_or_number(key, structs), prefix)
+            continue
         block = np.asarray(value)
         if block.dtype.kind in "fiu" and block.ndim <= 2:
             yield name, block.astype(float)
+
+
+def _structs_of(value: object) -> list[Mapping[str, object]]:
+    """Return the structs of an array of structs; empty for any other variable."""
+    is_array = isinstance(value, list) or (
+        isinstance(value, np.ndarray) and value.dtype == object
+    )
+    items = list(np.ravel(np.asarray(value, object))) if is_array else []
+    structs = [item for item in items if isinstance(item, Mapping)]
+    return structs if len(structs) == len(items) else []
+
+
+def _by_label_or_number(
+    key: str, structs: Sequence[Mapping[str, object]]
+) -> dict[str, object]:
+    """Name the structs of an array: "joint1", "joint2" ...
+
+    Simulink's signals have their values and a label in each struct: they are called by
+    the labels, where these differ.
+    """
+    labels = [str(struct.get("label", "")).strip() for struct in structs]
+    if all(labels) and len(set(labels)) == len(labels):
+        values = [struct.get("values") for struct in structs]
+        return dict(zip(labels, values, strict=True))
+    return {f"{key}{k}": struct for k, struct in enumerate(structs, start=1)}
 
 
 def write(measurements: Measurements, path: Path) -> None:

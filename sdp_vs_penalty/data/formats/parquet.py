@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
-from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.formats.joint_order import (
+    Places,
+    in_first_order,
+    places_of_joints,
+)
+from sdp_vs_penalty.data.formats.recognition import CellTable, columns_of_joint_names
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
@@ -46,6 +51,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
     ):
         header = _header(path, choice, file)
+        places = _places_of_joints(path, file)
+        if places is not None:
+            return header.read(in_first_order(read_columns(path), places))
         return header.gather(_pieces(path, header, file))
 
 
@@ -95,7 +103,8 @@ def read_columns(path: Path) -> dict[str, Array]:
         understood(path, "Parquet file", "write it anew, or convert it to CSV"),
         parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
     ):
-        names = list(_cell_table(file).kinds)
+        kinds = _cell_table(file).kinds
+        names = [name for name, kind in kinds.items() if kind != "text"]
         table = file.read(columns=names, use_threads=False)
     return {name: _numbers(path, name, table.column(name)) for name in names}
 
@@ -112,12 +121,45 @@ def _header(path: Path, choice: Choice, file: Any) -> Header:
 
 
 def _cell_table(file: Any) -> CellTable:
-    """Describe the columns that are no texts by their types and first 50 values."""
+    """Describe the columns by their types and first 50 values; of texts only lists of
+    joints' names."""
     schema = file.schema_arrow
+    names_of_joints = _columns_of_joints(file)
     kinds = {field.name: _kind_of(field.type) for field in schema}
-    kinds = {name: kind for name, kind in kinds.items() if kind != "text"}
+    kinds = {
+        name: kind
+        for name, kind in kinds.items()
+        if kind != "text" or name in names_of_joints
+    }
     first = next(file.iter_batches(batch_size=50, columns=list(kinds)), None)
     return CellTable(kinds, {name: _texts(first, name) for name in kinds})
+
+
+def _columns_of_joints(file: Any) -> list[str]:
+    """List the columns that hold a list of the joints' names in each row."""
+    from pyarrow import types
+
+    lists = [
+        field.name
+        for field in file.schema_arrow
+        if (types.is_list(field.type) or types.is_large_list(field.type))
+        and (
+            types.is_string(field.type.value_type)
+            or types.is_large_string(field.type.value_type)
+        )
+    ]
+    return columns_of_joint_names(lists)
+
+
+def _places_of_joints(path: Path, file: Any) -> Places | None:
+    """Find where each row has the joints of the first row; None where the order never
+    changes, or no column names the joints."""
+    columns = _columns_of_joints(file)
+    if not columns or file.metadata.num_rows == 0:
+        return None
+    texts = file.read(columns=columns[:1], use_threads=False).column(0).to_pylist()
+    joints_of_rows = [[str(name) for name in row or ()] for row in texts]
+    return places_of_joints(path, joints_of_rows, range(1, len(texts) + 1))
 
 
 def _pieces(

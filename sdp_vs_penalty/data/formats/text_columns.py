@@ -13,6 +13,7 @@ from sdp_vs_penalty.data.formats.stamps import seconds_of
 from sdp_vs_penalty.data.formats.text_table import (
     PIECE,
     TextTable,
+    is_comment,
     is_number,
     iter_rows,
     plain_number,
@@ -162,19 +163,22 @@ def _read_carefully(
 ) -> Iterator[list[Array]]:
     """Read chosen columns row by row, from row ``first`` (counted from 1) on.
 
-    Empty rows and repeated headers are left out, and a remark counts them; empty rows
-    at the end of the file do not count. A wrong cell raises InputError with its row and
+    Empty rows, comments and repeated headers are left out, and a remark counts them;
+    empty rows at the end of the file do not count. A wrong cell raises InputError with its row and
     column.
     """
     n_empty = 0
     n_headers = 0
+    n_comments = 0
     n_trailing = 0  # empty rows since the last one that is not empty
     for first_of_piece, rows in iter_rows(table.path):
         numbered = enumerate(rows, start=first_of_piece)
         new_rows = [(k, row) for k, row in numbered if k >= first]
         full = [(k, row) for k, row in new_rows if row.strip()]
-        values = [(k, row) for k, row in full if row.strip() != table.header_row]
-        n_headers += len(full) - len(values)
+        plain = [(k, row) for k, row in full if not is_comment(row.lstrip())]
+        values = [(k, row) for k, row in plain if row.strip() != table.header_row]
+        n_comments += len(full) - len(plain)
+        n_headers += len(plain) - len(values)
         if full:
             last_row, last_full_row = new_rows[-1][0], full[-1][0]
             n_at_the_end = last_row - last_full_row
@@ -185,12 +189,18 @@ def _read_carefully(
         if values:
             numbers, lines = zip(*values, strict=True)
             yield _parse_rows(table, chosen, numbers, lines)
-    _say_rows_skipped(table.path, n_empty, n_headers)
+    _say_rows_skipped(table.path, n_empty, n_headers, n_comments)
 
 
-def _say_rows_skipped(path: Path, n_empty: int, n_headers: int) -> None:
-    """Warn that empty rows, and headers between values, were left out."""
-    kinds = {"empty row": n_empty, "repeated header": n_headers}
+def _say_rows_skipped(
+    path: Path, n_empty: int, n_headers: int, n_comments: int
+) -> None:
+    """Warn that empty rows, and headers and comments between values, were left out."""
+    kinds = {
+        "empty row": n_empty,
+        "repeated header": n_headers,
+        "comment": n_comments,
+    }
     shown = [formatting.count(n, noun) for noun, n in kinds.items() if n]
     if shown:
         warning = f"{path}: {' and '.join(shown)} left out"
@@ -342,7 +352,8 @@ def read_cells(
     columns = list[list[str]]([[] for _ in chosen])
     for first, rows in iter_rows(table.path):
         for number, line in enumerate(rows, start=first):
-            is_value = line.strip() and line.strip() != table.header_row
+            text = line.strip()
+            is_value = text and text != table.header_row and not is_comment(text)
             if number < table.first or not is_value:
                 continue
             row = split_cells(line, table.delimiter)

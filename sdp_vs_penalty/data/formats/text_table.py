@@ -540,15 +540,26 @@ def _split_comments(
     Returns the comments without their marks, and the numbered rows that are not empty.
     """
     k = 0
-    while k < len(rows) and _is_comment(rows[k][1].lstrip()):
+    while k < len(rows) and is_comment(rows[k][1].lstrip()):
         k += 1
     comments = [line.lstrip().lstrip("#/%").strip() for _, line in rows[:k]]
     return comments, [(n, line) for n, line in rows[k:] if line.strip()]
 
 
-def _is_comment(line: str) -> bool:
+def is_comment(line: str) -> bool:
     """Return whether a line is a comment, or "sep=;", by which a spreadsheet names its
-    separator."""
+    separator.
+
+    Parameters
+    ----------
+    line : str
+        Line of a text, without blanks before it.
+
+    Returns
+    -------
+    bool
+        True for a comment.
+    """
     return line.startswith(_COMMENTS) or line.lower().startswith("sep=")
 
 

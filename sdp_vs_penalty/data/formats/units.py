@@ -13,6 +13,7 @@ UNITS: dict[str, float] = {
     "us": 1e-6,
     "ms": 1e-3,
     "s": 1.0,
+    "day": 86_400.0,
     "deg": _DEGREE,
     "degrees": _DEGREE,
     "degree": _DEGREE,
@@ -58,6 +59,8 @@ _TORQUES = {
     ("kg", "cm"): 0.0980665,
     ("lbf", "ft"): 1.3558179,
     ("lbf", "in"): 0.1129848,
+    ("ozf", "in"): 0.007061552,
+    ("oz", "in"): 0.007061552,
 }
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
 
@@ -83,6 +86,8 @@ UNITS_IN_NAMES: dict[str, dict[str, float]] = {
         "sec": 1.0,
         "secs": 1.0,
         "seconds": 1.0,
+        "day": 86_400.0,
+        "days": 86_400.0,
     },
     "q": _LENGTHS,
     "dq": {
