@@ -426,7 +426,7 @@ def test_torques_in_per_cent_are_said(unit, tmp_path):
 
 
 def test_a_unit_that_nobody_knows_is_said(tmp_path):
-    names = [f"torque_{k} [furlong N]" for k in (1, 2, 3)]
+    names = [f"torque_{k} [st-furlong]" for k in (1, 2, 3)]
     path = table(
         tmp_path / "run.csv",
         [*HEAD[:4], *names],
@@ -434,7 +434,7 @@ def test_a_unit_that_nobody_knows_is_said(tmp_path):
         Q,
         TAU,
     )
-    assert "the unit 'furlong N' of tau is not known" in remarks(path)
+    assert "the unit 'st-furlong' of tau is not known" in remarks(path)
 
 
 def test_joints_in_brackets_are_no_units(tmp_path):

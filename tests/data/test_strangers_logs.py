@@ -677,3 +677,10 @@ def test_signals_of_simulink_are_called_by_their_labels(tmp_path):
     np.testing.assert_array_equal(run.t, T)
     np.testing.assert_array_equal(run.q, Q)
     np.testing.assert_array_equal(run.tau, TAU)
+
+
+def test_positions_of_motors_are_said(tmp_path):
+    head = ["time", *numbered("motor_position_{}", "motor_torque_{}", first=1)]
+    path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU)])
+    with pytest.warns(ColumnsRemark, match="q are the motors' positions: .* --motors"):
+        read_run(path, None, JOINTS)

@@ -794,7 +794,8 @@ def _units_of_words(
     rename: Mapping[str, str], readings: Mapping[str, Reading]
 ) -> list[str]:
     """Format what the columns' names say about units, one sentence each: units other
-    than SI, per cent of a rating, unknown units, and torques that are motor currents.
+    than SI, per cent of a rating, unknown units, positions of motors, and torques that
+    are motor currents.
     """
     units = dict[str, str]()
     for our_name, their_name in rename.items():
@@ -816,6 +817,13 @@ def _units_of_words(
         " it"
         for group, unit in _unknown_units(rename, readings).items()
     ]
+    position_columns = [
+        n for our_name, n in rename.items() if group_of(our_name) == "q"
+    ]
+    if any("motor" in name.lower() for name in position_columns):
+        sentences.append(
+            "q are the motors' positions: behind a gear, --motors makes the joints' of them"
+        )
     torque_columns = [
         n for our_name, n in rename.items() if group_of(our_name) == "tau"
     ]
