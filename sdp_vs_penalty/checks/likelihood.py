@@ -121,6 +121,7 @@ class Likelihood:
         self.as_logged = LogTransform.unchanged(self.n, problem.robot.gravity)
         # Cache sizes: about the repairs of one round of a search; large arrays fewer.
         self._columns = ColumnCache(128 if data.count <= FEW_ROWS else 12)
+        self._fit = lru_cache(8)(self._make_fit)
         self._rows = lru_cache(6)(self._make_rows)
         self._raw = lru_cache(6)(self._make_raw)
         self._model = lru_cache(12)(self._make_model)
@@ -188,6 +189,7 @@ class Likelihood:
         computed anew."""
         self._columns.clear()
         for function in (
+            self._fit,
             self._rows,
             self._raw,
             self._basis,
@@ -751,6 +753,9 @@ class Likelihood:
     def fit(self, repair: LogTransform) -> ArmFit:
         """Fit one arm to the log under one repair.
 
+        The fits used last are cached: a search asks for the likelihood, the physics and
+        the held-out errors of one repair in turn.
+
         Parameters
         ----------
         repair : LogTransform
@@ -761,6 +766,10 @@ class Likelihood:
         ArmFit
             The arm of the largest likelihood.
         """
+        return self._fit(repair)
+
+    def _make_fit(self, repair: LogTransform) -> ArmFit:
+        """Fit one arm under one repair; :meth:`fit` caches the result."""
         return self.fit_all([repair])[0]
 
     def jackknife_errors(

@@ -72,6 +72,20 @@ def test_of_two_faults_the_named_one_is_kept(joint):
     assert kept == log.as_logged.with_entries("gain", (joint,), 2.0)
 
 
+def test_fits_are_kept_until_the_caches_are_cleared():
+    settings = PROBLEM.preprocessing.resolve(RUN)
+    log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
+    repair = log.as_logged.with_multiplied("gain", [0], -1.0)
+    fit = log.fit(repair)
+    assert log.fit(repair) is fit
+    (made_together,) = log.fit_all([repair])
+    np.testing.assert_array_equal(fit.theta, made_together.theta)
+    log.clear_caches()
+    made_anew = log.fit(repair)
+    assert made_anew is not fit
+    np.testing.assert_array_equal(made_anew.theta, fit.theta)
+
+
 @pytest.mark.parametrize(("lever", "is_decisive"), [(0.4, True), (0.005, False)])
 def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
     """A drawing's centre of mass may lie on the other side of the axis: of joint 2, as
