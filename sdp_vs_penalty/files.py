@@ -294,6 +294,30 @@ def read_bytes(
     return content
 
 
+def refuse_stand_in(path: str | Path, content: bytes) -> None:
+    """Refuse what a download can leave in place of a file.
+
+    Parameters
+    ----------
+    path : str | Path
+        Path of the file, for messages.
+    content : bytes
+        The file, or its beginning.
+
+    Raises
+    ------
+    InputError
+        It is a pointer of Git LFS, or a web page.
+    """
+    beginning = content[:1000].lstrip().lower()
+    if beginning.startswith(b"version https://git-lfs"):
+        what = "a pointer of Git LFS, not the file itself"
+        raise InputError(what, "fetch the file with `git lfs pull`", path)
+    if beginning.startswith((b"<!doctype html", b"<html")):
+        what = "a web page, not the file itself"
+        raise InputError(what, "download the raw file", path)
+
+
 def read_text(
     path: str | Path,
     largest: int = LARGEST_TEXT,

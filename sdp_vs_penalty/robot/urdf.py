@@ -18,7 +18,7 @@ from lxml import etree
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import read_bytes
+from sdp_vs_penalty.files import read_bytes, refuse_stand_in
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import (
@@ -350,6 +350,7 @@ def parse_urdf(path: str | Path) -> Any:
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
     parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
     content = read_bytes(path)
+    refuse_stand_in(path, content)
     try:
         return etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -429,7 +430,10 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     """
     if root.tag != "robot":
         what = f"the outermost element is <{root.tag}>, a URDF's is <robot>"
-        raise InputError(what, "correct the file")
+        remedy = "correct the file"
+        if root.tag == "sdf":
+            remedy = "name the URDF from which this SDF was made, or convert it to URDF"
+        raise InputError(what, remedy)
     if len(root.findall("link")) > _MOST_LINKS:
         raise InputError(f"more than {_MOST_LINKS} links", "name the file of one robot")
     _require_unique_names(root)

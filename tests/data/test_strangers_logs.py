@@ -684,3 +684,16 @@ def test_positions_of_motors_are_said(tmp_path):
     path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU)])
     with pytest.warns(ColumnsRemark, match="q are the motors' positions: .* --motors"):
         read_run(path, None, JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("version https://git-lfs.github.com/spec/v1\noid x\nsize 9\n", "git lfs pull"),
+        ("<!DOCTYPE html>\n<html><body>run.csv</body></html>\n", "a web page"),
+    ],
+)
+def test_what_a_download_leaves_is_no_log(text, words, tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    refusal(lambda: read_run(path, None, JOINTS), words)

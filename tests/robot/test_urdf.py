@@ -71,6 +71,9 @@ def test_a_bad_urdf_is_refused(case, tmp_path, monkeypatch):
         (re.sub("prismatic|continuous|revolute", "fixed", ARM), "no moving joint"),
         (ARM[: len(ARM) // 2], "not an XML file"),
         ("<model/>", "outermost element is <model>"),
+        ("<sdf/>", "or convert it to URDF"),
+        ("version https://git-lfs.github.com/spec/v1\noid x\n", "git lfs pull"),
+        ("\n<!DOCTYPE html>\n<html><br></html>", "a web page"),
     ],
 )
 def test_what_is_no_robot_is_refused(text, words, tmp_path):

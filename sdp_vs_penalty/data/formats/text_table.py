@@ -21,6 +21,7 @@ from sdp_vs_penalty.data.formats.text_file import (
     open_text,
 )
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import refuse_stand_in
 
 #: Characters that are worked on at a time; a file with a longer line is no table.
 PIECE = 1 << 20
@@ -392,7 +393,9 @@ def _columns_of(
 
 
 def _refuse_markup(path: Path, line: str) -> None:
-    """Raise InputError where a text's first line shows that it is YAML, XML or JSON."""
+    """Raise InputError where a text's first line shows that it is YAML, XML or JSON, or
+    what a download leaves in place of a file."""
+    refuse_stand_in(path, line.encode())
     for pattern, (what, remedy) in _MARKUPS.items():
         if re.match(pattern, line.strip()):
             raise InputError(what, remedy, path)
