@@ -235,11 +235,17 @@ class Likelihood:
         (n, M) array
             Torques.
         """
+        return self.torques(repair) * self.torque_mask(repair)
+
+    def torques(self, repair: LogTransform) -> Array:
+        """Return the joints' torques (n, M) as repaired, also where a joint does not
+        slide [N m or N]; see :meth:`channels`.
+        """
         if not any((*repair.lead, *repair.lag, *repair.bend)):
             # Most repairs leave time and shape of the channels as they are.
             values, _ = self._channels_at(0.0)
             ordered = values.T[list(repair.tau_order)]
-            return np.array(repair.gain)[:, None] * ordered * self.torque_mask(repair)
+            return np.array(repair.gain)[:, None] * ordered
         repaired = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             values, rates = self._channels_at(repair.lead[j])
@@ -248,7 +254,7 @@ class Likelihood:
                 limit = float(self.data.largest[k]) / repair.bend[j]
                 value = _straighten(value, limit)
             repaired[j] = repair.gain[j] * (value + repair.lag[j] * rates[:, k])
-        return repaired * self.torque_mask(repair)
+        return repaired
 
     def torque_mask(self, repair: LogTransform) -> Array:
         """Return which torques are used, (n, M): 1, or 0 where the joint does not

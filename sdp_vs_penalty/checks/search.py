@@ -9,6 +9,7 @@ themselves, with its interval.
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.rival_effects import RivalEffect, rival_effects
 from sdp_vs_penalty.checks.torque_size import far_from_nominal
 from sdp_vs_penalty.regression.evidence import (
     log_odds,
@@ -948,9 +950,13 @@ class RepairSearch:
         list of Issue
             In the order of the kinds of fault.
         """
-        return [self.describe(fault, net) for fault in self.list_faults(net)]
+        faults = self.list_faults(net)
+        effects = self._effects_by_fault(faults, net)
+        return [self.describe(fault, net, effects[fault.name]) for fault in faults]
 
-    def describe(self, fault: Fault, net: LogTransform) -> Issue:
+    def describe(
+        self, fault: Fault, net: LogTransform, effects: Sequence[str] = ()
+    ) -> Issue:
         """Return the issue by which the user learns of one fault of the net repair.
 
         Parameters
@@ -959,6 +965,8 @@ class RepairSearch:
             A fault that ``net`` corrects.
         net : LogTransform
             The repair of all faults.
+        effects : sequence of str
+            Effects of the arm that explain the log as well, in words.
 
         Returns
         -------
@@ -988,13 +996,19 @@ class RepairSearch:
             figures["as_likely"] = [
                 {"kind": x.kind, "joints": [j + 1 for j in x.joints]} for x in rivals
             ]
+        certainty = f"likely: {self._reason(fault, net)}"
+        if effects:
+            equivalents = (*equivalents, *effects)
+            figures["rival_effects"] = [*effects]
+            what = f"{what} It may be instead: {'; '.join(effects)}."
+            certainty = "possible: an effect of the arm explains the same torques"
         return Issue(
             kind=fault.kind,
             nature=EXPLANATION,
             severity=fault.severity,
             where=fault.place or joints_text(fault.joints),
             what=what,
-            certainty=f"likely: {self._reason(fault, net)}",
+            certainty=certainty,
             remedy=fault.remedy,
             repair=self.keep_only(net, fault).apply if fault.is_repairable else None,
             figures=figures,
@@ -1023,6 +1037,76 @@ class RepairSearch:
             f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls"
             f" from {before:.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
         )
+
+    def _effects_as_likely(self, fault: Fault, net: LogTransform) -> list[str]:
+        """List, in words, the effects of the arm that explain a log as well as a fault.
+
+        They stand in for this fault alone, or for all faults of the net repair: one
+        force may look like a clock and a tilt. An effect is left out where it does not
+        lower the error on held-out parts itself, and where it is clearly worse than the
+        net repair: by REQUIRED_SIGMAS standard errors, and by a factor of
+        LEAST_RATIO_WITH_SIZE (the product over the joints). A law of friction
+        (severity "note") has no rivals here, nor has a fault that the fit does not show
+        and physics decides.
+        """
+        if fault.severity == "note" or self.has_few_directions:
+            return []
+        after = self._held_out_errors(net)
+        rivals = dict[str, None]()
+        for without in dict.fromkeys([fault.repair_without, self.log.as_logged]):
+            if _same_fit(net, without):
+                continue
+            before = self._held_out_errors(without)
+            for effect in self._rival_effects(without, net):
+                if fault.is_of_gravity and effect.is_of_gravity:
+                    continue
+                own_fall = self.log.clearness_of_fall(before, effect.errors)
+                explains = own_fall > 0.5 * c.REQUIRED_SIGMAS
+                if explains and not self._is_clearly_worse(effect.errors, after):
+                    rivals[effect.what] = None
+        return list(rivals)
+
+    def _rival_effects(
+        self, without: LogTransform, net: LogTransform
+    ) -> list[RivalEffect]:
+        """List the effects of the arm beside a repair, weighted as the net repair is."""
+        weights = self.log.fit(net).weights
+        return list(rival_effects(self.log, without, weights))
+
+    def _effects_by_fault(
+        self, faults: Sequence[Fault], net: LogTransform
+    ) -> dict[tuple[str, tuple[int, ...]], list[str]]:
+        """Return, by the name of a fault of the net repair, the effects of the arm that
+        explain a log as well.
+
+        Where an effect takes the place of one fault, it may take that of another one as
+        well, which was found beside it: of each two faults the second one has to be
+        needed beside the effect, too.
+        """
+        effects = {fault.name: self._effects_as_likely(fault, net) for fault in faults}
+        found = {name: list(names) for name, names in effects.items()}
+        for doubtful, fault in permutations(faults, 2):
+            others = set(effects[doubtful.name]) - set(found[fault.name])
+            if fault.severity == "note" or not others:
+                continue
+            left = doubtful.repair_without
+            beside = self._rival_effects(left, net)
+            alone = self._rival_effects(self._without(left, fault), net)
+            for with_fault, without in zip(beside, alone, strict=True):
+                is_needed = self._is_clearly_worse(without.errors, with_fault.errors)
+                if without.what in others and not is_needed:
+                    found[fault.name].append(without.what)
+        return {name: [*dict.fromkeys(names)] for name, names in found.items()}
+
+    def _is_clearly_worse(self, errors: Array, than: Array) -> bool:
+        """Whether errors (PARTS, n) on parts left out are clearly larger than others:
+        by REQUIRED_SIGMAS standard errors, and by a factor of LEAST_RATIO_WITH_SIZE.
+        """
+        moving = self.log.moving
+        ratios = (errors.mean(axis=0) / than.mean(axis=0))[moving]
+        is_large = float(np.prod(ratios)) > c.LEAST_RATIO_WITH_SIZE
+        clearness = self.log.clearness_of_fall(errors, than)
+        return is_large and clearness > c.REQUIRED_SIGMAS
 
     def _rivals_of(self, fault: Fault, net: LogTransform) -> list[Rival]:
         """List what explains the log as well as one fault of the net repair.
