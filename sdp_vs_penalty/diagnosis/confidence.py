@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.findings import REASONS, Invisible
-from sdp_vs_penalty.diagnosis.held_out import lowers
+from sdp_vs_penalty.diagnosis.held_out import harm, lowers
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import (
@@ -211,6 +211,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "small": lambda x: _is_small(x) and not _is_clear_elsewhere(x),
     "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),
     "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),
+    "raises": lambda x: harm(*x.errors[:, x.joints]) > 0.0,
     "more_left": _leaves_more,
     "shared": _is_shared,
     "implausible": _is_implausible,
@@ -227,7 +228,8 @@ def reasons_for_doubt(x: Judged) -> dict[str, str]:
 
     Reasons about the finding itself: another effect fits as well; its size is
     uncertain, not different from zero, or not plausible; its joint is held still; its
-    evidence is small; it lowers no joint's error on data left out. Reasons about its surroundings: more
+    evidence is small; it lowers no joint's error on data left out, or raises these
+    errors of its joints more than it lowers them. Reasons about its surroundings: more
     torque remains unexplained than it explains; other findings can explain most of its
     torque; another cause would look like it; a measured curve fits better.
 

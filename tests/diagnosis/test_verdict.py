@@ -11,6 +11,7 @@ import pytest
 from sdp_vs_penalty.diagnosis import (
     HeldOut,
     Judged,
+    confidence,
     reasons_for_doubt,
     remainder,
 )
@@ -185,6 +186,18 @@ def test_folds_of_training_do_not_excuse_an_error_that_rises_on_the_test_run():
 
 #: What is changed of a finding that nothing speaks against, and what then does.
 DOUBTS = [(change, set(doubts)) for change, doubts, *_ in CASES["doubts"]]
+
+
+@pytest.mark.parametrize(
+    ("after", "is_doubtful"),
+    [([0.98, 1.01], False), ([0.98, 1.03], True), ([0.98, 9.0], True)],
+)
+def test_what_raises_its_joints_errors_more_than_it_lowers_them_is_doubtful(
+    after, is_doubtful
+):
+    errors = np.array([[1.0, 1.0], after])
+    finding: Any = SimpleNamespace(errors=errors, joints=[0, 1])
+    assert confidence.DOUBTS["raises"](finding) == is_doubtful
 
 
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)
