@@ -85,6 +85,8 @@ NEAR = 0.15
 _LARGE_LIFT = 2.0
 #: Share of an error from which the usual error of drives is named before other causes.
 _LARGE_USUAL_SHARE = 0.25
+#: Share of an error from which it is said that other parameters would remove it.
+_LARGE_REFIT_SHARE = 0.5
 #: Causes that are seen at some instants only; all others act all the time.
 _AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
 
@@ -175,6 +177,12 @@ class JointFailure(JsonRecord):
         """RMS error beyond the usual error of drives [N m or N], with the hums."""
         share = 1.0 - self.causes.total_usual_share
         return float(self.total_error * np.sqrt(max(share, 0.0)))
+
+    @property
+    def goes_with_a_refit(self) -> bool:
+        """Whether other values of the model's own parameters would remove half of the
+        error or more."""
+        return self.refit_share >= _LARGE_REFIT_SHARE
 
     @property
     def total_error(self) -> float:
@@ -304,10 +312,11 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     Returns
     -------
     list of str
-        On the likeliest causes, on velocity reversals, and on waves per revolution.
+        On the likeliest causes, what other parameters would remove, velocity reversals,
+        and waves per revolution.
     """
     strongest = dependences(failure)
-    out = _cause_sentences(failure, strongest)
+    out = [*_cause_sentences(failure, strongest), *_refit_sentences(failure)]
     is_named = REVERSAL in dict(strongest)
     is_seen = any(stretch.cause == REVERSAL for stretch in failure.stretches)
     least_lift = 1.0 if is_named or is_seen else _LARGE_LIFT
@@ -320,6 +329,19 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
         likeliest = strongest[0][0]
         out += [MEANINGS[likeliest]] if likeliest in MEANINGS else []
     return [*out, *_wave_sentences(failure, plain_unit(unit))]
+
+
+def _refit_sentences(failure: JointFailure) -> list[str]:
+    """Say which share of an error other values of the model's own parameters would
+    remove, where it is half or more: then more motion may help before any effect does.
+    """
+    if not failure.goes_with_a_refit:
+        return []
+    return [
+        f"Other values of the model's parameters would remove"
+        f" {100.0 * failure.refit_share:.0f} % of the error: `identify` from these runs"
+        " as well."
+    ]
 
 
 def _cause_sentences(

@@ -306,11 +306,14 @@ def finding_table(
 
 
 def describe_failures(failures: Failures) -> list[str]:
-    """Say where a model's error is large: a line for each joint with a known cause.
+    """Say where a model's error is large: a line for each joint of which there is
+    something to say, such as a cause.
 
     All other joints share one line.
     """
-    explained = [f for f in failures if dependences(f) or f.orders]
+    explained = [
+        f for f in failures if dependences(f) or f.orders or f.goes_with_a_refit
+    ]
     lines = [
         f"joint {f.joint}: {' '.join(sentences(f, failures.units[f.joint - 1]))}"
         for f in explained

@@ -30,6 +30,7 @@ from sdp_vs_penalty.diagnosis import (
     shared_lags,
     torque_scatter,
 )
+from sdp_vs_penalty.render.words import describe_failures
 
 Array = np.ndarray
 Torque = Callable[[Array, Array, Array], Array]
@@ -273,6 +274,25 @@ def test_an_error_that_is_large_near_reversals_is_said_to_be():
     )
     text = Failures([usual], ["N m"])._repr_html_()
     assert "4 times as large as elsewhere" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(("share", "is_said"), [(0.3, False), (0.73, True)])
+def test_an_error_that_other_parameters_would_remove_is_said_to_be(share, is_said):
+    """More motion may help such a model before any effect does."""
+    none = {"load": 0.0}
+    one = replace(failure(1, 5.0), refit_share=share, held_out_shares=none)
+    text = " ".join(describe_failures(Failures([one], ["N m"])))
+    said = "Other values of the model's parameters would remove 73 % of the error"
+    assert (said in text) == is_said
+
+
+def test_a_model_of_little_motion_errs_where_its_parameters_do(problem):
+    """Identified on a second and a half, it errs by its parameters elsewhere."""
+    arm = PointMassArm()
+    run = arm.run(1, periods=2)
+    first_seconds = run.rows(run.t < run.t[0] + 1.5)
+    worst = worst_of_runs(problem, first_seconds, arm.run(2, periods=2))
+    assert worst.goes_with_a_refit
 
 
 def test_joints_that_differ_by_less_than_their_noise_is_known_are_a_tie():
