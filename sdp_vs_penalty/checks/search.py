@@ -1093,6 +1093,8 @@ class RepairSearch:
             beside = self._rival_effects(left, net)
             alone = self._rival_effects(self._without(left, fault), net)
             for with_fault, without in zip(beside, alone, strict=True):
+                if fault.is_of_gravity and without.is_of_gravity:
+                    continue  # it is the fault itself
                 is_needed = self._is_clearly_worse(without.errors, with_fault.errors)
                 if without.what in others and not is_needed:
                     found[fault.name].append(without.what)
