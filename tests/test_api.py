@@ -17,6 +17,7 @@ from small_runs import small_run, write_run
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import columns_of
 from sdp_vs_penalty.effects import Motion, effect_types
+from sdp_vs_penalty.results.record import Shown
 
 ARRAYS = ("t", "q", "dq", "tau")
 
@@ -276,7 +277,9 @@ def test_a_report_names_what_was_given():
     assert refusal(lambda: sdp.report(4, run, "x.html")).startswith("report(models=4)")
 
 
-def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda):
+def test_everything_shows_itself_in_five_lines_and_prints_all(
+    estimate, files, two_link, panda
+):
     comparisons = sdp.compare(
         [estimate, estimate, estimate, estimate, estimate], files[0]
     )
@@ -296,6 +299,12 @@ def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda)
         text = repr(thing)
         assert text.count("\n") < 5
         assert all(len(line) <= 110 for line in text.splitlines()[1:])
+        if type(thing).__str__ is Shown.__str__:
+            printed = str(thing)
+            assert all(len(line) <= 110 for line in printed.splitlines()[1:])
+            unwrapped = " ".join(printed.split())
+            _, entries = thing._summary()
+            assert all(" ".join(whole.split()) in unwrapped for _, whole in entries)
         html = thing._repr_html_()
         assert html.startswith("<p>")
         assert not re.search(r"\bNone\b(?! of)|\bnan\b", f"{text} {html}")

@@ -3,6 +3,7 @@ notebook."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -22,8 +23,8 @@ _WIDTH = 110
 
 
 class Shown:
-    """Something with a repr of at most five lines, which fit a terminal, and an HTML
-    form; subclasses define ``_summary``."""
+    """Something with a repr of at most five lines, which fit a terminal, the whole text
+    when it is printed, and an HTML form; subclasses define ``_summary``."""
 
     def _summary(self) -> Summary:
         """Return a title, and pairs of a name and a text; subclasses define it."""
@@ -41,6 +42,14 @@ class Shown:
         lines = [f"  {name}: {text}" for name, text in entries[:_LINES]]
         return "\n".join([title, *map(_cut, lines)])
 
+    def __str__(self) -> str:
+        """Return the title and the whole summary; what is longer than a line goes on,
+        indented, on the next one.
+        """
+        title, entries = self._summary()
+        texts = [_wrapped(f"{name}: {text}") for name, text in entries]
+        return "\n".join([title, *texts])
+
     def _repr_html_(self) -> str:
         """Return the title, the summary and the table as HTML, which notebooks
         display.
@@ -49,6 +58,19 @@ class Shown:
         html = f"<p><b>{escape(printable(title))}</b></p>" + Table((), entries).html()
         table = self._table()
         return html if table is None else html + table.html()
+
+
+def _wrapped(text: str) -> str:
+    """Break a text at blanks into lines of _WIDTH (110) characters; the second one and
+    those after it are indented further."""
+    return textwrap.fill(
+        text,
+        _WIDTH,
+        initial_indent="  ",
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _cut(line: str) -> str:
