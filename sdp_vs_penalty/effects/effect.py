@@ -92,11 +92,15 @@ class JointCoverage:
     travel : distance between its lowest and highest position [rad, m]
     resolution : smallest step of its positions [rad, m]
     stands : fraction of the samples in which it stands still
+    lowest : its lowest position [rad, m]
+    highest : its highest position [rad, m]
     """
 
     travel: float = np.inf
     resolution: float = 0.0
     stands: float = 0.0
+    lowest: float = -np.inf
+    highest: float = np.inf
 
 
 class Effect(ABC):

@@ -31,6 +31,7 @@ SEEN_AGAINST = {
     "drift_friction": "time",
     "drift_offset": "time",
     "elastic_coupling": "position",
+    "end_stop": "position",
     "external_wrench": "position",
     "friction_lead": "reversal",
     "joint_elasticity": "load",
@@ -224,6 +225,10 @@ SENTENCES = {
         "{joint} pull each other as by a spring of {size}: a belt, a cable or a balance"
         " spring that runs over both"
     ),
+    "end_stop": (
+        "{place} {joint} is pushed back as by a spring of {size}{per_degree}: an end"
+        " stop, a bumper or a taut cable"
+    ),
     "external_wrench": (
         "something pulls the last link with {size}, mostly towards {towards} of the"
         " world: a cable, a balancer or a contact"
@@ -366,6 +371,7 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
         "length": length_or_angle(size, is_slide),
         "torque": "N" if is_slide else "N m",
         "travel": length_or_angle(fitted.shape.get("d", 0.0), is_slide),
+        "place": _place(fitted.shape, is_slide),
         "alpha": formatting.number(fitted.shape.get("alpha", 1.0), 2),
         "per_degree": _per_degree(size, is_slide),
         "waves": _waves(fitted.shape.get("k", 0.0), is_slide),
@@ -403,6 +409,13 @@ def length_or_angle(value: float, is_slide: bool) -> str:
     if is_slide:
         return formatting.milli(value, "m", 2)
     return f"{formatting.number(degrees(value), 2)}°"
+
+
+def _place(shape: Mapping[str, float], is_slide: bool) -> str:
+    """Format where a joint touches its stop, from the shape constants q0 [rad, m] and
+    side (1 above q0, 2 below it)."""
+    side = "below" if shape.get("side") == 2.0 else "above"
+    return f"{side} {length_or_angle(shape.get('q0', 0.0), is_slide)}"
 
 
 def _per_degree(stiffness: float, is_slide: bool) -> str:

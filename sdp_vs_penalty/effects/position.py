@@ -12,10 +12,10 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
-from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot, joint_limits
 
 
 class JointSpring(JointEffect):
@@ -65,6 +65,73 @@ class StiffeningSpring(JointEffect):
         """Return q, q^2 and q^3 (N, 3) of the joint's position q [rad, m]."""
         q = motion.q[:, joint]
         return np.column_stack([q, q**2, q**3])
+
+
+#: Places along a joint's range from which a search for its end stop starts.
+_PLACES = 20
+
+
+class EndStop(JointEffect):
+    equation = "k_e max(q - q0, 0) | k_e min(q - q0, 0), for side = above | below"
+    explanation = (
+        "From q0 on the joint is pushed back, as by a spring on one side only: an end"
+        " stop, a bumper, a cable that is pulled taut. Before q0 nothing touches."
+    )
+    reference = "Shaw, Holmes, J. Sound and Vibration 1983 (piecewise linear spring)"
+    generalises = ("joint_spring",)  # where it touches all the way
+    lower = 0.0
+    several = True  # one at either end
+    signless = True
+    symbol = "k_e"
+    units = ("N*m/rad", "N/m")
+    shapes = {
+        "q0": ShapeConstant(
+            0.0,
+            POSITION,
+            grid=(0.0,),
+            bounds=(-1e3, 1e3),
+            scale="linear",
+            signed=True,
+        ),
+        "side": ShapeConstant(
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("above", "below")
+        ),
+    }
+
+    @property
+    def is_above(self) -> bool:
+        """Whether it touches at positions above q0, and not at those below."""
+        return self.shape["side"] == 1.0
+
+    def parameter_name(self, joint: int) -> str:
+        """Name the stiffness after joint, side and place: "k_e3_above_0.5"."""
+        side = "above" if self.is_above else "below"
+        return f"{self.symbol}{joint + 1}_{side}_{self.shape['q0']:.6g}"
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        """List the places with which a search begins: evenly along the joint's range,
+        for either side."""
+        lower, upper, _ = joint_limits(robot)
+        places = np.linspace(lower[joint], upper[joint], _PLACES + 1)[1:-1]
+        return [
+            {"q0": float(f"{place:.6g}"), "side": side}
+            for place in places
+            for side in cls.shapes["side"].choices
+        ]
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        """Return how far (N,) [rad, m] the joint is beyond q0; 0 before it, and negative
+        where it is below."""
+        beyond = motion.q[:, joint] - self.shape["q0"]
+        side = np.maximum if self.is_above else np.minimum
+        return np.asarray(side(beyond, 0.0))
+
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Give a reason to doubt a stop that was never reached, or never left."""
+        if coverage.lowest < self.shape["q0"] < coverage.highest:
+            return super().looks_like(size, coverage)
+        return "the joint did not move both before it and beyond it"
 
 
 #: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of

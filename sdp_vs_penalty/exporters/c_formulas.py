@@ -214,6 +214,21 @@ def _stiffening(
     return f"{q} * ({first} + {q} * ({second} + {q} * {third}))"
 
 
+def _end_stop(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
+    """Return C code for a spring that joint j (from 0) touches on one side of q0.
+
+    e : the effect, with its shape constants q0 and side; theta : (1,) stiffness; m : the
+    model.
+    """
+    side = "fmax" if e.shape["side"] == 1.0 else "fmin"
+    return f"{number(theta[0])} * {side}(q[{j}] - {number(e.shape['q0'])}, 0.0)"
+
+
 def _elastic_coupling(
     e: Any,
     j: int,
@@ -243,6 +258,7 @@ FORMULAS: Mapping[str, Formula] = {
     "load_dependent_friction": _load_dependent,
     "joint_spring": _spring,
     "stiffening_spring": _stiffening,
+    "end_stop": _end_stop,
     "torque_ripple": _ripple,
     "position_dependent_friction": _position_dependent,
     "joint_coupling": _coupling,

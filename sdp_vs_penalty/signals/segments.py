@@ -244,8 +244,8 @@ class SegmentedRuns:
         return motion.mean_inertias
 
     def seen(self, joint: int) -> JointCoverage:
-        """Return how much of a joint the runs show: its travel, the resolution of its
-        position, and how often it stands still.
+        """Return how much of a joint the runs show: its travel and both ends of it, the
+        resolution of its position, and how often it stands still.
 
         Parameters
         ----------
@@ -255,7 +255,8 @@ class SegmentedRuns:
         Returns
         -------
         JointCoverage
-            Travel and resolution [rad or m], and the share of rows at standstill.
+            Travel, its ends and resolution [rad or m], and the share of rows at
+            standstill.
         """
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
         resolutions = [resolution(s.stretch.q[:, joint]) for s in self.segments]
@@ -263,6 +264,8 @@ class SegmentedRuns:
             travel=float(np.ptp(paths)),
             resolution=float(max(resolutions)),
             stands=float(np.mean(self.still > STILL)),
+            lowest=float(paths.min()),
+            highest=float(paths.max()),
         )
 
     @cached_property

@@ -189,6 +189,22 @@ def test_a_spring_that_stiffens_is_no_linear_one(problem):
     assert abs(found.effects[0].size - 3.0) < 0.3
 
 
+@pytest.mark.parametrize(("side", "sign"), [("above", 1.0), ("below", -1.0)])
+def test_a_spring_on_one_side_only_is_an_end_stop(problem, side, sign):
+    def push(q):
+        return 6.0 * sign * np.maximum(sign * q - 0.3, 0.0) * [0.0, 1.0, 0.0]
+
+    (found,) = diagnosed(problem, pulled(push)).effects
+    assert (found.effect, found.joints, found.confidence) == (
+        "end_stop",
+        (2,),
+        "confident",
+    )
+    assert found.text.endswith(f"@side={side}")
+    assert abs(found.size - 6.0) < 0.3
+    assert abs(found.shape["q0"] - 0.3 * sign) < 0.02
+
+
 def test_a_linear_spring_has_no_rival_in_one_that_may_stiffen(problem):
     found = diagnosed(problem, PointMassArm(spring=np.array([2.0, 0.0, 0.0])))
     assert confident(found) == {"joint_spring:1"}

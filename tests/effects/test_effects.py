@@ -234,6 +234,18 @@ def test_a_ripple_is_named_where_it_was_seen_to_repeat(waves, is_tried, is_named
     assert (ripple.looks_like(0.2, coverage) == "") == is_named
 
 
+@pytest.mark.parametrize("side", [1.0, 2.0])
+@pytest.mark.parametrize(
+    ("q0", "is_tried"), [(-0.5, False), (-0.3, True), (0.7, True), (0.9, False)]
+)
+def test_a_stop_is_tried_where_the_joint_was_before_it_and_beyond_it(
+    q0, is_tried, side
+):
+    stop = effect_types()["end_stop"](robots()["arm"], [0], q0=q0, side=side)
+    coverage = JointCoverage(travel=1.2, lowest=-0.4, highest=0.8)
+    assert (stop.looks_like(0.0, coverage) == "") == is_tried
+
+
 def test_torque_is_that_of_the_columns_over_the_models_own_width():
     """Stribeck friction turns over the width of the Coulomb friction beside it."""
     robot = robots()["arm"]

@@ -61,6 +61,12 @@ def test_a_base_leans_to_the_side_that_gravity_pulls_to(lean):
     assert f"0.5° out of level, leaning towards {axis} " in on_the_arm(tilted)
 
 
+@pytest.mark.parametrize(("side", "words"), [(1.0, "above 29°"), (2.0, "below 29°")])
+def test_a_stop_says_where_it_touches(side, words):
+    stop = on_the_arm(fitted("end_stop", 3.1, q0=0.5, side=side))
+    assert f"{words} joint 4 is pushed back as by a spring of 3.1 N m/rad" in stop
+
+
 def test_a_tilt_between_two_axes_names_both():
     tilted = FittedEffect("base_tilt", (), 0.2, "m/s^2", {"g_x": -0.1, "g_y": 0.17}, {})
     assert "leaning towards +y and -x" in on_the_arm(tilted)

@@ -33,6 +33,7 @@ OF_MOTION = {
     "sigmoid_friction": ("law=1@v0=0.2", "law=2@v0=0.2", "law=3@v0=0.2"),
     "stribeck_friction": ("law=1@vs=0.2", "law=2@vs=0.1"),
     "power_law_friction": ("alpha=0.7",),
+    "end_stop": ("q0=-0.2@side=above", "q0=0.3@side=below"),
     "torque_ripple": ("k=3",),
     "position_dependent_friction": ("k=2@waves=2",),
     "joint_coupling": ("form=1", "form=2", "form=3", "form=4"),

@@ -782,6 +782,30 @@ def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, k=k)
 
 
+def _end_stop(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a spring that a joint (from 0) touches at one end of its range only.
+
+    It begins at the middle of the range, or up to half of the way from there to the
+    end. Joints without limits have a range of half a turn, or half a metre, to each
+    side.
+    """
+    at = world.built.idx_qs[joint + 1]
+    span = np.pi if world.arm.rotary[joint] else 0.5
+    low = max(float(world.built.lowerPositionLimit[at]), -span)
+    high = min(float(world.built.upperPositionLimit[at]), span)
+    is_above = bool(rng.integers(2))
+    way = 0.25 * (high - low) * float(rng.uniform(0.0, 1.0))
+    q0 = float(f"{0.5 * (low + high) + (way if is_above else -way):.6g}")
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
+        q = motion.q[:, joint]
+        touches = q > q0 if is_above else q < q0
+        return np.where(touches, q - q0, 0.0)
+
+    return at_joint(joint, law, q0=q0, side=1.0 if is_above else 2.0)
+
+
 def _gain(world: World, joint: int, rng: Generator) -> Hidden:
     """Make a wrong gain of the torque channel of a joint (from 0): it adds +-size times
     the torque."""
@@ -1114,6 +1138,7 @@ FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: Springs, of joints and of gears, that no class of the challenge draws.
 SPRINGS: Mapping[str, Maker] = {
     "stiffening_spring": plain(lambda world, joint, motion: motion.q[:, joint] ** 3),
+    "end_stop": _end_stop,
     "elastic_coupling": _belt,
     "joint_resonance": _resonance,
 }
