@@ -417,6 +417,88 @@ class Backlash(LinkDeviation):
         return -by_q * side[0] - _moved(motion, crossed, slopes)
 
 
+#: Below this [Hz] a flight through the play does not depend on how flanks catch the link:
+#: they ring at some tens of Hz.
+_FLIES = 10.0
+#: A flight through a play of b displaces the link by about b; not by half or twice that.
+_LEAST_OVER_PLAY, _MOST_OVER_PLAY = 0.5, 2.0
+
+
+class BacklashInFlight(LinkDeviation):
+    equation = (
+        "-b_f D x / b below the frequency band, M d^2 x/dt^2 = tau_j between the flanks"
+        " |x| <= b, which catch without a rebound; D and M as of joint_resonance"
+    )
+    explanation = (
+        "The gear of joint j has play of b to either side, and its link flies from flank"
+        " to flank: between them no torque reaches it, while the motor with its encoder"
+        " jumps ahead by itself. Backlash of law = crosses follows the sign of the torque"
+        " at once; here the link takes as long as its inertia M needs. b_f is about b."
+    )
+    reference = "Nordin, Gutman, Automatica 2002; Moreau 1988 (impacts without rebound)"
+    symbol = "b_f"
+    units = ("rad", "m")
+    usual = (0.02, 0.002)  # as of backlash
+    lower = 0.0
+    forward = "left out"  # a link that moves by itself within the play
+    has_memory = True  # a link that flies
+    generalises = ("backlash",)
+    shapes = {
+        "b": ShapeConstant(
+            0.008,
+            ("rad", "m"),
+            grid=(0.002, 0.004, 0.008, 0.016),
+            bounds=(5e-4, 0.06),
+            metres=0.1,
+        ),
+        "band": ShapeConstant(_FLIES, "Hz"),
+    }
+
+    def contradicts_itself(self, theta: Array, mean_inertia: float) -> bool:
+        """Return whether the link moves by far less or more than the play b."""
+        over_play = theta[0] / self.shape["b"]
+        return bool(over_play < _LEAST_OVER_PLAY or over_play > _MOST_OVER_PLAY)
+
+    def deviated(self, motion: Motion, joint: int) -> Array:
+        """Return the torque (N, n) per radian or metre of play in one joint's gear."""
+        slopes = motion.derivatives(joint)
+        of_joint = tuple(x[:, joint] for x in slopes)
+        if of_joint[2].min() <= 0.0:  # as of least squares: nothing flies so
+            return np.zeros_like(motion.q)
+        lag = self._lag(motion, joint, of_joint)
+        # The difference to the first lag is exactly 0 where the link never flies, so
+        # that smoothing leaves no velocity by rounding.
+        flown = motion.smoothed(lag - lag[0], self.shape["band"])
+        moved = slopes[0] * lag[0] + _moved(motion, flown, slopes)
+        return -moved / self.shape["b"]
+
+    def _lag(self, motion: Motion, joint: int, slopes: Sequence[Array]) -> Array:
+        """Compute by how much (N,) [rad, m] the link lags behind the encoder.
+
+        ``slopes`` are the derivatives (N,) of the joint's torque by its position,
+        velocity and acceleration.
+
+        Each step is a free flight by central differences, cut off at the flanks, which
+        takes the velocity relative to the encoder: the impact has no rebound.
+        """
+        play = self.shape["b"]
+        by_q, by_dq, by_ddq = slopes
+        torque = motion.link_torque[:, joint]
+        h = (motion.t[-1] - motion.t[0]) / max(len(torque) - 1, 1)
+        inertia, damping = by_ddq / h**2, by_dq / (2.0 * h)
+        # x(t + h) = push + from_this x(t) + from_last x(t - h)
+        push = (torque / (inertia + damping)).tolist()
+        from_this = ((2.0 * inertia - by_q) / (inertia + damping)).tolist()
+        from_last = ((damping - inertia) / (inertia + damping)).tolist()
+        this = last = play * float(np.sign(torque[0]))
+        lags = [this]
+        for a, b, c in zip(push[:-1], from_this, from_last, strict=False):
+            flown = a + b * this + c * last
+            last, this = this, min(max(flown, -play), play)
+            lags.append(this)
+        return np.array(lags)
+
+
 class JointElasticity(LinkDeviation):
     equation = (
         "-c_e D x, x = tau_j - c (D tau_j)_j below the frequency band, D x = dID/dq_j x"

@@ -26,6 +26,7 @@ SEEN_AGAINST = {
     "asymmetric_coulomb_friction": "velocity",
     "asymmetric_viscous_friction": "velocity",
     "backlash": "load",
+    "backlash_in_flight": "load",
     "base_tilt": "position",
     "coulomb_friction": "velocity",
     "drift_friction": "time",
@@ -211,6 +212,10 @@ SENTENCES = {
         " in the other one, as by a tight seal"
     ),
     "backlash": "the gear of {joint} has play: {length} to either side",
+    "backlash_in_flight": (
+        "the gear of {joint} has play, {length} to either side, and its link flies from"
+        " flank to flank"
+    ),
     "base_tilt": (
         "the base is bolted {tilt} out of level, leaning towards {towards} (that side is"
         " the low one)"
