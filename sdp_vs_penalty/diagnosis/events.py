@@ -23,6 +23,7 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,
     RARE,
+    cut_into_stretches,
     local_excess,
     lone_windows,
     noise_profile,
@@ -33,6 +34,7 @@ from sdp_vs_penalty.signals.noise import differences
 from sdp_vs_penalty.signals.repetition import consecutive
 from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW
+from sdp_vs_penalty.signals.timing import largest_timing_errors, torque_rates
 
 Mask = NDArray[np.bool_]
 
@@ -98,10 +100,15 @@ def find_events(
     mask = outlier_rows.copy()
     mask[:, list(unexplained)] = False
     out = find_hums(data, residual)
+    rates = torque_rates(rows)
     for j in range(rows.n):
         for group in _groups_in_time(data, mask[:, j], j):
             core = _core_of_event(group, residual[:, j])
-            if np.abs(residual[core, j]).max() < _LARGE * _rms(residual[:, j]):
+            limits = np.maximum(
+                _LARGE * _rms(residual[:, j]),
+                _timing_limits(data, residual[:, j], rates[:, j], core, j),
+            )
+            if (np.abs(residual[core, j]) < limits).all():
                 continue
             begin = float(rows.t[core[0]])
             end = float(rows.t[core[-1]])
@@ -164,6 +171,46 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
     n_needed = int(np.searchsorted(energy, most_of_energy)) + 1
     places = largest_first[:n_needed]
     return group[places.min() : places.max() + 1]
+
+
+def _timing_limits(
+    data: WhiteData,
+    residual: Array,
+    rates: Array,
+    event: NDArray[np.intp],
+    joint: int,
+) -> Array:
+    """Return the largest errors that being late explains in the rows of an event.
+
+    How late the torque is the log shows elsewhere: farther than SAME_PHASE seconds from
+    the event.
+
+    Parameters
+    ----------
+    data
+        White rows.
+    residual
+        (M,) residual of the joint [N m or N].
+    rates
+        (M,) rate of the joint's modelled torque [N m/s or N/s].
+    event
+        (K,) row numbers of the event, in order.
+    joint
+        The joint (from 0).
+
+    Returns
+    -------
+    (K,) array
+        Absolute errors [N m or N].
+    """
+    rows = data.rows
+    begin, end = rows.t[event[[0, -1]]]
+    is_near = (rows.t > begin - SAME_PHASE) & (rows.t < end + SAME_PHASE)
+    is_elsewhere = ~is_near | (rows.segment != rows.segment[event[0]])
+    size = max(2, round(2.0 * SAME_PHASE * rows.rate))
+    stretches = cut_into_stretches(rows.pieces[joint], size)
+    elsewhere = [stretch[is_elsewhere[stretch]] for stretch in stretches]
+    return largest_timing_errors(residual, rates, elsewhere)[event]
 
 
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:

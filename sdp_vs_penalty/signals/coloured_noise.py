@@ -253,7 +253,7 @@ def lone_windows(
         Rows in such windows.
     """
     mask = np.zeros(len(white), bool)
-    stretches = _stretches(pieces, max(2, round(2.0 * SAME_PHASE * rate)))
+    stretches = cut_into_stretches(pieces, max(2, round(2.0 * SAME_PHASE * rate)))
     n_tests = 2 * len(LENGTHS) * tests  # two kinds: slow windows and the others
     for length in LENGTHS:
         energy, is_slow = _window_energy(white, pieces, slow, length)
@@ -268,7 +268,9 @@ def lone_windows(
     return mask
 
 
-def _stretches(pieces: Sequence[NDArray[np.intp]], size: int) -> list[NDArray[np.intp]]:
+def cut_into_stretches(
+    pieces: Sequence[NDArray[np.intp]], size: int
+) -> list[NDArray[np.intp]]:
     """Cut pieces (arrays of row numbers) into stretches of about ``size`` rows each."""
     out = []
     for piece in pieces:

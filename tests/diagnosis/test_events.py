@@ -9,6 +9,7 @@ import pytest
 from sdp_vs_penalty.diagnosis import events, find_hums
 from sdp_vs_penalty.diagnosis.events import (
     Event,
+    find_events,
     hann_spectrum,
     outliers,
     stands_alone,
@@ -82,6 +83,36 @@ def test_an_error_at_a_corner_of_the_motion_is_no_event():
 def test_a_push_beside_corners_of_the_motion_is_an_event():
     white = residual([350])
     assert outliers(fast_corners(white), white, 0.1 * white)[350:370].all()
+
+
+@pytest.mark.parametrize(("steep", "count"), [(0.0, 1), (1.0, 0)])
+def test_what_one_sharp_corner_explains_is_no_event(monkeypatch, steep, count):
+    """The torque is 5 ms late: six corners show it, and a seventh is four times as sharp.
+
+    The same error without a corner is an event.
+    """
+    corners = np.arange(100, 1150, 160)
+    rates = np.ones((M, 1))
+    rates[corners] = 1000.0
+    rates[corners[3]] = 4000.0
+    error = residual([])
+    error[corners] = 0.005 * rates[corners]
+    rates[corners[3]] *= steep
+    monkeypatch.setattr(events, "find_hums", lambda *_: [])
+    monkeypatch.setattr(events, "torque_rates", lambda _: rates)
+    data = data_of(SPECTRUM)
+    data.rows.segment = np.zeros(M, int)
+    is_outlier = np.zeros((M, 1), bool)
+    is_outlier[corners[3] - 8 : corners[3] + 8] = True
+    monkeypatch.setattr(
+        events,
+        "_groups_in_time",
+        lambda _, flags, joint: [np.flatnonzero(flags)],
+    )
+    found = find_events(data, is_outlier, error, [])
+    assert len(found) == count
+    for event in found:
+        assert event.t_start == pytest.approx(corners[3] / 40.0, abs=0.5)
 
 
 def test_noise_has_no_events():
