@@ -164,6 +164,13 @@ class Likelihood:
         return Likelihood(self.problem, self.data.with_laws(torque))
 
     @cached_property
+    def with_low_passed_motion(self) -> Likelihood:
+        """The likelihood of the same rows with the motion low-passed like the torque:
+        what a corner of the motion leaves is no longer left.
+        """
+        return Likelihood(self.problem, self.data.with_low_passed_motion)
+
+    @cached_property
     def on_third_of_rows(self) -> Likelihood:
         """The likelihood of every third row: enough to see which repairs are worth a
         fit to all rows."""

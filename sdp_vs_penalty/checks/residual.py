@@ -182,7 +182,8 @@ def _event(
     larger than at any other: a contact, a push.
 
     Left out are the ends of the log, where the arm starts or comes to rest (stiction),
-    and steps of the torque, which are faults of their own.
+    and steps of the torque, which are faults of their own. A corner of the motion is no
+    event: the error has to be as large with the motion low-passed like the torque.
     """
     t = log.data.motion.t
     steps = [event.at for event in repair.events if isinstance(event.at, float)]
@@ -194,6 +195,8 @@ def _event(
         elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
         is_known = np.min(np.abs(known - at)) <= 3.0 * _WIDTH
         if is_known or not largest > c.TIMES * elsewhere > 0.0:
+            continue
+        if _is_corner(log, repair, j, at):
             continue
         unit = log.problem.robot.torque_units[j]
         yield explanation(
@@ -210,6 +213,22 @@ def _event(
             t=at,
         )
         return
+
+
+def _is_corner(log: Likelihood, repair: LogTransform, joint: int, at: float) -> bool:
+    """Whether a joint's error at an instant [s] is what the torque's low-pass makes of a
+    sharp corner of the motion.
+
+    It is, if with the motion low-passed as well the arm leaves less at other moments,
+    and there is no longer far more left at this one.
+    """
+    is_near = np.abs(log.data.motion.t - at) <= _WIDTH
+    error = np.abs(log.fit(repair).residual[joint])
+    low_passed = np.abs(log.with_low_passed_motion.fit(repair).residual[joint])
+    explains_more = np.sum(low_passed[~is_near] ** 2) < np.sum(error[~is_near] ** 2)
+    largest = low_passed[is_near].max(initial=0.0)
+    elsewhere = low_passed[~is_near].max(initial=0.0)
+    return bool(explains_more and largest <= c.TIMES * elsewhere)
 
 
 def _without_moment(run: Measurements, at: float) -> Measurements:
