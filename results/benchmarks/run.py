@@ -124,7 +124,8 @@ def main() -> None:
     data = os.environ.get("SDP_VS_PENALTY_DATA")
     parser.add_argument("--data", type=Path, default=data, required=data is None)
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000])
+    lengths = [100_000, 1_000_000, 10_000_000]
+    parser.add_argument("--rows", type=int, nargs="+", default=lengths)
     parser.add_argument("--busy", type=int, default=0)
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--rivals")
