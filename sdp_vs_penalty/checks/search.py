@@ -90,6 +90,7 @@ class RepairSearch:
         self.posterior = lru_cache(99)(self._posterior)
         self.is_confirmed = lru_cache(99)(self._is_confirmed)
         self._held_out_errors = lru_cache(99)(self._make_held_out_errors)
+        self._rival_effects = lru_cache(99)(self._make_rival_effects)
         #: Repairs (without laws of friction) that fit so badly that no law can help.
         self.hopeless_repairs: set[LogTransform] = set()
         #: By the name of a fault that was added, the faults that explain as much.
@@ -1066,12 +1067,15 @@ class RepairSearch:
                     rivals[effect.what] = None
         return list(rivals)
 
-    def _rival_effects(
+    def _make_rival_effects(
         self, without: LogTransform, net: LogTransform
-    ) -> list[RivalEffect]:
-        """List the effects of the arm beside a repair, weighted as the net repair is."""
+    ) -> tuple[RivalEffect, ...]:
+        """List the effects of the arm beside a repair, weighted as the net repair is;
+        call it as :attr:`_rival_effects`, which caches the result: several faults ask
+        for the effects beside one repair.
+        """
         weights = self.log.fit(net).weights
-        return list(rival_effects(self.log, without, weights))
+        return tuple(rival_effects(self.log, without, weights))
 
     def _effects_by_fault(
         self, faults: Sequence[Fault], net: LogTransform

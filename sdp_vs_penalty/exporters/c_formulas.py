@@ -215,7 +215,7 @@ def _stiffening(
 
 
 def _end_stop(
-    e: Effect,
+    e: Any,
     j: int,
     theta: Array,
     m: Estimate,
@@ -225,7 +225,7 @@ def _end_stop(
     e : the effect, with its shape constants q0 and side; theta : (1,) stiffness; m : the
     model.
     """
-    side = "fmax" if e.shape["side"] == 1.0 else "fmin"
+    side = "fmax" if e.is_above else "fmin"
     return f"{number(theta[0])} * {side}(q[{j}] - {number(e.shape['q0'])}, 0.0)"
 
 
