@@ -154,6 +154,9 @@ class Effect(ABC):
     frozen_only: ClassVar[bool] = False
     #: False where a search never tries it.
     sought: ClassVar[bool] = True
+    #: True where only those few of its starts are tried whose torque on their own joint
+    #: stands out of what the model leaves (:meth:`own_columns`).
+    starts_stand_out: ClassVar[bool] = False
     #: True where a joint can have it several times, with other shape constants.
     several: ClassVar[bool] = False
     #: True where its joints belong together: one parameter acts on all of them.
@@ -449,6 +452,18 @@ class Effect(ABC):
         for block in self.blocks(motion):
             out[:, block.joint] += block.columns @ theta[block.parameters]
         return out
+
+    def own_columns(self, motion: Motion) -> Array:
+        """Compute the columns (N, k) of the effect's first joint's own torque, which
+        effects on several joints may have for less than those of all.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+        """
+        own = [b.columns for b in self.blocks(motion) if b.joint == self.joints[0]]
+        return np.hstack(own)
 
     @property
     def waves(self) -> float | None:

@@ -18,6 +18,11 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
+from sdp_vs_penalty.effects.position import (
+    NOT_REPEATED,
+    TorqueRipple,
+    is_seen_to_repeat,
+)
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
@@ -360,6 +365,101 @@ class JointZeroError(LinkDeviation):
         dID/dq_j."""
         by_q, _, _ = motion.derivatives(joint)
         return by_q
+
+
+#: Waves per turn of a joint up to which a gear's error is looked for: twice the ratio of
+#: a strain wave gear of 1:100.
+_MOST_WAVES = 200
+
+
+class GearError(LinkDeviation):
+    equation = "a_g D cos(k q) + b_g D sin(k q), D as of joint_elasticity"
+    explanation = (
+        "The gear of joint j does not turn evenly: the link runs ahead of the motor-side"
+        " encoder and behind it in turn, k times per turn of the joint, by up to"
+        " sqrt(a_g^2 + b_g^2). Its weight acts at another angle, and the faster it turns"
+        " the more the link is shaken, on all joints that carry it: eccentric wheels,"
+        " worn teeth, or a strain wave generator, which turns twice its ratio."
+    )
+    reference = (
+        "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
+    )
+    usual = (5e-3, 5e-4)  # a wheel so eccentric that it is heard
+    several = True  # one for each wheel
+    starts_stand_out = True
+    forward = "left out"  # a link that moves by itself
+    shapes = {
+        "k": ShapeConstant(
+            2.0,
+            ("1/turn", "rad/m"),
+            # Once a turn is a joint beside where it is believed, as of torque_ripple.
+            grid=tuple(float(k) for k in range(2, _MOST_WAVES + 1)),
+            bounds=(1.9, 1e4),
+            scale="linear",
+        )
+    }
+
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the cosine's and the sine's amplitude [rad, m] after joint and wave
+        number: "a_g3_11", "b_g3_11"."""
+        k = f"{self.shape['k']:.6g}"
+        unit = self.robot.position_units[joint]
+        return [(f"{symbol}{joint + 1}_{k}", unit) for symbol in ("a_g", "b_g")]
+
+    @property
+    def waves(self) -> float | None:
+        """Wave number k of the error cos(k q): waves per turn of a revolute joint [-],
+        rad/m on a prismatic one."""
+        return self.shape["k"]
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        """List the wave numbers from which a search chooses those that stand out: the
+        grid's per turn; on a prismatic joint those of torque_ripple."""
+        if robot.joints[joint].kind == "prismatic":
+            return TorqueRipple.starts(robot, joint)
+        return super().starts(robot, joint)
+
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Give a reason to doubt an error of which fewer than two waves were travelled,
+        as for torque_ripple."""
+        reason = super().looks_like(size, coverage)
+        if reason or size == 0.0 or is_seen_to_repeat(self.shape["k"], coverage):
+            return reason
+        return NOT_REPEATED
+
+    def torques(self, motion: Motion) -> Array:
+        """Compute the torque (N, n, 2 k) per radian or metre of the cosine and the sine
+        of each of the effect's k joints."""
+        columns = [self._waves_on(slice(None), motion, j) for j in self.joints]
+        return np.concatenate(columns, axis=2)
+
+    def own_columns(self, motion: Motion) -> Array:
+        """Compute the torque (N, 2) on the effect's first joint alone, per unit of the
+        cosine and the sine."""
+        joint = self.joints[0]
+        return self._waves_on(slice(joint, joint + 1), motion, joint)[:, 0]
+
+    def _waves_on(self, joints: slice, motion: Motion, joint: int) -> Array:
+        """Compute the torque (N, m, 2) on m ``joints`` per unit of the cosine and the
+        sine of one joint's gear (from 0).
+
+        With x = cos(k q) the link moves by x' = -k sin(k q) dq and x'' = -k^2 cos(k q)
+        dq^2 - k sin(k q) ddq; with the sine likewise. The gear's ratio changes along the
+        wave as well: as much power leaves it as enters, so that the motor carries
+        (1 + dx/dq) times its link's torque.
+        """
+        k = self.shape["k"]
+        by_q, by_dq, by_ddq = motion.derivatives(joint)
+        q, dq, ddq = (x[:, [joint]] for x in (motion.q, motion.dq, motion.ddq))
+        of_wave = by_q[:, joints] - (k * dq) ** 2 * by_ddq[:, joints]
+        of_slope = k * (dq * by_dq + ddq * by_ddq)
+        of_slope[:, joint] += k * motion.link_torque[:, joint]
+        of_slope = of_slope[:, joints]
+        cosine, sine = np.cos(k * q), np.sin(k * q)
+        torque_of_cosine = cosine * of_wave - sine * of_slope
+        torque_of_sine = sine * of_wave + cosine * of_slope
+        return np.stack([torque_of_cosine, torque_of_sine], axis=2)
 
 
 #: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with

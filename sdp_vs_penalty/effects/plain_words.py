@@ -35,6 +35,7 @@ SEEN_AGAINST = {
     "end_stop": "position",
     "external_wrench": "position",
     "friction_lead": "reversal",
+    "gear_error": "position in a turn",
     "joint_elasticity": "load",
     "joint_resonance": "load",
     "joint_spring": "position",
@@ -241,6 +242,10 @@ SENTENCES = {
     "friction_lead": (
         "dry friction of {joint} turns round {sign:before|after} its velocity does"
         " ({size})"
+    ),
+    "gear_error": (
+        "the gear of {joint} turns unevenly: its link runs ahead and behind by"
+        " {length}{waves}"
     ),
     "global_delay": "all torques are logged {time} later than the positions",
     "joint_coupling": (

@@ -164,6 +164,16 @@ def _orders(
 
 #: Waves that a joint has to travel until a torque is seen to repeat.
 _WAVES_TO_REPEAT = 2.0
+#: Why a wave is doubted that was not.
+NOT_REPEATED = (
+    "fewer than two waves were travelled, so nothing shows that it repeats: a spring, a"
+    " balancer or a cable looks so"
+)
+
+
+def is_seen_to_repeat(k: float, coverage: JointCoverage) -> bool:
+    """Return whether a joint travelled at least two waves of cos(k q)."""
+    return k * coverage.travel / (2.0 * np.pi) >= _WAVES_TO_REPEAT
 
 
 class TorqueRipple(JointEffect):
@@ -208,15 +218,10 @@ class TorqueRipple(JointEffect):
         rad/m on a prismatic one."""
         return self.shape["k"]
 
-    def _is_seen_to_repeat(self, coverage: JointCoverage) -> bool:
-        """Return whether the joint travelled at least two waves."""
-        n_waves = self.shape["k"] * coverage.travel / (2.0 * np.pi)
-        return n_waves >= _WAVES_TO_REPEAT
-
     def resembles_over(self, coverage: JointCoverage) -> tuple[str, ...]:
         """Name springs where fewer than two waves were travelled: these make any smooth
         torque there."""
-        if self._is_seen_to_repeat(coverage):
+        if is_seen_to_repeat(self.shape["k"], coverage):
             return super().resembles_over(coverage)
         return ("joint_spring", "stiffening_spring")
 
@@ -243,12 +248,9 @@ class TorqueRipple(JointEffect):
         still worth a try.
         """
         reason = super().looks_like(size, coverage)
-        if reason or size == 0.0 or self._is_seen_to_repeat(coverage):
+        if reason or size == 0.0 or is_seen_to_repeat(self.shape["k"], coverage):
             return reason
-        return (
-            "fewer than two waves were travelled, so nothing shows that it repeats: a"
-            " spring, a balancer or a cable looks so"
-        )
+        return NOT_REPEATED
 
 
 #: Phases of a wave at which the friction may not become negative.

@@ -972,6 +972,39 @@ def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
     return Hidden((joint,), change, None, {"f": f, "zeta": zeta})
 
 
+def _gear_error(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a gear of a joint (from 0) that turns unevenly: its link stands at q + x, x =
+    size cos(k q + phase).
+
+    k is 2 to 100 waves per turn; a prismatic joint's screw has a lead of 8 to 70 mm. No
+    power is lost: the motor carries (1 + dx/dq) times its link's torque.
+    """
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
+    k = float(rng.integers(2, 101))
+    if not world.arm.rotary[joint]:
+        k = 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
+
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the added torque (N, n) [N m, N] at this size [rad, m]."""
+        unit = np.eye(motion.q.shape[1])[joint]
+        dq, ddq = motion.dq[:, joint], motion.ddq[:, joint]
+        angle = k * motion.q[:, joint] + phase
+        x = size * np.cos(angle)
+        slope = -size * k * np.sin(angle)  # dx/dq
+        bend = -(k**2) * x  # d^2 x/dq^2
+        moved = TrueMotion(
+            motion.t,
+            motion.q + np.outer(x, unit),
+            motion.dq + np.outer(slope * dq, unit),
+            motion.ddq + np.outer(slope * ddq + bend * dq**2, unit),
+        )
+        torque = world.rigid(moved)
+        torque[:, joint] *= 1.0 + slope
+        return torque - world.rigid(motion)
+
+    return Hidden((joint,), change, 1.0, {"k": k}, size=1e-4)
+
+
 def newmark(
     t: Array,
     mass: Array,
@@ -1141,6 +1174,7 @@ SPRINGS: Mapping[str, Maker] = {
     "end_stop": _end_stop,
     "elastic_coupling": _belt,
     "joint_resonance": _resonance,
+    "gear_error": _gear_error,
 }
 #: What a diagnosis meets as a nuisance.
 NUISANCE: Mapping[str, Maker] = {
