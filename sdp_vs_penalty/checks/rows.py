@@ -432,6 +432,7 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
         finest = 3.5 * lattice_step(x)
         is_far = distance > max(times_usual * usual_distance, threshold, finest)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
+        is_far[:3] = is_far[-3:] = False  # fewer than three samples on a side
         if not name.startswith("q"):  # no impulse moves a joint to and fro
             is_far &= _is_alone(distance)
         bad[name] = is_far & (is_far.mean() <= rare)

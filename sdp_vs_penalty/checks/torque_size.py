@@ -83,10 +83,14 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
 
 def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
     """Return the largest torque (n,) of each joint over its effort limit [-]; nan where
-    the joint has no limit."""
+    the joint has no limit.
+
+    The torque is low-passed: a drive may exceed its limit for an instant, as where a
+    move begins.
+    """
     limits = np.array([joint.effort for joint in log.problem.robot.joints], float)
     is_limit = (limits > 0.0) & np.isfinite(limits)
-    largest = log.data.largest[list(repair.tau_order)] * np.abs(repair.gain)
+    largest = np.abs(log.torques(repair)).max(axis=1)
     return np.asarray(largest / np.where(is_limit, limits, np.nan))
 
 

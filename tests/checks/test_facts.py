@@ -293,6 +293,15 @@ def test_the_weight_alone_is_a_model_and_no_torque():
     assert "gravity model" in [f.kind for f in report.errors_and_warnings]
 
 
+def test_an_instant_over_the_effort_limit_is_no_other_unit():
+    panda = load_problem("panda")
+    run = small_run(panda, seconds=8.0)
+    tau = run.tau.copy()
+    tau[500:502, 6] += 5.0 * panda.robot.joints[6].effort  # where a move begins
+    (report,) = check(panda, replace(run, tau=tau, dq=None), thorough=False)
+    assert "torque unit" not in [f.kind for f in report.issues]
+
+
 @pytest.mark.parametrize("largest", [1000.0, 30_000.0])
 def test_torques_in_whole_numbers_are_counts(largest):
     """Permil of the rated torque, or counts of an encoder of current."""

@@ -429,6 +429,16 @@ def test_a_frozen_position_beside_a_velocity_that_goes_on_is_named():
     assert found("frozen position", replace(run, q=q)) is not None
 
 
+@pytest.mark.parametrize("end", [slice(-8, None), slice(7, None, -1)])
+def test_a_ramp_at_either_end_of_a_log_is_no_spike(end):
+    """A log that ends in the middle of a jerk: the last sample but two has no three
+    samples behind it."""
+    run = motion()
+    tau = run.tau.copy()
+    tau[end, 0] += [0.0, 9.0, 18.0, 28.0, 43.0, 78.0, 101.0, 97.0]
+    assert found("spikes", replace(run, tau=tau)) is None
+
+
 @pytest.mark.parametrize("kind", ["frozen packets", "repeated run"])
 def test_an_arm_that_waits_between_the_steps_of_its_command_is_no_copy(kind):
     """A servo answers steps within a tenth of a second, and rests under a coarse
