@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis.library import (
     white_candidate,
 )
 from sdp_vs_penalty.diagnosis.own_constants import own_constant_candidates
-from sdp_vs_penalty.diagnosis.standing_out import waves_that_stand_out
+from sdp_vs_penalty.diagnosis.standing_out import forms_that_stand_out
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import STANDS, Effect
@@ -98,7 +98,7 @@ def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
             forms = kind.candidates(model.robot, joint, start)
             shown = [effect for effect in forms if is_shown(effect)]
             if kind.starts_stand_out:
-                shown = waves_that_stand_out(data, shown)
+                shown = forms_that_stand_out(data, shown)
             for effect in shown:
                 yield Candidate(key, effect)
 

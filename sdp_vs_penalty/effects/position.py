@@ -81,6 +81,7 @@ class EndStop(JointEffect):
     generalises = ("joint_spring",)  # where it touches all the way
     lower = 0.0
     several = True  # one at either end
+    starts_stand_out = True
     signless = True
     symbol = "k_e"
     units = ("N*m/rad", "N/m")
@@ -110,14 +111,14 @@ class EndStop(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """List the places with which a search begins: evenly along the joint's range,
-        for either side."""
+        """List the places from which a search chooses those that stand out: evenly along
+        the joint's range, for one side and then for the other."""
         lower, upper, _ = joint_limits(robot)
         places = np.linspace(lower[joint], upper[joint], _PLACES + 1)[1:-1]
         return [
             {"q0": float(f"{place:.6g}"), "side": side}
-            for place in places
             for side in cls.shapes["side"].choices
+            for place in places
         ]
 
     def column(self, motion: Motion, joint: int) -> Array:
