@@ -450,12 +450,12 @@ class GearError(LinkDeviation):
         (1 + dx/dq) times its link's torque.
         """
         k = self.shape["k"]
-        by_q, by_dq, by_ddq = motion.derivatives(joint)
+        by_q, by_dq, by_ddq = (x[:, joints] for x in motion.derivatives(joint))
         q, dq, ddq = (x[:, [joint]] for x in (motion.q, motion.dq, motion.ddq))
-        of_wave = by_q[:, joints] - (k * dq) ** 2 * by_ddq[:, joints]
+        is_own = np.arange(self.robot.n)[joints] == joint
+        of_wave = by_q - (k * dq) ** 2 * by_ddq
         of_slope = k * (dq * by_dq + ddq * by_ddq)
-        of_slope[:, joint] += k * motion.link_torque[:, joint]
-        of_slope = of_slope[:, joints]
+        of_slope[:, is_own] += k * motion.link_torque[:, [joint]]
         cosine, sine = np.cos(k * q), np.sin(k * q)
         torque_of_cosine = cosine * of_wave - sine * of_slope
         torque_of_sine = sine * of_wave + cosine * of_slope
