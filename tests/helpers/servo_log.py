@@ -2,6 +2,7 @@
 nobody logs."""
 
 from functools import cache
+from math import tanh
 from pathlib import Path
 
 import numpy as np
@@ -48,22 +49,23 @@ def log(
     t = np.arange(0.0, 20.0, h)
     told = command(t, seed)
     late = command(np.maximum(t - delay, 0.0), seed)
-    q, tau = np.empty((2, len(t)))
-    x = told[0]
+    # Steps of Python's own floats take a third of the time of NumPy's.
+    positions, drives = [], []
+    x = start = float(told[0])
     v = 0.0
     sums = OFFSET / ki if ki else 0.0
-    start = told[0]
     a = 0.0
-    for k in range(len(t)):
-        q[k] = x
-        sums += h * (late[k] - x)
-        drive = KP * (late[k] - x) - KD * v + ki * sums - kh * (x - start)
+    for aim in late.tolist():
+        positions.append(x)
+        sums += h * (aim - x)
+        drive = KP * (aim - x) - KD * v + ki * sums - kh * (x - start)
         drive = min(max(drive, -limit), limit)
-        tau[k] = drive
-        dry = COULOMB * np.tanh((v + lead * a) / 0.05)
+        drives.append(drive)
+        dry = COULOMB * tanh((v + lead * a) / 0.05)
         a = (drive - VISCOUS * v - dry - OFFSET) / (MASS + load)
         v += h * a
         x += h * v
+    q, tau = np.array(positions), np.array(drives)
     rng = np.random.default_rng(seed + 1)
     logged = q[::20] + noise * rng.normal(size=len(t[::20]))
     groups = {
