@@ -37,17 +37,29 @@ CUBE = "".join(
 )
 
 
+@pytest.fixture(scope="module")
+def _servers_that_know_the_parsers():
+    """A server that another test file has started does not know these parsers, and
+    those that are started here end here."""
+
+    def end_servers():
+        for server in isolated._idle:
+            server.process.kill()
+            server.process.wait()
+        isolated._idle.clear()
+
+    end_servers()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.path.dirname(parsers.__file__))
+        yield
+    end_servers()
+
+
 @pytest.fixture(params=["forked here", "from a server"])
-def file(request, monkeypatch, tmp_path):
+def file(request, monkeypatch, tmp_path, _servers_that_know_the_parsers):
     """A file to parse, by a child of this process or of a server."""
     is_here = request.param == "forked here"
     monkeypatch.setattr(isolated, "_is_single_threaded", lambda: is_here)
-    monkeypatch.setenv("PYTHONPATH", os.path.dirname(parsers.__file__))
-    # A server that another test has started does not know these parsers.
-    for server in isolated._idle:
-        server.process.kill()
-        server.process.wait()
-    isolated._idle.clear()
     path = tmp_path / "file"
     path.write_bytes(b"1")
     return path
