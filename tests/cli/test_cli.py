@@ -18,6 +18,7 @@ from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp
+from sdp_vs_penalty.simulation import hidden_runs
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -67,8 +68,9 @@ def test_help_answers_at_once():
     assert min(seconds) < 0.2
 
 
-def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path):
+def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path, monkeypatch):
     """A folder that it wrote itself, with its truth.json, is written again."""
+    monkeypatch.setattr(hidden_runs, "DURATION", 4.0)
     own = tmp_path / "own"
     folder = tmp_path / "made"
     own.mkdir()

@@ -66,7 +66,7 @@ def test_a_mesh_that_cannot_be_read_is_left_out(tmp_path, content):
 
 
 def test_a_fine_mesh_becomes_a_coarse_one_of_the_same_size():
-    fine = sphere(120)
+    fine = sphere(70)
     coarse = simplified(fine, 3000)
     assert 500 < len(coarse) <= 3000
     np.testing.assert_allclose(np.ptp(coarse, axis=(0, 1)), 2.0, atol=0.1)
