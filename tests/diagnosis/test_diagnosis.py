@@ -53,7 +53,7 @@ def diagnosed(made: HiddenRuns, runs: int = 3, **options: object) -> Diagnosis:
     )
 
 
-def thinned(made: HiddenRuns, step: int = 4) -> HiddenRuns:
+def thinned(made: HiddenRuns, step: int = 10) -> HiddenRuns:
     """Every so many of a thousand samples a second: cheaper to diagnose."""
     runs = tuple(run.rows(slice(None, None, step)) for run in made.runs)
     return replace(made, runs=runs)
@@ -62,7 +62,7 @@ def thinned(made: HiddenRuns, step: int = 4) -> HiddenRuns:
 @pytest.fixture(scope="module")
 def stribeck(panda: Problem) -> HiddenRuns:
     made = hidden_runs(panda, [("stribeck_friction", [2])], "medium", seed=11)
-    return thinned(made, step=2)
+    return thinned(made, step=4)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def found(stribeck: HiddenRuns) -> Diagnosis:
 
 def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
     effects = [("presliding_hysteresis", [0])]
-    made = thinned(hidden_runs(two_link, effects, "medium", seed=1, count=1), step=2)
+    made = thinned(hidden_runs(two_link, effects, "medium", seed=1, count=1), step=5)
     (run,) = made.runs
     settings = two_link.preprocessing
     estimate = identify(
@@ -384,6 +384,7 @@ def test_a_refit_holds_what_is_known_of_the_models_own_sizes(two_link):
     """Rows hardly tell where joints are mounted: by themselves they say 550 times what
     is plausible."""
     made = hidden_runs(two_link, [("joint_spring", [1])], "medium", seed=1, count=2)
+    made = thinned(made)
     data = concatenate(made.runs[:2])
     model = add(identified(made, data), "kinematic_error", data)
     white = whiten_rows(

@@ -207,7 +207,7 @@ def sprung(tmp_path_factory: pytest.TempPathFactory) -> Path:
     runs = hidden_runs(problem, [("joint_spring", [1])], "strong", 24, 3).runs
     files = [folder / f"{name}.csv" for name in ("a", "b", "test")]
     for run, file in zip(runs, files, strict=True):
-        save(run.rows(slice(None, None, 4)), file)
+        save(run.rows(slice(None, None, 10)), file)
     data = ["--data", files[0], files[1]]
     model = folder / "model.json"
     better = folder / "better.json"
