@@ -4,6 +4,7 @@ The simulation shares no code with the library: a pendulum, a motor before its g
 a stiff, damped contact on either side of the play.
 """
 
+from math import sin, tanh
 from pathlib import Path
 
 import numpy as np
@@ -35,30 +36,38 @@ def swung(play: float, seed: int, seconds: float = 24.0) -> Measurements:
     aim, speed = np.sin(waves) @ a, np.cos(waves) @ (a * w)
     push = np.sin(waves) @ (-a * w * w)
     stiff = ROTOR * (2.0 * np.pi * 40.0) ** 2
-    damp = 0.6 * np.sqrt(stiff * ROTOR)
-    motor, link, v_motor, v_link = aim[0], aim[0], speed[0], speed[0]
-    q, tau = np.empty(len(t)), np.empty(len(t))
-    for k in range(len(t)):
-        wanted = push[k] + 400.0 * (aim[k] - motor) + 28.0 * (speed[k] - v_motor)
-        drive = (INERTIA + ROTOR) * wanted + MASS * GRAVITY * LENGTH * np.sin(motor)
+    damp = 0.6 * (stiff * ROTOR) ** 0.5
+    weight = MASS * GRAVITY * LENGTH
+    # Steps of Python's own floats take a third of the time of NumPy's.
+    motor = link = float(aim[0])
+    v_motor = v_link = float(speed[0])
+    positions, torques = [], []
+    for now, v_now, a_now in zip(
+        aim.tolist(), speed.tolist(), push.tolist(), strict=True
+    ):
+        wanted = a_now + 400.0 * (now - motor) + 28.0 * (v_now - v_motor)
+        drive = (INERTIA + ROTOR) * wanted + weight * sin(motor)
         gap = motor - link
         beyond = gap - min(max(gap, -play), play)
-        contact = stiff * beyond + damp * (v_motor - v_link) * (
-            beyond != 0.0 or not play
-        )
-        friction = 1.0 * np.tanh(v_motor / 0.02)
-        q[k], tau[k] = motor, drive + friction
+        contact = stiff * beyond
+        if beyond or not play:
+            contact += damp * (v_motor - v_link)
+        positions.append(motor)
+        torques.append(drive + 1.0 * tanh(v_motor / 0.02))
         v_motor += h * (drive - contact) / ROTOR
-        v_link += h * (contact - MASS * GRAVITY * LENGTH * np.sin(link)) / INERTIA
+        v_link += h * (contact - weight * sin(link)) / INERTIA
         motor += h * v_motor
         link += h * v_link
+    q, tau = np.array(positions), np.array(torques)
     tau += rng.normal(0.0, 0.1 * np.sqrt(every), len(t))
     means = tau.reshape(-1, every).mean(axis=1)
     middle = slice(every // 2, None, every)
     return Measurements(t[middle], q[middle, None], means[:, None])
 
 
-@pytest.mark.parametrize("play", [0.0, 0.005, 0.012])
+@pytest.mark.parametrize(
+    "play", [0.0, pytest.param(0.005, marks=pytest.mark.long), 0.012]
+)
 def test_a_link_that_flies_through_its_play_is_named_with_its_size(
     play, tmp_path: Path
 ):
