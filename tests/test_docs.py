@@ -88,6 +88,7 @@ def test_every_verb_is_shown():
     assert not left, f"no command of docs/commands.md shows {left}"
 
 
+@pytest.mark.long
 def test_every_command_runs_in_order(tmp_path, two_link, monkeypatch, capsys):
     """On two joints, of which the third is the second: what a command says is not of
     the arm's size."""

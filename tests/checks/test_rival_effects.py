@@ -25,6 +25,7 @@ from sdp_vs_penalty.checks import EXPLANATION, Issue, check
 Array = np.ndarray
 #: What a fault of calibration is called: what is left unexplained is no fault.
 NO_FAULT = ("unexplained torque", "poor excitation")
+SEEDS = pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.long)])
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,7 @@ def pull(force: Array, point: tuple[float, float, float]) -> Callable[..., Array
     return extra
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@SEEDS
 @pytest.mark.parametrize("ratio", [0.6, -0.7])
 def test_a_coupling_of_joints_makes_no_likely_fault(problem, ratio, seed):
     faults = faults_of(problem, fast_run(PointMassArm(channel=belt(ratio)), seed))
@@ -92,15 +93,18 @@ def test_a_coupling_of_joints_makes_no_likely_fault(problem, ratio, seed):
     assert not faults or "gears that couple joints 2 and 3" in named
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-@pytest.mark.parametrize("force", [(15.0, 5.0, -10.0), (-4.0, 20.0, 6.0)])
+@SEEDS
+@pytest.mark.parametrize(
+    "force",
+    [(15.0, 5.0, -10.0), pytest.param((-4.0, 20.0, 6.0), marks=pytest.mark.long)],
+)
 def test_a_constant_force_makes_no_likely_fault(problem, force, seed):
     arm = PointMassArm(extra=pull(np.array(force), (0.3, 0.0, 0.0)))
     faults = faults_of(problem, fast_run(arm, seed))
     assert not [f.what for f in faults if f.certainty.startswith("likely")]
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@SEEDS
 @pytest.mark.parametrize("joint", [2, 3])
 def test_a_wrong_gain_stays_likely(problem, joint, seed):
     gains = tuple(1.6 if k == joint else 1.0 for k in (1, 2, 3))
@@ -110,7 +114,7 @@ def test_a_wrong_gain_stays_likely(problem, joint, seed):
     assert fault.certainty.startswith("likely")
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@SEEDS
 def test_a_wrong_zero_is_never_a_coupling(problem, seed):
     run = fast_run(PointMassArm(), seed)
     q = run.q - np.array([0.0, 0.3, 0.0])

@@ -204,7 +204,7 @@ def late(run: Measurements, seconds: float) -> Measurements:
     ("place", "joint", "factor"),
     [
         (0, 1, 0.5),
-        (2, 2, 2.0),
+        pytest.param(2, 2, 2.0, marks=pytest.mark.long),
         pytest.param(0, 2, 2.0, marks=pytest.mark.long),
         pytest.param(2, 1, 0.5, marks=pytest.mark.long),
         pytest.param(0, 2, 0.5, marks=pytest.mark.long),

@@ -169,9 +169,8 @@ def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
     assert found.figures["size"] == pytest.approx(0.3, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("second", "fourth"), [pytest.param(0.5, -0.5, marks=pytest.mark.long), (-0.5, 1.0)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("second", "fourth"), [(0.5, -0.5), (-0.5, 1.0)])
 def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda):
     """Also where neither joint's own torque shows it."""
     run = replace(small_run(panda, seconds=8.0), dq=None)
@@ -258,7 +257,7 @@ STRONG = {
     [
         ("a spring", 3, 30.0),
         pytest.param("drag", 2, 20.0, marks=pytest.mark.long),
-        ("hysteresis", 4, 8.0),
+        pytest.param("hysteresis", 4, 8.0, marks=pytest.mark.long),
     ],
 )
 def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(

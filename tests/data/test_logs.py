@@ -85,16 +85,22 @@ def test_the_printed_command_reads_the_same(name, tmp_path, monkeypatch):
     np.testing.assert_allclose(again.t, run.t, rtol=1e-10)
 
 
-def test_every_sample_goes_from_convert_through_check_to_identify(
-    tmp_path, monkeypatch
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(x, marks=pytest.mark.long if k else ())
+        for k, x in enumerate(SAMPLES)
+    ],
+)
+def test_a_sample_goes_from_convert_through_check_to_identify(
+    name, tmp_path, monkeypatch
 ):
-    """All are one motion: the check as a verb is asked once, `identify` checks each."""
+    """All are one motion, which each was read right of above: one is enough."""
     monkeypatch.chdir(tmp_path)
-    for name in SAMPLES:
-        convert_ = ("convert", HOME / name, "--problem", "two_link", "--out", "a.csv")
-        assert run_cli(*convert_) == 0, name
-        options = ("--method", "ols", "--out", "m.json")
-        assert run_cli("identify", "two_link", "--data", "a.csv", *options) == 0, name
+    convert_ = ("convert", HOME / name, "--problem", "two_link", "--out", "a.csv")
+    assert run_cli(*convert_) == 0
+    options = ("--method", "ols", "--out", "m.json")
+    assert run_cli("identify", "two_link", "--data", "a.csv", *options) == 0
     assert run_cli("check", "two_link", "--data", "a.csv") == 0
 
 

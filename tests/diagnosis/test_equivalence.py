@@ -183,13 +183,17 @@ def pulled(torque: Callable[[np.ndarray], np.ndarray]) -> PointMassArm:
     return PointMassArm(extra=lambda t, q, dq: torque(q))
 
 
+@pytest.mark.long
 def test_a_spring_that_stiffens_is_no_linear_one(problem):
     found = diagnosed(problem, pulled(lambda q: q**3 * [3.0, 0.0, 0.0]))
     assert confident(found) == {"stiffening_spring:1"}
     assert abs(found.effects[0].size - 3.0) < 0.3
 
 
-@pytest.mark.parametrize(("side", "sign"), [("above", 1.0), ("below", -1.0)])
+@pytest.mark.parametrize(
+    ("side", "sign"),
+    [("above", 1.0), pytest.param("below", -1.0, marks=pytest.mark.long)],
+)
 def test_a_spring_on_one_side_only_is_an_end_stop(problem, side, sign):
     def push(q):
         return 6.0 * sign * np.maximum(sign * q - 0.3, 0.0) * [0.0, 1.0, 0.0]
@@ -216,6 +220,7 @@ def belt(q: np.ndarray) -> np.ndarray:
     return np.column_stack([-0.8 * pull, pull, 0.0 * pull])
 
 
+@pytest.mark.long
 def test_a_belt_over_two_joints_is_no_spring_of_one(problem):
     found = diagnosed(problem, pulled(belt))
     sizes = {f.text: f.size for f in found.effects}

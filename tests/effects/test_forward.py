@@ -118,7 +118,7 @@ def test_as_mujoco_with_armature_and_damping(name):
     )
 
 
-@pytest.mark.parametrize("h", [1e-3, 1e-2])
+@pytest.mark.parametrize("h", [pytest.param(1e-3, marks=pytest.mark.long), 1e-2])
 def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h):
     p = plant("emps", "rigid_body,coulomb_friction@v_s=0.00002", coulomb_friction=20.0)
     mass = float(p.mass(np.zeros((1, 1)))[0, 0, 0])

@@ -63,6 +63,7 @@ def test_an_optimised_trajectory_keeps_any_limits(
     assert np.abs(dq[[0, -1]]).max() < 1e-9
 
 
+@pytest.mark.long
 def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda):
     paper = experiment(panda).trajectory
     limits = Limits.of_trajectory(paper)

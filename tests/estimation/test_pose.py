@@ -25,9 +25,11 @@ from sdp_vs_penalty.simulation import experiment
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
 #: Joints with friction, one slide; the others take longer.
 _REAL = (
-    "panda",
     "emps",
-    *(pytest.param(x, marks=pytest.mark.long) for x in ("ur10e", "tx40", "ur10")),
+    *(
+        pytest.param(x, marks=pytest.mark.long)
+        for x in ("panda", "ur10e", "tx40", "ur10")
+    ),
 )
 
 

@@ -193,7 +193,10 @@ def test_friction_that_falls_is_no_payload(arm, estimator):
     assert play(estimator, drifting(arm, run, friction_falls)) == []
 
 
-@pytest.mark.parametrize(("k", "drift"), [(0, friction_rises), (1, offset_rises)])
+@pytest.mark.parametrize(
+    ("k", "drift"),
+    [(0, friction_rises), pytest.param(1, offset_rises, marks=pytest.mark.long)],
+)
 def test_slow_drift_on_other_motions_is_no_payload(arm, estimator, drift, k):
     run = arm.training[k].window(0.0, 10.0)
     assert play(estimator, drifting(arm, run, drift)) == []
@@ -430,6 +433,7 @@ def ur10e(ur10e_runs) -> Callable[[], PayloadEstimator]:
     return lambda: PayloadEstimator(estimate, noise, 100.0)
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_the_real_load_is_picked_up(ur10e, ur10e_runs):
     """Ten picks in a trajectory that nothing was made from: each is dated, and 95 %
@@ -455,7 +459,10 @@ MOTIONS = ("19_15harm50sec", "12-50sec_12harm", "22-joint_2", "17-ptp_10_points"
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize(
+    "name",
+    [MOTIONS[0], *(pytest.param(x, marks=pytest.mark.long) for x in MOTIONS[1:])],
+)
 def test_real_motion_without_a_load_raises_no_alarm(ur10e, ur10e_runs, name):
     assert play(ur10e(), ur10e_runs[name].window(0.0, 10.0)) == []
 

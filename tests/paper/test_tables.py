@@ -58,8 +58,10 @@ METHODS = {
 #: Figures that draw every physics engine.
 ENGINES = (5, 6)
 #: Figures and tables that take a second and more each.
-LONG_FIGURES = (1, 3, 10)
+LONG_FIGURES = (1, 2, 3, 8, 10)
 LONG_TABLES = ("I", "II", "methods", "data")
+#: What another problem's table of the same number shows as well.
+LONG_CASES = (("panda", "IV"), ("measured", "IV"))
 
 
 class SimulatedStudy(Study):
@@ -147,6 +149,7 @@ def test_a_table_is_as_it_was(problem, name, made):
     assert table.measured == (problem == "measured")
 
 
+@pytest.mark.long
 def test_engines_follow_a_recorded_run(studies):
     """What is left of the torque is the run's noise, and what links and friction fitted
     to it miss."""
@@ -259,7 +262,13 @@ def test_tables_come_out_as_committed(whole, problem, name, folder):
 @pytest.mark.parametrize(
     ("problem", "name"),
     [
-        pytest.param(p, name, marks=pytest.mark.long if name in LONG_TABLES else ())
+        pytest.param(
+            p,
+            name,
+            marks=pytest.mark.long
+            if name in LONG_TABLES or (p, name) in LONG_CASES
+            else (),
+        )
         for p in SMALL
         for name in SMALL[p]
     ],

@@ -222,6 +222,7 @@ def test_only_single_effects_that_the_data_show_can_be_missed():
     assert limit.missed(records) == [Case("strong", "plain", 1, 0)]
 
 
+@pytest.mark.long
 def test_the_true_model_scores_better_where_it_was_left_out():
     """A strong effect has an advantage where the search lost it; another one has none
     where the search found the truth."""

@@ -228,6 +228,7 @@ def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
         assert np.all(x.rms < 0.01 * x.naive)
 
 
+@pytest.mark.long
 def test_a_loop_adds_the_torque_that_a_model_lacks(known):
     """Nothing to the truth; to links that weigh a tenth more than they do a tenth of
     what moves them.
