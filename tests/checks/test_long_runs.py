@@ -68,6 +68,7 @@ def test_unusable_rows_of_a_long_run_are_one_error(two_link, long_run):
     assert report.is_long
 
 
+@pytest.mark.long
 def test_fix_of_a_long_run_says_what_to_do(two_link, long_run, tmp_path, capsys):
     file = tmp_path / "long.npz"
     save(long_run, file)

@@ -441,6 +441,7 @@ def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
     assert np.all(result.held_out_rmse < 0.01)
 
 
+@pytest.mark.long
 def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):
     """By what the gear yields beside the links' motion; nothing of the kind is found in
     a log of one side, and it survives being added and a run without it."""

@@ -161,7 +161,8 @@ def test_a_drive_within_its_limit_is_not_named(found):
     assert not any("torque limit" in x for x in caveats(found))
 
 
-@pytest.mark.parametrize("torque", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("torque", [False, True])
 def test_instruments_take_the_bias_of_noise_away(arm, torque):
     """Positions to millimetres, through a filter that lets much of their noise pass,
     with torque and without: the mass that least squares give is wrong by many times
@@ -338,6 +339,7 @@ def test_a_torque_that_the_gains_do_not_determine_is_no_size(found, error, said)
     assert said in sentence
 
 
+@pytest.mark.long
 def test_a_weighed_loads_interval_holds_the_gain(arm):
     """Positions to half a millimetre; the load's weight sets the scale."""
     run = log(5e-4, seed=1)

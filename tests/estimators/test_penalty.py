@@ -149,6 +149,7 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     assert value == pytest.approx(loss + beyond / (2.0 * weight), rel=1e-9)
 
 
+@pytest.mark.long
 def test_penalty_obeys_bounds_that_no_sdp_can_take(panda):
     box = panda.box.copy()
     box[:, [4, 6, 9], 1], box[:, [5, 7, 8], 0], box[:, [5, 7, 8], 1] = 0.02, -1e-3, 1e-3

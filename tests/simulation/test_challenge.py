@@ -41,6 +41,7 @@ def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends():
     assert found["size"] == pytest.approx(0.04 / np.sqrt(24.0), rel=0.2)
 
 
+@pytest.mark.long
 def test_a_contact_is_an_event_not_an_effect():
     record = run_case(Case("disturbance", "encoder", 1000, 9))[1]
     assert record["truth"][0]["kind"] == "contact"
