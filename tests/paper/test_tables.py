@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,6 +23,8 @@ from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.paper import figures
 from sdp_vs_penalty.paper.figures import FIGURES, make_figures, save
+from sdp_vs_penalty.paper.figures.layout import lay_out
+from sdp_vs_penalty.paper.figures.style import legend_below, new_figure
 from sdp_vs_penalty.paper.tables import (
     DEFAULT_TABLES,
     Study,
@@ -236,11 +239,47 @@ def test_a_figure_labels_units_and_is_drawn(number, studies):
     assert written.getvalue().startswith(b"%PDF")
 
 
+def check_room(figure: Any) -> None:
+    """All texts lie on the figure, and no axes with its texts reaches into another one,
+    into the title or into the legend."""
+    from matplotlib.transforms import Bbox
+
+    boxes = [axis.get_tightbbox() for axis in figure.axes]
+    boxes += [legend.get_window_extent() for legend in figure.legends]
+    boxes += [text.get_window_extent() for text in figure.texts]
+    for box in boxes:
+        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1
+        assert figure.bbox.y0 <= box.y0 <= box.y1 <= figure.bbox.y1
+    for one, other in combinations(boxes, 2):
+        overlap = Bbox.intersection(one, other)
+        assert overlap is None or min(overlap.width, overlap.height) < 2.0  # pixels
+
+
+@pytest.mark.parametrize("size", [1.0, 1234567.0])
+def test_texts_have_their_room(size):
+    figure, axes = new_figure(3, 2, 5.0, sharex=True)
+    for k, axis in enumerate(axes.flat):
+        axis.plot([0.0, size], [-size, size / (k + 1)], label="a line of the legend")
+        axis.set_ylabel(f"joint {k}\ntorque [N m]")
+        axis.set_xlabel("time [s]" if k > 3 else "")
+    axes[0, 1].set_title("title of a column")
+    axes[2, 1].set_yscale("symlog", linthresh=1e-3 * size)
+    legend_below(figure, axes[0, 0])
+    figure.suptitle("title of the figure\nin two lines")
+    lay_out(figure)
+    figure.canvas.draw()
+    check_room(figure)
+    left = {axis.yaxis.label.get_window_extent().x0 for axis in axes[:, 0]}
+    assert max(left) - min(left) < 1e-6  # on one line
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("number", sorted(FIGURES))
 def test_a_figure_is_written(number, studies, tmp_path):
     home, draw = FIGURES[number]
-    png, pdf = save(draw(studies[home.PROBLEM]), tmp_path / f"figure_{number}")
+    figure = draw(studies[home.PROBLEM])
+    png, pdf = save(figure, tmp_path / f"figure_{number}")
+    check_room(figure)
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
 

@@ -10,6 +10,7 @@ from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.paper.figures import engines, panda, two_link
+from sdp_vs_penalty.paper.figures.layout import lay_out
 from sdp_vs_penalty.paper.figures.style import DPI
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -123,11 +124,8 @@ def save(figure: Any, base: Path) -> list[Path]:
         base.png and base.pdf.
     """
     import matplotlib.pyplot as plt
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    # Once for both files: a figure that has a layout engine is laid out and drawn twice
-    # by each savefig.
-    ConstrainedLayoutEngine().execute(figure)
+    lay_out(figure)
     paths = []
     # Without a date the same numbers make the same file.
     for suffix, metadata in (

@@ -355,8 +355,6 @@ def figure_10(study: Study) -> Any:
     for j in range(n):
         axes[0, j].set_title(f"joint {j + 1}")
         axes[-1, j].set_xlabel("time [s]")
-    for column in axes.T:
-        style.align_ylabels(column)
     legend_below(figure, axes[0, 0])
     worst = max((float(np.abs(v).max()) for v in unfeasible), default=0.0)
     figure.suptitle(
