@@ -614,6 +614,7 @@ def compare_filtered(
     models: Mapping[str, Estimate],
     runs: FilteredRuns,
     noise_from: Source | None = None,
+    noise: tuple[Array | None, str] | None = None,
 ) -> Comparisons:
     """Compare models on filtered runs that were checked to be possible for the robot.
 
@@ -625,6 +626,8 @@ def compare_filtered(
         Filtered runs to judge on.
     noise_from
         Recordings of which the runs are windows, for the noise floor.
+    noise
+        What :func:`noise_floor` says of these recordings, where that is known.
 
     Returns
     -------
@@ -642,7 +645,7 @@ def compare_filtered(
         _, all_measurements = driven(first, as_measurements(noise_from))
         if all_measurements is not measurements:
             runs_of_noise = FilteredRuns.of(all_measurements, settings)
-    floor = _noise_floor(first, runs_of_noise)
+    floor = noise or _noise_floor(first, runs_of_noise)
     remark = subsample_sentence(
         window_subsample(all_measurements, settings),
         all_measurements,

@@ -61,6 +61,7 @@ def diagnose(
     noise_from: Measurements | None = None,
     gain_uncertainty: float | None = None,
     judged_recordings: Measurements | None = None,
+    judged_noise: tuple[Array | None, str] | None = None,
     rules: Rules = ALL_RULES,
 ) -> Diagnosis:
     """Find the effects that a model lacks, in recordings that have been read.
@@ -86,6 +87,8 @@ def diagnose(
     judged_recordings
         Recordings of which the test run is a window; they have the noise floor that is
         reported.
+    judged_noise
+        What :func:`noise_floor` says of these recordings, where that is known.
     rules
         Optional rules of the search that apply.
 
@@ -105,7 +108,9 @@ def diagnose(
     )
     del runs  # with all filtered rows
     give_back_memory(measurements.samples)
-    floor, _ = noise_floor(model, judged_recordings or test or measurements)
+    floor, _ = judged_noise or noise_floor(
+        model, judged_recordings or test or measurements
+    )
     return diagnosis if floor is None else replace(diagnosis, noise_floor=floor)
 
 

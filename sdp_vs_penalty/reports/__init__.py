@@ -50,6 +50,7 @@ def report(
     noise_from: Source = None,
     findings: Diagnosis | str | Path | None = None,
     forward: bool = False,
+    comparisons: Comparisons | None = None,
     failures: Mapping[str, Failures] | None = None,
     progress: Progress = no_progress,
 ) -> Verdict:
@@ -72,6 +73,9 @@ def report(
     forward : bool
         Run the model forward over whole runs, however long that takes, and not for a
         few seconds of processor time.
+    comparisons : Comparisons, optional
+        The models on these measurements, by the same names and in the same order, where
+        that is known.
     failures : mapping of str to Failures, optional
         Where models fail on these measurements, by name, as far as that is known.
     progress : callable
@@ -104,9 +108,10 @@ def report(
     diagnosis = (
         load_diagnosis(findings) if isinstance(findings, str | Path) else findings
     )
-    progress("comparing")
     filtered = FilteredRuns.of(driven(first, runs)[1], first.preprocessing)
-    comparisons = compare(named, filtered, noise_from=all_runs)
+    if comparisons is None:
+        progress("comparing")
+        comparisons = compare(named, filtered, noise_from=all_runs)
     judged = {
         c.name: [JudgedRun.of(run, c.estimate) for run in filtered.runs]
         for c in comparisons

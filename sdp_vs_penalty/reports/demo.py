@@ -5,7 +5,7 @@ The verb ``demo`` and the page's button "Show me" take the same steps as anybody
 real arm.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sdp_vs_penalty.data.files import save
@@ -13,7 +13,8 @@ from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import (
     Comparison,
-    compare,
+    Comparisons,
+    compare_filtered,
     keep_noise_floor,
     noise_floor,
 )
@@ -31,6 +32,7 @@ from sdp_vs_penalty.estimation.identify import estimate_posed
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.reports import plotly_script, report
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: The arm, what is hidden on its last joint, how strongly, and the methods side by
@@ -114,13 +116,17 @@ def demo(
     for other in models.values():  # of the same runs behind the same filters
         other.provenance["noise"] = model.provenance["noise"]
     progress("comparing on motion that no model has seen")
-    failures = where_it_fails(model, test, noise=noise_floor(model, test))
+    noise = noise_floor(model, test)
+    failures = where_it_fails(model, test, noise=noise)
     progress("looking for what is missing")
-    diagnosis = diagnose(model, train, test, seed=seed)
+    diagnosis = diagnose(model, train, test, seed=seed, judged_noise=noise)
     progress("adding it")
     sure = diagnosis.selected(confident=True) if diagnosis.sure else None
     better = model if sure is None else add(model, sure, train, seed=seed)
-    *compared, after = compare({**models, "with what was found": better}, test)
+    judged_runs = FilteredRuns.of(test, model.preprocessing)
+    *compared, after = compare_filtered(
+        {**models, "with what was found": better}, judged_runs, noise=noise
+    )
     for name, estimate, judged in (
         ("model", model, compared[-1]),
         ("better", better, after),
@@ -134,13 +140,16 @@ def demo(
         )
         estimate.save(folder / f"{name}.json")
     progress("writing the report")
-    named = {"before": model, "after": better}
+    shown = Comparisons(
+        [replace(compared[-1], name="before"), replace(after, name="after")]
+    )
     report(
-        named,
+        {"before": model, "after": better},
         test,
         folder / "report.html",
         commands=["sdp-vs-penalty demo"],
         findings=diagnosis,
+        comparisons=shown,
         failures={"before": failures},
     )
     return Demo(
