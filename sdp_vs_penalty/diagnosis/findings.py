@@ -15,6 +15,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
+from sdp_vs_penalty.diagnosis.passing_cause import PassingCause, passing_sentence
 from sdp_vs_penalty.effects import (
     FittedEffect,
     effect_name,
@@ -446,7 +447,8 @@ class Diagnosis(Record, JsonRecord):
     model's parameters were kept, and are kept by :func:`add`; new_motion_share : of the
     test run's rows, those whose motion is not in the runs that were searched; remains :
     what repeats and is unknown; torque_units (n,) : of the joints; notices : facts that
-    the model's own parameters hold, such as a load that its file does not know.
+    the model's own parameters hold, such as a load that its file does not know; passing
+    : what acts for a part of the runs only, such as a load that is carried.
     """
 
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
@@ -468,6 +470,7 @@ class Diagnosis(Record, JsonRecord):
     remains: tuple[Remaining, ...] = ()
     torque_units: tuple[str, ...] = ()
     notices: tuple[Notice, ...] = ()
+    passing: tuple[PassingCause, ...] = ()
 
     def torque_unit(self, joint: int) -> str:
         """Unit of the torque of a joint (from 1); "N m or N" where files of older
@@ -686,10 +689,19 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def headline(self) -> str:
-        """A few sentences: what is missing, what the model has taken in, hums, how well
-        the noise is known, and the number of isolated disturbances.
+        """A few sentences: what is missing, what acts for a part of the time, what the
+        model has taken in, hums, how well the noise is known, and the number of isolated
+        disturbances.
+
+        What acts for a part of the time comes first if it has more evidence than any
+        finding.
         """
         sentences = [self._missing]
+        if self.passing:
+            passing = passing_sentence(self.passing)
+            most = max((f.gain for f in self.effects), default=0.0)
+            is_main = max(cause.evidence for cause in self.passing) > most
+            sentences.insert(0 if is_main else 1, passing)
         if self.notices:
             noticed = "; ".join(notice.sentence for notice in self.notices)
             sentences.append(f"Taken in by the model: {noticed}.")
@@ -698,12 +710,22 @@ class Diagnosis(Record, JsonRecord):
             sentences.append(f"The torque hums: {hums}.")
         if self.noise_source == SPECTRUM:
             sentences.append(f"The noise is {SPECTRUM_KNOWN}: no motion repeats.")
-        disturbances = [e for e in self.events if e.what != "hum"]
+        disturbances = [e for e in self.events_without_cause if e.what != "hum"]
         if disturbances:
             where = formatting.joints(sorted({e.joint for e in disturbances}))
             count = formatting.count(len(disturbances), "isolated disturbance")
             sentences.append(f"Also {count} on {where}.")
         return " ".join(sentences)
+
+    @property
+    def events_without_cause(self) -> list[Event]:
+        """The events that no cause explains which acts for a part of the time."""
+        return [
+            e
+            for e in self.events
+            if e.what == "hum"
+            or not any(cause.covers(e.t_start, e.t_end) for cause in self.passing)
+        ]
 
     @property
     def hums(self) -> list[Event]:
@@ -1070,7 +1092,8 @@ def event_lines(
 ) -> list[str]:
     """Describe the events of a diagnosis in words, one line each.
 
-    More than ``most_lines`` events are summed up in one line, unless ``show_all``.
+    First come the causes that act for a part of the time; events within their spans are
+    not listed again. More than ``most_lines`` events are summed up in one line, unless ``show_all``.
 
     Parameters
     ----------
@@ -1086,15 +1109,19 @@ def event_lines(
     list of str
         The lines.
     """
-    events = diagnosis.events
+    causes = [cause.sentence for cause in diagnosis.passing]
+    events = diagnosis.events_without_cause
     if len(events) > most_lines and not show_all:
         where = formatting.joints(sorted({e.joint for e in events}))
         n_hums = sum(e.frequency is not None for e in events)
         hums = f", {n_hums} of them a hum" if n_hums else ""
         first = min(e.t_start for e in events)
         last = max(e.t_end for e in events)
-        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hums}"]
-    lines = []
+        summary = (
+            f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hums}"
+        )
+        return [*causes, summary]
+    lines = causes
     for e in events:
         what = f"isolated disturbance on joint {e.joint}"
         if e.frequency is not None:

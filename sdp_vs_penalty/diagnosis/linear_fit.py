@@ -759,6 +759,24 @@ class WhiteFitter:
         level = np.ones(len(design.y)) if near is None else near.level
         return self._fitted(design, products, tuple(columns), level)
 
+    def at_level(self, fit: WhiteFit, level: Array) -> WhiteFit:
+        """Return a fit of the same columns with given levels.
+
+        Parameters
+        ----------
+        fit
+            The fit.
+        level
+            (n,) standard deviations by which the joints' rows are divided.
+        """
+        return self._fitted(
+            fit.design,
+            fit.products,
+            fit.columns_kept,
+            level,
+            rounds=1,  # one round leaves the levels as they are
+        )
+
     def without(self, fit: WhiteFit, form: Candidate) -> WhiteFit:
         """Return the fit without the model's column that a candidate replaces.
 

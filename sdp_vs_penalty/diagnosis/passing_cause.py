@@ -1,0 +1,112 @@
+"""The record of a cause that acts for a part of the runs only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.files import JsonRecord
+
+#: Of a law of :mod:`~sdp_vs_penalty.diagnosis.passing`: what it is in words, and
+#: whether it acts on a link or on a joint.
+_IN_WORDS = {
+    "load": ("a load", "link"),
+    "force": ("a constant force", "link"),
+    "torque": ("a constant torque", "joint"),
+}
+
+
+@dataclass(frozen=True)
+class Span(JsonRecord):
+    """A span of time of one run: its name, and begin and end [s] on its clock."""
+
+    run: str
+    t_start: float
+    t_end: float
+
+
+@dataclass(frozen=True)
+class PassingCause(JsonRecord):
+    """What acts for a part of the runs only.
+
+    kind : "load" (carried by the last link), "force" (constant in the world) or
+    "torque" (constant, on one joint); place : the link or joint, from 1; size, std,
+    unit : mass [kg], force [N], or torque with its standard deviation; a negative mass
+    is that of a load that is missing. parameters : of a load mass [kg] and first
+    moments [kg m] in the link's frame, of a force its components [N] in the world, of a
+    torque itself; point (3,) [m] : where a force acts, in the link's frame; spans : when
+    it acts; share : of the error in these spans that it explains; evidence : as of
+    findings; rivals : laws that explain about as much, such as "force:3".
+    """
+
+    kind: str
+    place: int
+    size: float
+    std: float
+    unit: str
+    parameters: tuple[float, ...]
+    point: tuple[float, ...]
+    spans: tuple[Span, ...]
+    share: float
+    evidence: float
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """What it is, how large, where, when, and how much it explains; its rivals."""
+        what, part = _IN_WORDS[self.kind]
+        unit = formatting.plain_unit(self.unit)
+        size = abs(self.size) if self.kind == "load" else self.size
+        amount = f" of {size:.3g} ± {NORMAL_95 * self.std:.2g} {unit} (95 %)"
+        text = f"{what}{amount} on {part} {self.place}"
+        if self.is_lack:
+            text = f"{what}{amount} is missing on {part} {self.place}"
+        text += (
+            f" {self.when} (explains {formatting.percent(self.share, 2)} of the error"
+        )
+        text += " then)"
+        if self.rivals:
+            named = formatting.words([_law_in_words(r) for r in self.rivals])
+            text += f"; {named} would explain as much"
+        return text
+
+    @property
+    def is_lack(self) -> bool:
+        """Whether a load is missing that acts the rest of the time."""
+        return self.kind == "load" and self.size < 0.0
+
+    @property
+    def when(self) -> str:
+        """The spans in words: "from 8 s to 15.2 s", with the runs if there are
+        several."""
+        runs = {s.run for s in self.spans}
+        spans = []
+        for span in self.spans:
+            text = f"from {span.t_start:.1f} s to {span.t_end:.1f} s"
+            spans.append(f"{text} of {span.run}" if len(runs) > 1 else text)
+        return formatting.words(spans)
+
+    def covers(self, t_start: float, t_end: float) -> bool:
+        """Return whether an event from ``t_start`` to ``t_end`` [s] is within a span.
+
+        Events do not name their run: any run counts.
+        """
+        middle = 0.5 * (t_start + t_end)
+        return any(s.t_start <= middle <= s.t_end for s in self.spans)
+
+
+def _law_in_words(law: str) -> str:
+    """Write a law such as "force:3" as "a constant force on link 3"."""
+    kind, place = law.split(":")
+    what, part = _IN_WORDS[kind]
+    return f"{what} on {part} {place}"
+
+
+def passing_sentence(causes: Sequence[PassingCause]) -> str:
+    """Return a sentence on what acted for a part of the runs; "" for nothing."""
+    if not causes:
+        return ""
+    named = "; ".join(cause.sentence for cause in causes)
+    return f"For a part of the time: {named}."
