@@ -34,7 +34,6 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing import passing_causes
-from sdp_vs_penalty.diagnosis.passing_cause import PassingCause
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import (
     Size,
@@ -116,11 +115,14 @@ class Conclusion:
             sorted(joints_without_name),
         )
         by_joint = sorted(unexplained.items())
-        passing: tuple[PassingCause, ...] = ()
-        if happened or joints_without_name or not self.data.noise_is_known:
-            terms = zip(self.search.terms, findings, strict=True)
-            certain = [term for term, f in terms if f.torque_is_certain]
-            passing = passing_causes(self.search, certain)
+        terms = zip(self.search.terms, findings, strict=True)
+        passing = passing_causes(
+            self.search,
+            [term for term, f in terms if f.torque_is_certain],
+            is_suspected=bool(
+                happened or joints_without_name or not self.data.noise_is_known
+            ),
+        )
         return Diagnosis(
             verdict=verdict,
             effects=tuple(findings),

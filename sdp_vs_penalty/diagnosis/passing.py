@@ -49,11 +49,14 @@ from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 
 #: Share of the error in its spans that a cause has to explain: more than it leaves.
 _MOST = 0.5
 #: Times the largest error of the model elsewhere that the error in its spans has to be.
 _LARGER = 1.0
+#: Share of the largest fall of the deviance from which a law's edges are moved.
+_WORTH_A_LOOK = 0.5
 #: Cells into which a cell of the search is divided where an edge is moved.
 _FINER = 5
 #: The most inversions of spans, and the most times that the joints' levels are
@@ -431,45 +434,60 @@ class Trial:
         return self.drop / other.worth - self.price
 
 
+def best_of(trials: Sequence[Trial]) -> tuple[Trial, tuple[Trial, ...]] | None:
+    """Return the likeliest of some trials, and those that the data do not tell from it.
+
+    All are compared with the rows worth one of the trial that explains most. Trials tie
+    within J = 6 plus 4 % of the best one's; of these the one with fewest numbers is
+    taken. None if there are no trials.
+    """
+    if not trials:
+        return None
+    closest = max(trials, key=lambda t: t.drop)
+    J = {t: t.evidence_with_worth_of(closest) for t in trials}
+    best = max(J.values())
+    margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * best
+    tied = [t for t in trials if best - J[t] < margin]
+    chosen = min(tied, key=lambda t: (t.law.freedom, -J[t]))
+    return chosen, tuple(t for t in tied if t is not chosen)
+
+
 class PassingSearch:
     """A search for causes that act for a part of the runs.
 
-    ``data`` are the white rows, with those in which repetitions differ: a cause that
-    acts once is the reason why they do.
+    ``data`` are the white rows, as if no motion repeated.
     """
 
     def __init__(self, search: Search, terms: Sequence[ScoredEffect]) -> None:
         """Take a finished search, and the effects in it that are certain."""
-        self.data, self.score, self.terms = _with_suspect_rows(search, terms)
+        self.data, self.score, self.terms = _without_repetition(search, terms)
         self.base = self.score.fit(self.terms)
         self.cells = Cells.of(self.data.clusters[0], self.data.rows.run)
 
-    def best(self) -> tuple[Trial, tuple[Trial, ...]] | None:
+    def best(self, is_suspected: bool) -> tuple[Trial, tuple[Trial, ...]] | None:
         """Return the cause that explains most, and its rivals; None if there is none.
 
-        The laws of forces take most of the time. They are tried only if a load or a
-        constant torque explains something.
+        A load is tried first, since it is carried for long, and then changes the fit of
+        everything: nothing else may show it. Constant torques follow if something is
+        suspected or the load stands out. Forces take most of the time, and are tried
+        only if one of these stands out.
         """
-        laws = [load_law(self.data), *torque_laws(self.data)]
-        n_laws = len(laws) + self.data.estimate.robot.links
-        trials = self._trials(laws, n_laws)
+        robot = self.data.estimate.robot
+        n_laws = 1 + robot.n + robot.links
+        trials = self._trials([load_law(self.data)], n_laws)
+        if not is_suspected and not any(t.stands_out for t in trials):
+            return None
+        trials += self._trials(torque_laws(self.data), n_laws)
         if not any(t.stands_out for t in trials):
             return None
         trials += self._trials(force_laws(self.data), n_laws)
-        proven = sorted(
-            [t for t in trials if t.is_proven], key=lambda t: t.evidence, reverse=True
-        )
-        if not proven:
-            return None
-        top = proven[0]
-        margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * top.evidence
-        tied = [
-            t for t in proven if top.evidence - t.evidence_with_worth_of(top) < margin
+        most = max(t.drop for t in trials)
+        finer = [
+            self.with_finer_edges(t, n_laws)
+            for t in trials
+            if t.stands_out and t.drop > _WORTH_A_LOOK * most
         ]
-        chosen = min(tied, key=lambda t: (t.law.freedom, -t.evidence))
-        rivals = tuple(t for t in tied if t is not chosen)
-        finer = self.with_finer_edges(chosen, n_laws)
-        return (finer, rivals) if finer.is_proven else None
+        return best_of([t for t in finer if t.is_proven])
 
     def _trials(self, laws: Sequence[Law], n_laws: int) -> list[Trial]:
         """Try laws, of ``n_laws`` in all; return the trials of those with spans."""
@@ -656,26 +674,40 @@ def point_of_force(gram: Array, right: Array, reach: float) -> Array:
     return point
 
 
-def _with_suspect_rows(
+def _without_repetition(
     search: Search,
     terms: Sequence[ScoredEffect],
 ) -> tuple[WhiteData, EvidenceScorer, list[ScoredEffect]]:
-    """Return white rows, scorer and effects of a search, with the rows in which
-    repetitions differ.
+    """Return white rows, scorer and effects as if no motion repeated.
+
+    What acts for a part of the time makes repetitions differ: it masks rows, and counts
+    as slow noise. So no row is masked for that, and the noise is white, with a level
+    that follows from the residual. Where the noise is not from repetitions this holds
+    anyway.
     """
     data = search.data
-    if not data.noise.suspect.any():
+    noise = data.noise
+    if noise.source != REPETITION:
         return data, search.score, list(terms)
     masked = mask_unsettled_rows(data.rows)
     rows = replace(data.rows, masked=masked if masked.any() else np.zeros((0, 0), bool))
-    complete = whiten_with_noise(rows, data.noise, data.estimate, data.frozen)
-    score = EvidenceScorer(complete, 1)
-    anew = [replace(t, columns=complete.columns(t.form.effect)) for t in terms]
-    return complete, score, anew
+    white_noise = replace(
+        noise,
+        ar=np.zeros_like(noise.ar),
+        sigma=noise.floor,
+        suspect=np.zeros_like(noise.suspect),
+        source=RESIDUAL,
+    )
+    white = whiten_with_noise(rows, white_noise, data.estimate, data.frozen)
+    score = EvidenceScorer(white, 1)
+    anew = [replace(t, columns=white.columns(t.form.effect)) for t in terms]
+    return white, score, anew
 
 
 def passing_causes(
-    search: Search, terms: Sequence[ScoredEffect]
+    search: Search,
+    terms: Sequence[ScoredEffect],
+    is_suspected: bool = True,
 ) -> tuple[PassingCause, ...]:
     """Find what acts for a part of the runs only, beside the findings of a search.
 
@@ -686,6 +718,9 @@ def passing_causes(
     terms
         Its effects whose torque is certain. Weak ones are left out: they may stand in
         for what is looked for.
+    is_suspected
+        Whether events, unexplained torque or an unknown noise let something be
+        suspected. False: only a load is looked for at first.
 
     Returns
     -------
@@ -693,7 +728,7 @@ def passing_causes(
         None or one.
     """
     passing = PassingSearch(search, terms)
-    found = passing.best()
+    found = passing.best(is_suspected)
     if found is None:
         return ()
     trial, rivals = found
