@@ -24,6 +24,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
@@ -67,16 +68,14 @@ _MAX_ROUNDS = 4
 _AT_A_TIME = 500
 #: Relative change of a joint's level that matters.
 _SETTLED = 0.02
-#: Alternations between a force and the point at which it acts, which are enough.
-_ALTERNATIONS = 20
 
 
 class LinkWeight(Effect):
     """The weight of a mass on one link, in fields of gravity along x, y and z.
 
-    Column 4 b is the torque of 1 kg at the link's origin in gravity of 1 m/s^2 along
-    axis b of the world: that of a force of -1 N there. Columns 4 b + 1 to 4 b + 3 are
-    those of 1 kg m along the link's axes.
+    Column 4 b is the torque that holds 1 kg at the link's origin in gravity of 1 m/s^2
+    along axis b of the world, which pulls with 1 N. Columns 4 b + 1 to 4 b + 3 are those
+    of 1 kg m along the link's axes.
     """
 
     name = "link_weight"
@@ -176,7 +175,7 @@ class CellProducts:
     """Products of a law's weighted columns Z with a fit, summed over each cell of time.
 
     grams (C, k, k) : Z'Z; along_fit (C, r, k) : Q'Z, with the fit's r orthonormal
-    columns; with_residual (C, k) : Z'r; run (C,) : the run of each of the C cells.
+    columns; with_residual (C, k) : Z'r. C is the number of cells.
 
     For the spans x (C,) of 0 and 1 the columns x Z have the Gram matrix G = sum_c x_c
     Z_c'Z_c. The fit leaves G - S'S of it, with S = sum_c x_c Q_c'Z_c. With b = sum_c
@@ -186,7 +185,6 @@ class CellProducts:
     grams: Array
     along_fit: Array
     with_residual: Array
-    run: NDArray[np.intp]
 
     @classmethod
     def of(
@@ -203,13 +201,12 @@ class CellProducts:
         along_fit = []
         with_residual = []
         for rows in cells.rows:
-            of_cell = Z[:, rows].reshape(-1, Z.shape[2])
+            size = len(Z) * len(rows)
+            of_cell = Z[:, rows].reshape(size, Z.shape[2])
             grams.append(of_cell.T @ of_cell)
-            along_fit.append(Q[:, rows].reshape(-1, Q.shape[2]).T @ of_cell)
+            along_fit.append(Q[:, rows].reshape(size, Q.shape[2]).T @ of_cell)
             with_residual.append(of_cell.T @ r[:, rows].ravel())
-        return cls(
-            np.array(grams), np.array(along_fit), np.array(with_residual), cells.run
-        )
+        return cls(np.array(grams), np.array(along_fit), np.array(with_residual))
 
     def over(self, x: Array) -> tuple[Array, Array]:
         """Return G - S'S (k, k) and b (k,) of the spans x (C,)."""
@@ -560,6 +557,8 @@ class PassingSearch:
         if not x.any() or x.all():
             return None
         point = np.zeros(3)
+        covariance = None
+        fitted_law = law
         acts = x[cells.label]
         if law.kind == "force":
             level = self._fit(law, x, cells).level
@@ -567,8 +566,8 @@ class PassingSearch:
             white = self._white(law, acts)
             gram, right = CellProducts.of(base, white, cells).over(x)
             reach = float(np.sum(self.data.estimate.robot.link_reach()))
-            point = point_of_force(gram, right, reach)
-        fitted_law = law.at_point(point) if law.kind == "force" else law
+            point, covariance = point_of_force(gram, right, reach)
+            fitted_law = law.at_point(point)
         term = self._term(fitted_law, acts)
         fit = self.score.fit([*self.terms, term])
         base = self.score.at_level(self.base, fit.level)
@@ -592,7 +591,7 @@ class PassingSearch:
             x=x,
             fit=fit,
             beta=beta,
-            covariance=inverse * worth,
+            covariance=(inverse if covariance is None else covariance) * worth,
             drop=drop,
             worth=worth,
             price=price + 2.0 * float(np.log(n_laws)),
@@ -647,12 +646,12 @@ def error_over_elsewhere(before: Array, after: Array, cells: Cells, x: Array) ->
     return float(np.mean(before[:, acts] ** 2)) / max(max(elsewhere), 1e-12)
 
 
-def point_of_force(gram: Array, right: Array, reach: float) -> Array:
-    """Return the point p (3,) [m] of a link at which a force F acts.
+def point_of_force(gram: Array, right: Array, reach: float) -> tuple[Array, Array]:
+    """Return the point at which a force on a link acts, and the force's covariance.
 
     The parameters of the link's weight are theta = (F_x, F_x p, F_y, F_y p, F_z, F_z
-    p), and theta'G theta - 2 b'theta is least. F and p are computed in turn, each from
-    the other.
+    p), with the force F and the point p. theta'G theta - 2 b'theta + |p|^2 / reach^2 is
+    least.
 
     Parameters
     ----------
@@ -660,18 +659,37 @@ def point_of_force(gram: Array, right: Array, reach: float) -> Array:
         G (12, 12) and b (12,).
     reach
         Standard deviation of the point about the link's origin [m].
+
+    Returns
+    -------
+    (3,) array
+        The point [m], in the link's frame.
+    (3, 3) array
+        Covariance of the force [N^2] with the point free, for noise of variance 1.
     """
-    point = np.zeros(3)
-    G = _regular(gram, gram)
-    for _ in range(_ALTERNATIONS):
-        of_force = np.kron(np.eye(3), np.array([1.0, *point])[:, None])  # (12, 3)
-        force = np.linalg.solve(of_force.T @ G @ of_force, of_force.T @ right)
-        at_origin = np.kron(force, [1.0, 0.0, 0.0, 0.0])
-        of_point = np.kron(force[:, None], np.eye(4)[:, 1:])  # (12, 3)
-        information = of_point.T @ G @ of_point + np.eye(3) / reach**2
-        products = of_point.T @ (right - G @ at_origin)
-        point = np.asarray(np.linalg.solve(information, products))
-    return point
+    # With G = R'R: |R theta - R'^-1 b|^2.
+    R = np.linalg.cholesky(_regular(gram, gram)).T
+    target = np.linalg.solve(R.T, right)
+
+    def errors(both: Array) -> Array:
+        """Return the errors (15,) of a force and a point, whose squares are summed."""
+        theta = np.kron(both[:3], [1.0, *both[3:]])
+        return np.concatenate([R @ theta - target, both[3:] / reach])
+
+    def slopes(both: Array) -> Array:
+        """Return the derivatives (15, 6) of the errors by force and point."""
+        by_force = np.kron(np.eye(3), np.array([1.0, *both[3:]])[:, None])
+        by_point = np.kron(both[:3, None], np.eye(4)[:, 1:])
+        of_point = np.hstack([np.zeros((3, 3)), np.eye(3) / reach])
+        return np.vstack([R @ np.hstack([by_force, by_point]), of_point])
+
+    at_origin = np.zeros(6)
+    J = slopes(at_origin)[:, :3]
+    at_origin[:3] = np.linalg.lstsq(J, -errors(at_origin))[0]
+    solution = scipy.optimize.least_squares(errors, at_origin, slopes, x_scale="jac")
+    J = solution.jac
+    covariance = np.linalg.inv(with_ridge(J.T @ J))
+    return np.asarray(solution.x[3:], float), np.asarray(covariance[:3, :3], float)
 
 
 def _without_repetition(
@@ -741,8 +759,6 @@ def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> Passin
     beta = trial.beta
     if not data.frozen:
         x, beta = _simpler_of_both(trial)
-    # A force is the opposite of a weight in the torque of the joints.
-    sign = -1.0 if trial.law.kind == "force" else 1.0
     # Of the other spans a load or a torque has the opposite sign.
     size = trial.size if trial.law.kind == "force" else float(beta[0])
     unit = {"load": "kg", "force": "N"}.get(trial.law.kind)
@@ -754,7 +770,7 @@ def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> Passin
         size=size,
         std=trial.std,
         unit=unit,
-        parameters=tuple(sign * float(b) for b in beta),
+        parameters=tuple(float(b) for b in beta),
         point=tuple(float(p) for p in trial.point),
         spans=_spans(data, trial.cells, x),
         share=trial.share,

@@ -1,0 +1,223 @@
+"""A load that is carried for a time, a contact, and a torque for a time are named, with
+their spans; a knock and friction that grows for a time are not.
+
+The logs are of an arm that shares no code with the library (point_mass_arm). Its motion
+repeats every 10 s.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from point_mass_arm import MASSES, Kinematics, PointMassArm, arm_problem
+
+from sdp_vs_penalty import Measurements, Problem, diagnose, identify
+from sdp_vs_penalty.diagnosis import Diagnosis, Event
+from sdp_vs_penalty.diagnosis.findings import event_lines
+from sdp_vs_penalty.diagnosis.passing import (
+    CellProducts,
+    Cells,
+    find_spans,
+    point_of_force,
+)
+from sdp_vs_penalty.diagnosis.passing_cause import PassingCause, Span
+
+Array = np.ndarray
+#: Of the third link [m], and a force [N].
+POINT = (0.25, 0.02, 0.05)
+FORCE = np.array([6.0, -8.0, 5.0])
+#: Width of the cells of time in which spans are searched, for a log of 30 s [s].
+CELL = 0.6
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    return arm_problem(Path(tmp_path_factory.mktemp("arm")))
+
+
+def diagnosed(problem: Problem, run: Measurements) -> Diagnosis:
+    model = identify(problem, run, check=False)
+    return diagnose(model, run, check=False)
+
+
+def loaded(mass: float, *spans: tuple[float, float]) -> Measurements:
+    """A log in which a mass is carried at POINT in some spans [s]."""
+    bare = PointMassArm().run(1)
+    heavy = PointMassArm(masses=(*MASSES, (2, POINT, mass))).run(1)
+    carried = np.any([(bare.t >= a) & (bare.t < b) for a, b in spans], axis=0)
+    return replace(bare, tau=np.where(carried[:, None], heavy.tau, bare.tau))
+
+
+def pushed(
+    push: Callable[[Array, Array], Array], begin: float, end: float
+) -> Measurements:
+    """A log with a torque of positions and velocities between two instants [s]."""
+
+    def extra(t: Array, q: Array, dq: Array) -> Array:
+        acts = (t >= begin) & (t < end)
+        return push(q, dq) * acts[:, None]
+
+    return PointMassArm(extra=extra).run(2)
+
+
+def contact(q: Array, dq: Array) -> Array:
+    """The torque (N, 3) that holds the arm against FORCE at POINT of link 3."""
+    now = Kinematics.of(q)
+    columns = [
+        -np.cross(now.axis[j], now.place(2, POINT) - now.origin[j]) @ FORCE
+        for j in range(3)
+    ]
+    return np.column_stack(columns)
+
+
+def assert_spans(cause: PassingCause, *spans: tuple[float, float]) -> None:
+    """Spans within half a cell of the truth."""
+    found = [(s.t_start, s.t_end) for s in cause.spans]
+    np.testing.assert_allclose(found, spans, atol=CELL / 2)
+
+
+@pytest.mark.parametrize(
+    "spans",
+    [[(12.0, 16.5)], [(8.0, 23.0)], [(17.0, 29.5)], [(6.0, 10.0), (19.0, 24.0)]],
+    ids=["a while", "half of the run", "to the end", "twice"],
+)
+def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
+    result = diagnosed(problem, loaded(1.5, *spans))
+    (cause,) = result.passing
+    assert (cause.kind, cause.place) == ("load", 3)
+    assert cause.size == pytest.approx(1.5, rel=0.1)
+    # Along y, the axis of its joint, yaw alone shows where it is.
+    x, _, z = np.array(cause.parameters[1:]) / cause.size
+    np.testing.assert_allclose((x, z), (POINT[0], POINT[2]), atol=0.03)
+    assert_spans(cause, *spans)
+    assert cause.share > 0.8
+    assert cause.sentence in event_lines(result)[0]
+    assert "a load of" in result.headline.split(". ")[0]
+
+
+def test_a_load_that_is_put_down_for_a_time_is_missing(problem):
+    (cause,) = diagnosed(problem, loaded(1.5, (0.0, 12.0), (17.0, 30.0))).passing
+    assert cause.is_lack
+    assert cause.size == pytest.approx(-1.5, rel=0.1)
+    assert_spans(cause, (12.0, 17.0))
+    assert "is missing on link 3" in cause.sentence
+
+
+def test_a_contact_of_some_seconds_is_a_force(problem):
+    result = diagnosed(problem, pushed(contact, 12.3, 17.4))
+    (cause,) = result.passing
+    assert (cause.kind, cause.place) == ("force", 3)
+    true_size = np.linalg.norm(FORCE)
+    assert abs(cause.size - true_size) < 2.0 * cause.std
+    along = np.dot(cause.parameters, FORCE) / cause.size / true_size
+    assert along > np.cos(np.radians(15.0))
+    np.testing.assert_allclose(cause.point, POINT, atol=0.05)
+    assert_spans(cause, (12.3, 17.4))
+    restored = Diagnosis.from_dict(result.to_dict())
+    assert restored.passing == result.passing
+
+
+def test_a_constant_torque_for_a_time_is_on_its_joint(problem):
+    run = pushed(lambda q, dq: 0.0 * q + [0.0, 4.0, 0.0], 12.0, 17.0)
+    (cause,) = diagnosed(problem, run).passing
+    assert (cause.kind, cause.place) == ("torque", 2)
+    assert cause.size == pytest.approx(4.0, rel=0.1)
+    assert_spans(cause, (12.0, 17.0))
+
+
+def test_a_model_that_is_held_fixed_shows_a_load(problem):
+    model = identify(problem, PointMassArm().run(3), check=False)
+    result = diagnose(model, loaded(1.5, (12.0, 17.0)), frozen=True, check=False)
+    (cause,) = result.passing
+    assert (cause.kind, cause.place) == ("load", 3)
+    assert cause.size == pytest.approx(1.5, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("push", "begin", "end"),
+    [
+        (lambda q, dq: 0.0 * q, 0.0, 0.0),
+        (lambda q, dq: 0.0 * q + [0.0, 15.0, 0.0], 12.0, 12.1),
+        (lambda q, dq: [0.0, 3.0, 0.0] * np.tanh(dq / 0.01), 12.0, 17.0),
+    ],
+    ids=["nothing", "a knock", "friction that grows"],
+)
+def test_what_is_none_of_these_is_not_named(problem, push, begin, end):
+    result = diagnosed(problem, pushed(push, begin, end))
+    assert not [c for c in result.passing if c.kind != "torque"]
+    assert "a load of" not in result.headline
+
+
+def cause(*spans: Span, **changes: object) -> PassingCause:
+    """A force on link 3."""
+    force = PassingCause(
+        kind="force",
+        place=3,
+        size=21.0,
+        std=1.0,
+        unit="N",
+        parameters=(21.0, 0.0, 0.0),
+        point=(0.0, 0.0, 0.0),
+        spans=spans or (Span("train", 12.3, 17.4),),
+        share=0.94,
+        evidence=100.0,
+    )
+    return replace(force, **changes)  # type: ignore[arg-type]
+
+
+def test_a_cause_is_a_sentence():
+    assert cause().sentence == (
+        "a constant force of 21 ± 2 N (95 %) on link 3 from 12.3 s to 17.4 s"
+        " (explains 94 % of the error then)"
+    )
+
+
+def test_rivals_and_runs_are_named():
+    spans = Span("a", 1.0, 2.0), Span("b", 3.0, 4.0)
+    text = cause(*spans, rivals=("torque:2",)).sentence
+    assert "from 1.0 s to 2.0 s of a and from 3.0 s to 4.0 s of b" in text
+    assert text.endswith("; a constant torque on joint 2 would explain as much")
+
+
+@pytest.mark.parametrize(("t", "covered"), [(14.0, True), (20.0, False)])
+def test_events_in_a_span_are_not_told_again(t, covered):
+    event = Event(2, t, t + 0.5)
+    assert cause().covers(event.t_start, event.t_end) == covered
+
+
+def test_spans_are_found_where_a_column_acts():
+    """One column without a model; it acts in cells 3 to 5 and 8."""
+    rng = np.random.default_rng(0)
+    acts = np.isin(np.arange(10), [3, 4, 5, 8]).astype(float)
+    Z = rng.normal(size=(10, 50))
+    r = 2.0 * acts[:, None] * Z + 0.1 * rng.normal(size=Z.shape)
+    products = CellProducts(
+        grams=np.sum(Z**2, axis=1)[:, None, None],
+        along_fit=np.zeros((10, 1, 1)),
+        with_residual=np.sum(Z * r, axis=1)[:, None],
+    )
+    cells = Cells(np.repeat(np.arange(10), 50), np.zeros(10, int))
+    np.testing.assert_array_equal(
+        find_spans(products, cells, np.zeros(10), price=10.0), acts
+    )
+
+
+def test_the_end_of_a_run_is_no_edge():
+    cells = Cells(np.arange(4), np.array([0, 0, 1, 1]))
+    assert cells.count_edges(np.array([0.0, 0.0, 1.0, 1.0])) == 0
+    assert cells.count_edges(np.array([0.0, 1.0, 1.0, 0.0])) == 2
+    added = cells.edges_added(
+        np.array([0.0, 1.0, 1.0, 0.0]), np.array([[1, 3], [0, 1]])
+    )
+    np.testing.assert_array_equal(added, [-2, -1])
+
+
+def test_the_point_of_a_force_is_found():
+    rng = np.random.default_rng(1)
+    Z = rng.normal(size=(400, 12))
+    theta = np.kron(FORCE, [1.0, *POINT])
+    point, covariance = point_of_force(Z.T @ Z, Z.T @ (Z @ theta), reach=1.0)
+    np.testing.assert_allclose(point, POINT, atol=1e-3)
+    assert np.all(np.diag(covariance) < 1.0)
