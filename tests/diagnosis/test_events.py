@@ -138,7 +138,9 @@ def test_a_hum_has_its_amplitude_in_each_run_whose_clocks_overlap(monkeypatch):
 
 def test_the_list_gives_a_hum_its_amplitude():
     hum = Event(3, 0.0, 10.0, what="hum", frequency=23.7, amplitude=0.28)
-    diagnosis: Any = SimpleNamespace(events=(hum,), torque_unit=lambda joint: "N m")
+    diagnosis: Any = SimpleNamespace(
+        events_without_cause=(hum,), passing=(), torque_unit=lambda joint: "N m"
+    )
     (line,) = event_lines(diagnosis)
     assert line == "a hum of 23.7 Hz (0.28 N m) on joint 3: 0.00 s to 10.00 s"
 
