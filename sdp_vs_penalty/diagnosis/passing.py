@@ -141,6 +141,15 @@ class Law:
         return replace(self, columns=by_axis @ np.array([1.0, *point]))
 
 
+class PassingCandidate(Candidate):
+    """A law as a candidate of a fit, which may hold the same effect for all the time."""
+
+    @cached_property
+    def text(self) -> str:
+        """A name that no effect has."""
+        return f"passing {self.key[0]}"
+
+
 def load_law(data: WhiteData) -> Law:
     """Return the law of a load: mass and first moments on the last link."""
     robot = data.estimate.robot
@@ -545,7 +554,7 @@ class PassingSearch:
     def _term(self, law: Law, acts: Array) -> ScoredEffect:
         """Return a law that acts in some rows (M,) as a term of a fit."""
         white = self._white(law, acts)
-        form = Candidate((law.text, None), law.effect)
+        form = PassingCandidate((law.text, None), law.effect)
         return ScoredEffect(form, dict(enumerate(white)))
 
     def _fit(self, law: Law, x: Array, cells: Cells) -> WhiteFit:
@@ -801,14 +810,15 @@ def _spans(data: WhiteData, cells: Cells, x: Array) -> tuple[Span, ...]:
     """Return the spans of time in which x (C,) is 1, run by run."""
     rows = data.rows
     acts = x[cells.label] > 0.0
-    names = rows.names
+    runs = np.unique(rows.run)
     out = []
-    for run in np.unique(rows.run):
+    for run in runs:
+        name = rows.names[run] if len(runs) > 1 else ""
         in_run = np.flatnonzero(rows.run == run)
         t = rows.t[in_run]
         changes = np.diff(acts[in_run].astype(int), prepend=0, append=0)
         begins = np.flatnonzero(changes == 1)
         ends = np.flatnonzero(changes == -1) - 1
         for a, b in zip(begins, ends, strict=True):
-            out.append(Span(names[run], float(t[a]), float(t[b])))
+            out.append(Span(name, float(t[a]), float(t[b])))
     return tuple(out)

@@ -20,7 +20,10 @@ _IN_WORDS = {
 
 @dataclass(frozen=True)
 class Span(JsonRecord):
-    """A span of time of one run: its name, and begin and end [s] on its clock."""
+    """A span of time of one run: begin and end [s] on its clock, and the run's name.
+
+    The name is empty where there is one run only.
+    """
 
     run: str
     t_start: float
@@ -79,13 +82,11 @@ class PassingCause(JsonRecord):
 
     @property
     def when(self) -> str:
-        """The spans in words: "from 8 s to 15.2 s", with the runs if there are
-        several."""
-        runs = {s.run for s in self.spans}
+        """The spans in words, such as "from 8.0 s to 15.2 s of run2"."""
         spans = []
         for span in self.spans:
             text = f"from {span.t_start:.1f} s to {span.t_end:.1f} s"
-            spans.append(f"{text} of {span.run}" if len(runs) > 1 else text)
+            spans.append(f"{text} of {span.run}" if span.run else text)
         return formatting.words(spans)
 
     def covers(self, t_start: float, t_end: float) -> bool:

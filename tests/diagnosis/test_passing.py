@@ -14,15 +14,17 @@ import pytest
 from point_mass_arm import MASSES, Kinematics, PointMassArm, arm_problem
 
 from sdp_vs_penalty import Measurements, Problem, diagnose, identify
-from sdp_vs_penalty.diagnosis import Diagnosis, Event
+from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, Event
 from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.diagnosis.passing import (
     CellProducts,
     Cells,
+    PassingCandidate,
     find_spans,
     point_of_force,
 )
 from sdp_vs_penalty.diagnosis.passing_cause import PassingCause, Span
+from sdp_vs_penalty.effects.links import Payload
 
 Array = np.ndarray
 #: Of the third link [m], and a force [N].
@@ -135,6 +137,13 @@ def test_a_model_that_is_held_fixed_shows_a_load(problem):
     assert cause.size == pytest.approx(1.5, rel=0.1)
 
 
+def test_a_load_for_a_while_joins_a_fit_with_one_for_all_the_time(problem):
+    payload = Payload(problem.robot)
+    for_all_the_time = Candidate(("payload", None), payload)
+    for_a_while = PassingCandidate(("load:3", None), payload)
+    assert for_a_while.text != for_all_the_time.text
+
+
 @pytest.mark.parametrize(
     ("push", "begin", "end"),
     [
@@ -160,7 +169,7 @@ def cause(*spans: Span, **changes: object) -> PassingCause:
         unit="N",
         parameters=(21.0, 0.0, 0.0),
         point=(0.0, 0.0, 0.0),
-        spans=spans or (Span("train", 12.3, 17.4),),
+        spans=spans or (Span("", 12.3, 17.4),),
         share=0.94,
         evidence=100.0,
     )
