@@ -743,8 +743,8 @@ def passing_causes(
     search
         The finished search.
     terms
-        Its effects whose torque is certain. Weak ones are left out: they may stand in
-        for what is looked for.
+        Its effects whose torque is certain. Weak ones may stand in for what is looked
+        for: they are left out unless they have more evidence than it.
     is_suspected
         Whether events, unexplained torque or an unknown noise let something be
         suspected. False: only a load is looked for at first.
@@ -758,6 +758,14 @@ def passing_causes(
     found = passing.best(is_suspected)
     if found is None:
         return ()
+    # What is likelier goes first, though its name or size is in doubt.
+    evidence = found[0].evidence
+    likelier = [t for t in search.terms if t in terms or t.evidence > evidence]
+    if len(likelier) > len(terms):
+        passing = PassingSearch(search, likelier)
+        found = passing.best(is_suspected)
+        if found is None:
+            return ()
     trial, rivals = found
     return (_described(passing.data, trial, rivals),)
 
