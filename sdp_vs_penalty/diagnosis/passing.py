@@ -18,7 +18,7 @@ x between two edges of cells, as long as this explains more than its edges cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -223,6 +223,12 @@ class CellProducts:
         gram = np.tensordot(x, self.grams, 1) - S.T @ S
         return gram, x @ self.with_residual
 
+    def parameters(self, x: Array) -> Array:
+        """Return the parameters (k,) of least squares with the spans x (C,)."""
+        gram, right = self.over(x)
+        own = np.tensordot(x, self.grams, 1)
+        return np.asarray(np.linalg.solve(_regular(gram, own), right))
+
     def falls(self, x: Array, pairs: NDArray[np.intp]) -> Array:
         """Return by how much the squared error falls (P,) with x inverted in a span.
 
@@ -308,6 +314,15 @@ class Cells:
     def _steps(self, x: Array) -> NDArray[np.bool_]:
         """Flag the C - 1 borders of cells at which x (C,) changes within a run."""
         return (np.diff(x) != 0.0) & (np.diff(self.run) == 0)
+
+    def with_moved_edges(self, x: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield for each edge of x (C,) the spans with it a cell earlier, and later."""
+        for edge in np.flatnonzero(self._steps(x)):
+            earlier = x.copy()
+            earlier[edge] = x[edge + 1]
+            later = x.copy()
+            later[edge + 1] = x[edge]
+            yield earlier, later
 
     def edges_added(self, x: Array, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return how many edges (P,) an inversion of x (C,) between two borders adds.
@@ -528,7 +543,25 @@ class PassingSearch:
         base = self.score.at_level(self.base, trial.fit.level)
         products = CellProducts.of(base, white, cells)
         x = find_spans(products, cells, x, self._price, longest=_FINER)
-        return self._judged(trial.law, cells, x, n_laws) or trial
+        judged = self._judged(trial.law, cells, x, n_laws)
+        return trial if judged is None else self._with_errors_of_edges(judged)
+
+    def _with_errors_of_edges(self, trial: Trial) -> Trial:
+        """Return a trial whose covariance holds what unknown edges do to its size.
+
+        An edge is known to a cell on either side. Its error is spread evenly over these
+        two, so that a change d of the parameters by a cell counts as d d' / 3.
+        """
+        law = trial.law
+        fitted_law = law.at_point(trial.point) if law.kind == "force" else law
+        white = self._white(fitted_law, np.ones(len(self.data.y[0])))
+        base = self.score.at_level(self.base, trial.fit.level)
+        products = CellProducts.of(base, white, trial.cells)
+        covariance = trial.covariance.copy()
+        for before, behind in trial.cells.with_moved_edges(trial.x):
+            change = 0.5 * (products.parameters(behind) - products.parameters(before))
+            covariance += np.outer(change, change) / 3.0
+        return replace(trial, covariance=covariance)
 
     def _coarse(self, acts: Array) -> Array:
         """Return the share (C,) of each cell's rows (M,) in which a cause acts."""
