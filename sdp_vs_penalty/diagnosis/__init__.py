@@ -20,8 +20,6 @@ __getattr__ = lazy_exports(
     library="Batch Candidate Library Nuisance white_candidate",
     linear_fit="ColumnProducts ScoredEffect WhiteFit",
     notices="find_notices Notice",
-    passing="passing_causes",
-    passing_cause="PassingCause",
     rules="Rules",
     search="Search",
     sizes="Size largest_sums size_of size_with_interval sizes_with_intervals",
@@ -37,5 +35,7 @@ __getattr__ = lazy_exports(
         "curves.curve": "Curve",
         "curves.bases": "CurveColumns",
         "curves.measure": "measure_curves",
+        "passing.cause": "PassingCause",
+        "passing.search": "passing_causes",
     },
 )

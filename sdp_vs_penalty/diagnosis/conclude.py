@@ -33,7 +33,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
-from sdp_vs_penalty.diagnosis.passing import passing_causes
+from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import (
     Size,

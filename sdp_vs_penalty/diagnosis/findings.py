@@ -15,7 +15,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
-from sdp_vs_penalty.diagnosis.passing_cause import PassingCause, passing_sentence
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, passing_sentence
 from sdp_vs_penalty.effects import (
     FittedEffect,
     effect_name,

@@ -16,14 +16,9 @@ from point_mass_arm import MASSES, Kinematics, PointMassArm, arm_problem
 from sdp_vs_penalty import Measurements, Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, Event
 from sdp_vs_penalty.diagnosis.findings import event_lines
-from sdp_vs_penalty.diagnosis.passing import (
-    CellProducts,
-    Cells,
-    PassingCandidate,
-    find_spans,
-    point_of_force,
-)
-from sdp_vs_penalty.diagnosis.passing_cause import PassingCause, Span
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
+from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
+from sdp_vs_penalty.diagnosis.passing.spans import CellProducts, Cells, find_spans
 from sdp_vs_penalty.effects.links import Payload
 
 Array = np.ndarray

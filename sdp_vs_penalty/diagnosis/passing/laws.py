@@ -1,0 +1,181 @@
+"""What may act for a part of the runs, each with its columns.
+
+- a load on the last link: its mass m and first moments m c;
+- a force F that is constant in the world, at a point p of a link. It is the weight of a
+  mass of 1 kg at p in a field of gravity F, so its columns are those of the weight;
+- a constant torque on one joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty.diagnosis.library import Candidate
+from sdp_vs_penalty.diagnosis.linear_fit import with_ridge
+from sdp_vs_penalty.diagnosis.passing.spans import regular
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
+from sdp_vs_penalty.effects.channel import TorqueOffset
+from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.links import Payload
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+
+
+class LinkWeight(Effect):
+    """The weight of a mass on one link, in fields of gravity along x, y and z.
+
+    Column 4 b is the torque that holds 1 kg at the link's origin in gravity of 1 m/s^2
+    along axis b of the world, which pulls with 1 N. Columns 4 b + 1 to 4 b + 3 are those
+    of 1 kg m along the link's axes.
+    """
+
+    name = "link_weight"
+    equation = "sum_b F_b dg(q)/dg_b (1, p)"
+    whole_robot = True
+    sought = False
+
+    def __init__(self, robot: Robot, link: int) -> None:
+        """Choose the link, from 0."""
+        super().__init__(robot)
+        self.link = link
+
+    @property
+    def text(self) -> str:
+        """The name with the link, from 1."""
+        return f"{self.name}:{self.link + 1}"
+
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the components of the force [N], and their products with the point
+        [N m]."""
+        return [
+            (f"F_{axis}{at}", "N*m" if at else "N")
+            for axis in "xyz"
+            for at in ("", "_x", "_y", "_z")
+        ]
+
+    def torques(self, motion: Motion) -> Array:
+        """Compute the torque (N, n, 12) per unit of each parameter."""
+        at_rest = np.zeros_like(motion.q)
+        first = 10 * self.link
+        columns = []
+        for axis in np.eye(3):
+            robot = replace(self.robot, gravity=(axis[0], axis[1], axis[2]))
+            regressor = robot.regressor(motion.q, at_rest, at_rest)
+            columns.append(regressor[:, :, first : first + 4])
+        return np.concatenate(columns, axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """What a cause may be: its filtered columns, and how many numbers describe it.
+
+    kind : "load", "force" or "torque"; place : link or joint from 1; effect : whose
+    columns they are; columns (n, M, k) : torque per unit of the parameters [N m or N];
+    freedom : number of free numbers, at most k.
+    """
+
+    kind: str
+    place: int
+    effect: Effect
+    columns: Array
+    freedom: int
+
+    @property
+    def text(self) -> str:
+        """A name of the law, such as "force:3"."""
+        return f"{self.kind}:{self.place}"
+
+    def at_point(self, point: Array) -> Law:
+        """Return the law of a force at a point (3,) [m] of its link, with three
+        columns."""
+        by_axis = self.columns.reshape(*self.columns.shape[:2], 3, 4)
+        return replace(self, columns=by_axis @ np.array([1.0, *point]))
+
+
+class PassingCandidate(Candidate):
+    """A law as a candidate of a fit, which may hold the same effect for all the time."""
+
+    @cached_property
+    def text(self) -> str:
+        """A name that no effect has."""
+        return f"passing {self.key[0]}"
+
+
+def load_law(data: WhiteData) -> Law:
+    """Return the law of a load: mass and first moments on the last link."""
+    robot = data.estimate.robot
+    effect = Payload(robot)
+    columns = spread_columns(data.rows, effect)[:, :, :4]
+    return Law("load", robot.links, effect, columns, 4)
+
+
+def torque_laws(data: WhiteData) -> list[Law]:
+    """Return the laws of a constant torque, one for each joint."""
+    out = []
+    for j in range(data.n):
+        effect = TorqueOffset(data.estimate.robot, [j])
+        columns = spread_columns(data.rows, effect)
+        out.append(Law("torque", j + 1, effect, columns, 1))
+    return out
+
+
+def force_laws(data: WhiteData) -> list[Law]:
+    """Return the laws of a force, one for each link, the last link first."""
+    robot = data.estimate.robot
+    out = []
+    for link in reversed(range(robot.links)):
+        effect = LinkWeight(robot, link)
+        columns = spread_columns(data.rows, effect)
+        out.append(Law("force", link + 1, effect, columns, 6))
+    return out
+
+
+def point_of_force(gram: Array, right: Array, reach: float) -> tuple[Array, Array]:
+    """Return the point at which a force on a link acts, and the force's covariance.
+
+    The parameters of the link's weight are theta = (F_x, F_x p, F_y, F_y p, F_z, F_z
+    p), with the force F and the point p. theta'G theta - 2 b'theta + |p|^2 / reach^2 is
+    least.
+
+    Parameters
+    ----------
+    gram, right
+        G (12, 12) and b (12,).
+    reach
+        Standard deviation of the point about the link's origin [m].
+
+    Returns
+    -------
+    (3,) array
+        The point [m], in the link's frame.
+    (3, 3) array
+        Covariance of the force [N^2] with the point free, for noise of variance 1.
+    """
+    # With G = R'R: |R theta - R'^-1 b|^2.
+    R = np.linalg.cholesky(regular(gram, gram)).T
+    target = np.linalg.solve(R.T, right)
+
+    def errors(both: Array) -> Array:
+        """Return the errors (15,) of a force and a point, whose squares are summed."""
+        theta = np.kron(both[:3], [1.0, *both[3:]])
+        return np.concatenate([R @ theta - target, both[3:] / reach])
+
+    def slopes(both: Array) -> Array:
+        """Return the derivatives (15, 6) of the errors by force and point."""
+        by_force = np.kron(np.eye(3), np.array([1.0, *both[3:]])[:, None])
+        by_point = np.kron(both[:3, None], np.eye(4)[:, 1:])
+        of_point = np.hstack([np.zeros((3, 3)), np.eye(3) / reach])
+        return np.vstack([R @ np.hstack([by_force, by_point]), of_point])
+
+    at_origin = np.zeros(6)
+    J = slopes(at_origin)[:, :3]
+    at_origin[:3] = np.linalg.lstsq(J, -errors(at_origin))[0]
+    solution = scipy.optimize.least_squares(errors, at_origin, slopes, x_scale="jac")
+    J = solution.jac
+    covariance = np.linalg.inv(with_ridge(J.T @ J))
+    return np.asarray(solution.x[3:], float), np.asarray(covariance[:3, :3], float)

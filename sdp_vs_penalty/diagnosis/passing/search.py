@@ -1,0 +1,363 @@
+"""The search for what acts for a part of the runs only.
+
+Such a cause makes the torque
+
+    x(t) Z(q, dq, ddq) theta,    x(t) = 1 in some spans of time, 0 elsewhere,
+
+with columns Z and constant parameters theta. Three laws are compared on the rows that
+the diagnosis judges by, after the model and its effects: a load on the last link, a force
+that is constant in the world, and a constant torque on one joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from sdp_vs_penalty.diagnosis.constants import COARSENING_ROWS, EVIDENCE_TO_ADD
+from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, with_ridge
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
+from sdp_vs_penalty.diagnosis.passing.laws import (
+    Law,
+    PassingCandidate,
+    force_laws,
+    load_law,
+    point_of_force,
+    torque_laws,
+)
+from sdp_vs_penalty.diagnosis.passing.spans import (
+    CellProducts,
+    Cells,
+    find_spans,
+    regular,
+)
+from sdp_vs_penalty.diagnosis.passing.trial import (
+    Trial,
+    best_of,
+    error_over_elsewhere,
+    explained_share,
+)
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.white_rows import (
+    WhiteData,
+    mask_unsettled_rows,
+    whiten_with_noise,
+)
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
+
+#: Share of the largest fall of the deviance from which a law's edges are moved.
+_WORTH_A_LOOK = 0.5
+#: Cells into which a cell of the search is divided where an edge is moved.
+_FINER = 5
+#: The most times that the joints' levels are estimated anew.
+_MAX_ROUNDS = 4
+#: Relative change of a joint's level that matters.
+_SETTLED = 0.02
+
+
+class PassingSearch:
+    """A search for causes that act for a part of the runs.
+
+    ``data`` are the white rows, as if no motion repeated.
+    """
+
+    def __init__(self, search: Search, terms: Sequence[ScoredEffect]) -> None:
+        """Take a finished search, and the effects in it that are certain."""
+        self.data, self.score, self.terms = _without_repetition(search, terms)
+        self.base = self.score.fit(self.terms)
+        self.cells = Cells.of(self.data.clusters[0], self.data.rows.run)
+
+    def best(self, is_suspected: bool) -> tuple[Trial, tuple[Trial, ...]] | None:
+        """Return the cause that explains most, and its rivals; None if there is none.
+
+        A load is tried first, since it is carried for long, and then changes the fit of
+        everything: nothing else may show it. Constant torques follow if something is
+        suspected or the load stands out. Forces take most of the time, and are tried
+        only if one of these stands out.
+        """
+        robot = self.data.estimate.robot
+        n_laws = 1 + robot.n + robot.links
+        trials = self._trials([load_law(self.data)], n_laws)
+        if not is_suspected and not any(t.stands_out for t in trials):
+            return None
+        trials += self._trials(torque_laws(self.data), n_laws)
+        if not any(t.stands_out for t in trials):
+            return None
+        trials += self._trials(force_laws(self.data), n_laws)
+        most = max(t.drop for t in trials)
+        finer = [
+            self.with_finer_edges(t, n_laws)
+            for t in trials
+            if t.stands_out and t.drop > _WORTH_A_LOOK * most
+        ]
+        return best_of([t for t in finer if t.is_proven])
+
+    def _trials(self, laws: Sequence[Law], n_laws: int) -> list[Trial]:
+        """Try laws, of ``n_laws`` in all; return the trials of those with spans."""
+        trials = [self.trial(law, n_laws) for law in laws]
+        return [t for t in trials if t is not None]
+
+    def trial(self, law: Law, n_laws: int) -> Trial | None:
+        """Search the spans of a law, and judge it; None if it explains nothing."""
+        level = self.base.level
+        x = np.zeros(len(self.cells.run))
+        white = self._white(law, np.ones(len(self.data.y[0])))
+        fit = self.base
+        for _ in range(_MAX_ROUNDS):
+            products = CellProducts.of(
+                self.score.at_level(self.base, level), white, self.cells
+            )
+            x = find_spans(products, self.cells, np.zeros(len(x)), self._price)
+            if not x.any() or x.all():
+                return None
+            fit = self._fit(law, x, self.cells)
+            if np.all(np.abs(fit.level - level) < _SETTLED * level):
+                break
+            level = fit.level
+        return self._judged(law, self.cells, x, n_laws)
+
+    def with_finer_edges(self, trial: Trial, n_laws: int) -> Trial:
+        """Return a trial with its edges moved among cells that are finer."""
+        cells = self.cells.divided(_FINER)
+        x = np.zeros(len(cells.run))
+        x[cells.label] = trial.x[self.cells.label]
+        white = self._white(trial.law, np.ones(len(self.data.y[0])))
+        base = self.score.at_level(self.base, trial.fit.level)
+        products = CellProducts.of(base, white, cells)
+        x = find_spans(products, cells, x, self._price, longest=_FINER)
+        judged = self._judged(trial.law, cells, x, n_laws)
+        return trial if judged is None else self._with_errors_of_edges(judged)
+
+    def _with_errors_of_edges(self, trial: Trial) -> Trial:
+        """Return a trial whose covariance holds what unknown edges do to its size.
+
+        An edge is known to a cell on either side. Its error is spread evenly over these
+        two, so that a change d of the parameters by a cell counts as d d' / 3.
+        """
+        law = trial.law
+        fitted_law = law.at_point(trial.point) if law.kind == "force" else law
+        white = self._white(fitted_law, np.ones(len(self.data.y[0])))
+        base = self.score.at_level(self.base, trial.fit.level)
+        products = CellProducts.of(base, white, trial.cells)
+        covariance = trial.covariance.copy()
+        for before, behind in trial.cells.with_moved_edges(trial.x):
+            change = 0.5 * (products.parameters(behind) - products.parameters(before))
+            covariance += np.outer(change, change) / 3.0
+        return replace(trial, covariance=covariance)
+
+    def _coarse(self, acts: Array) -> Array:
+        """Return the share (C,) of each cell's rows (M,) in which a cause acts."""
+        return np.array([acts[rows].mean() for rows in self.cells.rows])
+
+    @cached_property
+    def _price(self) -> float:
+        """Fall of the squared error that an edge has to bring: log N, for rows that
+        carry the evidence of one."""
+        n_rows = float(self.base.degrees.mean())
+        worth = 1.0 + n_rows / COARSENING_ROWS
+        return max(worth * float(np.log(n_rows)), EVIDENCE_TO_ADD)
+
+    def _white(self, law: Law, acts: Array) -> Array:
+        """Return a law's white columns (n, M, k) in the rows in which it acts (M,)."""
+        return np.stack(
+            [
+                self.data.white(law.columns[j] * acts[:, None], j)
+                for j in range(self.data.n)
+            ]
+        )
+
+    def _term(self, law: Law, acts: Array) -> ScoredEffect:
+        """Return a law that acts in some rows (M,) as a term of a fit."""
+        white = self._white(law, acts)
+        form = PassingCandidate((law.text, None), law.effect)
+        return ScoredEffect(form, dict(enumerate(white)))
+
+    def _fit(self, law: Law, x: Array, cells: Cells) -> WhiteFit:
+        """Fit the model, its effects, and a law in spans x (C,)."""
+        return self.score.fit([*self.terms, self._term(law, x[cells.label])])
+
+    def _judged(self, law: Law, cells: Cells, x: Array, n_laws: int) -> Trial | None:
+        """Fit a law in spans x (C,) and compute its evidence; None if it has none."""
+        if not x.any() or x.all():
+            return None
+        point = np.zeros(3)
+        covariance = None
+        fitted_law = law
+        acts = x[cells.label]
+        if law.kind == "force":
+            level = self._fit(law, x, cells).level
+            base = self.score.at_level(self.base, level)
+            white = self._white(law, acts)
+            gram, right = CellProducts.of(base, white, cells).over(x)
+            reach = float(np.sum(self.data.estimate.robot.link_reach()))
+            point, covariance = point_of_force(gram, right, reach)
+            fitted_law = law.at_point(point)
+        term = self._term(fitted_law, acts)
+        fit = self.score.fit([*self.terms, term])
+        base = self.score.at_level(self.base, fit.level)
+        T = base.residual_of(base.scaled(term.columns))
+        gram = np.einsum("jmk,jml->kl", T, T)
+        scaled = np.stack([*base.scaled(term.columns).values()])
+        information = regular(gram, np.einsum("jmk,jml->kl", scaled, scaled))
+        beta = np.linalg.solve(information, np.einsum("jmk,jm->k", T, base.residual))
+        residual = base.residual - T @ beta
+        inverse = np.asarray(np.linalg.inv(with_ridge(information)))
+        rows_per_joint = float(self.base.degrees.mean())
+        worth = self.score.rows_worth_one(T, residual, inverse, T.shape[2])
+        worth += rows_per_joint / COARSENING_ROWS
+        n_independent = max(rows_per_joint * self.data.n / worth, 3.0)
+        n_numbers = law.freedom + cells.count_edges(x)
+        price = self.score.parameter_price(n_numbers, n_independent)
+        drop = self.base.own_deviance - float(self.base.deviance(fit.rss))
+        return Trial(
+            law=law,
+            cells=cells,
+            x=x,
+            fit=fit,
+            beta=beta,
+            covariance=(inverse if covariance is None else covariance) * worth,
+            drop=drop,
+            worth=worth,
+            price=price + 2.0 * float(np.log(n_laws)),
+            share=explained_share(base.residual, residual, acts > 0.0),
+            over_elsewhere=error_over_elsewhere(
+                base.residual, residual, self.cells, self._coarse(acts)
+            ),
+            point=point,
+        )
+
+
+def _without_repetition(
+    search: Search,
+    terms: Sequence[ScoredEffect],
+) -> tuple[WhiteData, EvidenceScorer, list[ScoredEffect]]:
+    """Return white rows, scorer and effects as if no motion repeated.
+
+    What acts for a part of the time makes repetitions differ: it masks rows, and counts
+    as slow noise. So no row is masked for that, and the noise is white, with a level
+    that follows from the residual. Where the noise is not from repetitions this holds
+    anyway.
+    """
+    data = search.data
+    noise = data.noise
+    if noise.source != REPETITION:
+        return data, search.score, list(terms)
+    masked = mask_unsettled_rows(data.rows)
+    rows = replace(data.rows, masked=masked if masked.any() else np.zeros((0, 0), bool))
+    white_noise = replace(
+        noise,
+        ar=np.zeros_like(noise.ar),
+        sigma=noise.floor,
+        suspect=np.zeros_like(noise.suspect),
+        source=RESIDUAL,
+    )
+    white = whiten_with_noise(rows, white_noise, data.estimate, data.frozen)
+    score = EvidenceScorer(white, 1)
+    anew = [replace(t, columns=white.columns(t.form.effect)) for t in terms]
+    return white, score, anew
+
+
+def passing_causes(
+    search: Search,
+    terms: Sequence[ScoredEffect],
+    is_suspected: bool = True,
+) -> tuple[PassingCause, ...]:
+    """Find what acts for a part of the runs only, beside the findings of a search.
+
+    Parameters
+    ----------
+    search
+        The finished search.
+    terms
+        Its effects whose torque is certain. Weak ones may stand in for what is looked
+        for: they are left out unless they have more evidence than it.
+    is_suspected
+        Whether events, unexplained torque or an unknown noise let something be
+        suspected. False: only a load is looked for at first.
+
+    Returns
+    -------
+    tuple of PassingCause
+        None or one.
+    """
+    passing = PassingSearch(search, terms)
+    found = passing.best(is_suspected)
+    if found is None:
+        return ()
+    # What is likelier goes first, though its name or size is in doubt.
+    evidence = found[0].evidence
+    likelier = [t for t in search.terms if t in terms or t.evidence > evidence]
+    if len(likelier) > len(terms):
+        passing = PassingSearch(search, likelier)
+        found = passing.best(is_suspected)
+        if found is None:
+            return ()
+    trial, rivals = found
+    return (_described(passing.data, trial, rivals),)
+
+
+def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> PassingCause:
+    """Make the record of a cause, with the size of its law and its spans."""
+    x = trial.x
+    beta = trial.beta
+    if not data.frozen:
+        x, beta = _simpler_of_both(trial)
+    # Of the other spans a load or a torque has the opposite sign.
+    size = trial.size if trial.law.kind == "force" else float(beta[0])
+    unit = {"load": "kg", "force": "N"}.get(trial.law.kind)
+    if unit is None:
+        unit = data.estimate.robot.torque_units[trial.law.place - 1]
+    return PassingCause(
+        kind=trial.law.kind,
+        place=trial.law.place,
+        size=size,
+        std=trial.std,
+        unit=unit,
+        parameters=tuple(float(b) for b in beta),
+        point=tuple(float(p) for p in trial.point),
+        spans=_spans(data, trial.cells, x),
+        share=trial.share,
+        evidence=trial.evidence,
+        rivals=tuple(t.law.text for t in rivals),
+    )
+
+
+def _simpler_of_both(trial: Trial) -> tuple[Array, Array]:
+    """Return spans and parameters, or the other spans with the opposite parameters.
+
+    A model that is estimated takes in what acts all the time. So a load in some spans
+    and its lack in the others are one thing: fewer spans, then a positive mass, then
+    the shorter time is said.
+    """
+
+    def order(both: tuple[Array, Array]) -> tuple[int, bool, float]:
+        """Return what two descriptions are sorted by."""
+        x, beta = both
+        n_spans = int(np.sum(np.diff(x, prepend=0.0) > 0.0))
+        is_lack = trial.law.kind == "load" and beta[0] < 0.0
+        return n_spans, is_lack, float(x[trial.cells.label].sum())
+
+    return min([(trial.x, trial.beta), (1.0 - trial.x, -trial.beta)], key=order)
+
+
+def _spans(data: WhiteData, cells: Cells, x: Array) -> tuple[Span, ...]:
+    """Return the spans of time in which x (C,) is 1, run by run."""
+    rows = data.rows
+    acts = x[cells.label] > 0.0
+    runs = np.unique(rows.run)
+    out = []
+    for run in runs:
+        name = rows.names[run] if len(runs) > 1 else ""
+        in_run = np.flatnonzero(rows.run == run)
+        t = rows.t[in_run]
+        changes = np.diff(acts[in_run].astype(int), prepend=0, append=0)
+        begins = np.flatnonzero(changes == 1)
+        ends = np.flatnonzero(changes == -1) - 1
+        for a, b in zip(begins, ends, strict=True):
+            out.append(Span(name, float(t[a]), float(t[b])))
+    return tuple(out)

@@ -1,0 +1,160 @@
+"""A law tried in spans of time: its evidence, and how it stands beside others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.constants import (
+    EVIDENCE_TO_ADD,
+    EVIDENCE_TO_DISTINGUISH,
+    LAW_TOLERANCE,
+    SIGNIFICANT,
+)
+from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
+from sdp_vs_penalty.diagnosis.passing.laws import Law
+from sdp_vs_penalty.diagnosis.passing.spans import Cells
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Share of the error in its spans that a cause has to explain: more than it leaves.
+_MOST = 0.5
+#: Times the largest error of the model elsewhere that the error in its spans has to be.
+_LARGER = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A law with its spans, fitted beside the model and its effects.
+
+    law; cells and x (C,) : where it acts; fit : the fit with it; beta (k,) : its
+    parameters [SI]; covariance (k, k); drop, worth, price : of the evidence, as
+    :class:`ScoredEffect` has them; share : of the error in its spans that it explains;
+    point (3,) [m] : at which a force acts.
+    """
+
+    law: Law
+    cells: Cells
+    x: Array
+    fit: WhiteFit
+    beta: Array
+    covariance: Array
+    drop: float
+    worth: float
+    price: float
+    share: float
+    over_elsewhere: float
+    point: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def evidence(self) -> float:
+        """The evidence J: twice the logarithm of the odds that the cause acts."""
+        return self.drop / self.worth - self.price
+
+    @property
+    def size(self) -> float:
+        """The mass [kg], the force [N], or the torque [N m or N]."""
+        if self.law.kind == "force":
+            return float(np.linalg.norm(self.beta))
+        return float(self.beta[0])
+
+    @property
+    def std(self) -> float:
+        """The standard deviation of the size."""
+        along = np.zeros(len(self.beta))
+        along[0] = 1.0
+        if self.law.kind == "force":
+            along = self.beta / max(self.size, 1e-12)
+        return float(np.sqrt(along @ self.covariance @ along))
+
+    @property
+    def is_far_off(self) -> bool:
+        """Whether a load's centre of mass lies farther away than the arm is long."""
+        if self.law.kind != "load":
+            return False
+        reach = float(np.sum(self.law.effect.robot.link_reach()))
+        return bool(np.linalg.norm(self.beta[1:]) > reach * abs(self.size))
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether it has evidence, and the error in its spans is larger than any that
+        the model makes elsewhere."""
+        return self.evidence > EVIDENCE_TO_ADD and self.over_elsewhere > _LARGER
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether it stands out, explains more than it leaves, and has a size that is
+        told from zero."""
+        return (
+            self.stands_out
+            and self.share > _MOST
+            and self.std < SIGNIFICANT * abs(self.size)
+            and not self.is_far_off
+        )
+
+    def evidence_with_worth_of(self, other: Trial) -> float:
+        """Return J with the number of rows worth one of another trial."""
+        return self.drop / other.worth - self.price
+
+
+def best_of(trials: Sequence[Trial]) -> tuple[Trial, tuple[Trial, ...]] | None:
+    """Return the likeliest of some trials, and those that the data do not tell from it.
+
+    All are compared with the rows worth one of the trial that explains most. Trials tie
+    within J = 6 plus 4 % of the best one's; of these the one with fewest numbers is
+    taken. None if there are no trials.
+    """
+    if not trials:
+        return None
+    closest = max(trials, key=lambda t: t.drop)
+    J = {t: t.evidence_with_worth_of(closest) for t in trials}
+    best = max(J.values())
+    margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * best
+    tied = [t for t in trials if best - J[t] < margin]
+    chosen = min(tied, key=lambda t: (t.law.freedom, -J[t]))
+    return chosen, tuple(t for t in tied if t is not chosen)
+
+
+def explained_share(before: Array, after: Array, acts: NDArray[np.bool_]) -> float:
+    """Return the share, below 1, of the squared error in some rows that a cause
+    explains.
+
+    Parameters
+    ----------
+    before, after
+        (n, M) weighted residual without and with the cause.
+    acts
+        (M,) flags: the rows in which it acts.
+    """
+    squares_before = float(np.sum(before[:, acts] ** 2))
+    squares_after = float(np.sum(after[:, acts] ** 2))
+    return 1.0 - squares_after / max(squares_before, 1e-12)
+
+
+def error_over_elsewhere(before: Array, after: Array, cells: Cells, x: Array) -> float:
+    """Return how much larger the squared error without a cause is in its spans than the
+    largest one that the model makes elsewhere, in any cell of time.
+
+    Cells beside an edge are left out: an edge is known to a part of a cell.
+
+    Parameters
+    ----------
+    before, after
+        (n, M) weighted residual without and with the cause.
+    cells
+        C cells of time.
+    x
+        (C,) the share of each cell in which the cause acts.
+    """
+    is_beside = np.convolve(x, np.ones(3), mode="same") > 0.0
+    elsewhere = [
+        float(np.mean(after[:, rows] ** 2))
+        for rows, beside in zip(cells.rows, is_beside, strict=True)
+        if not beside
+    ]
+    acts = x[cells.label] > 0.5
+    if not acts.any() or not elsewhere:
+        return 0.0
+    return float(np.mean(before[:, acts] ** 2)) / max(max(elsewhere), 1e-12)
