@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.candidates import list_candidates
@@ -24,6 +25,7 @@ from sdp_vs_penalty.diagnosis.held_out import HeldOutData
 from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.passing.cause import Span, without_spans
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.search import search
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
@@ -47,6 +49,15 @@ from sdp_vs_penalty.signals.segments import (
     segmented,
     subsample_sentence,
     window_subsample,
+)
+
+#: Share of the samples that has to be left without the spans in which something acts.
+_ENOUGH = 1.0 / 3.0
+#: The most causes that act for a part of the time.
+_MOST_PASSING = 3
+_WITHOUT_SPANS = (
+    "All else was judged without the spans in which something acts for a part of the"
+    " time."
 )
 
 
@@ -99,12 +110,15 @@ def diagnose(
     """
     progress("filtering the runs")
     runs = DiagnosisRuns(model, measurements, test, noise_from, frozen)
-    diagnosis = diagnose_runs(
+    diagnosis = diagnose_beside_passing(
         runs,
-        seed=seed,
-        progress=progress,
-        gain_uncertainty=gain_uncertainty,
-        rules=rules,
+        partial(
+            diagnose_runs,
+            seed=seed,
+            progress=progress,
+            gain_uncertainty=gain_uncertainty,
+            rules=rules,
+        ),
     )
     del runs  # with all filtered rows
     give_back_memory(measurements.samples)
@@ -112,6 +126,44 @@ def diagnose(
         model, judged_recordings or test or measurements
     )
     return diagnosis if floor is None else replace(diagnosis, noise_floor=floor)
+
+
+def diagnose_beside_passing(
+    runs: DiagnosisRuns, diagnose: Callable[[DiagnosisRuns], Diagnosis]
+) -> Diagnosis:
+    """Diagnose recordings, and again without the spans in which something acts.
+
+    A load that is carried for a time would otherwise be explained by effects that act
+    all the time. What is found without its spans is the result, with all that acts for
+    a part of the time. The spans stay in where less than _ENOUGH of the samples would be
+    left.
+
+    Parameters
+    ----------
+    runs
+        The recordings and the model.
+    diagnose
+        Runs all steps on recordings.
+
+    Returns
+    -------
+    Diagnosis
+        Findings and verdict.
+    """
+    diagnosis = diagnose(runs)
+    passing = found = diagnosis.passing
+    while found and len(passing) < _MOST_PASSING:
+        spans = tuple(span for cause in passing for span in cause.spans)
+        rest = replace(runs, left_out=spans)
+        if rest.searched.samples < _ENOUGH * runs.searched.samples:
+            break
+        diagnosis = diagnose(rest)
+        found = diagnosis.passing
+        passing += found
+    if diagnosis.passing == passing:
+        return diagnosis
+    remarks = (*diagnosis.remarks, _WITHOUT_SPANS)
+    return replace(diagnosis, passing=passing, remarks=remarks)
 
 
 def diagnose_runs(
@@ -224,7 +276,7 @@ class DiagnosisRuns:
 
     test : the run for errors on data left out, or None; noise_from : the runs whose
     repetition shows the noise, or None for the measurements; frozen : whether the
-    model's parameters stay fixed.
+    model's parameters stay fixed; left_out : spans of time that are not searched.
     """
 
     model: Estimate
@@ -232,6 +284,7 @@ class DiagnosisRuns:
     test: Measurements | None
     noise_from: Measurements | None = None
     frozen: bool = False
+    left_out: tuple[Span, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError if a recording has not as many joints as the model."""
@@ -267,7 +320,8 @@ class DiagnosisRuns:
     @cached_property
     def searched(self) -> Measurements:
         """The windows of the measurements in which effects are searched."""
-        return window_subsample(self._driven[1], self.settings)
+        windows = window_subsample(self._driven[1], self.settings)
+        return without_spans(windows, self.left_out) if self.left_out else windows
 
     @property
     def subsample_remark(self) -> str | None:

@@ -90,6 +90,10 @@ def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
     np.testing.assert_allclose((x, z), (POINT[0], POINT[2]), atol=0.03)
     assert_spans(cause, *spans)
     assert cause.share > 0.8
+    # All else is judged without these spans, so that no other effect stands for it.
+    assert not [f for f in result.effects if f.torque_is_certain]
+    assert not result.events_without_cause
+    assert any("without the spans" in remark for remark in result.remarks)
     assert cause.sentence in event_lines(result)[0]
     assert "a load of" in result.headline.split(". ")[0]
 

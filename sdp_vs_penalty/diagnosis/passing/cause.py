@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.files import JsonRecord
 
+#: Time on either side of a span that is left out with it: an edge is known to so much
+#: [s].
+_MARGIN = 0.25
 #: Of a law of :mod:`~sdp_vs_penalty.diagnosis.passing`: what it is in words, and
 #: whether it acts on a link or on a joint.
 _IN_WORDS = {
@@ -111,3 +117,31 @@ def passing_sentence(causes: Sequence[PassingCause]) -> str:
         return ""
     named = "; ".join(cause.sentence for cause in causes)
     return f"For a part of the time: {named}."
+
+
+def without_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:
+    """Return runs without the samples in some spans of time, and a margin beside them.
+
+    Parameters
+    ----------
+    runs
+        The runs.
+    spans
+        Spans, each with the name of its run; without a name of any run.
+
+    Returns
+    -------
+    Measurements
+        Runs with gaps. One that a span covers altogether is left out.
+    """
+    kept = []
+    for run in runs.runs():
+        acts = np.zeros(run.samples, bool)
+        for span in spans:
+            if span.run in ("", run.names[0]):
+                acts |= (run.t >= span.t_start - _MARGIN) & (
+                    run.t <= span.t_end + _MARGIN
+                )
+        if not acts.all():
+            kept.append(run.rows(~acts) if acts.any() else run)
+    return concatenate(kept) if kept else runs.rows(slice(0, 0))
