@@ -255,7 +255,10 @@ def truth_of(case: Case, built: BuiltCase) -> Record:
         ],
         "fair": sorted(allowed),
         "abstains": abstains,
-        **{name: [] for name in ("found", "retuned", "events", "after", "energy")},
+        **{
+            name: []
+            for name in ("found", "retuned", "events", "passing", "after", "energy")
+        },
     }
 
 
@@ -309,6 +312,7 @@ def _diagnosed(
         "found": [{name: f[name] for name in _KEPT} for f in result["effects"]],
         "retuned": result.get("retuned", []),
         "events": result["events"],
+        "passing": result["passing"],
         "identify_seconds": spent,
         "seconds": time.process_time() - begin,
         "curves": [
@@ -341,7 +345,7 @@ def rounded(record: Record) -> Record:
 
 
 #: Of the record's format: cases of another version are simulated anew.
-VERSION = 3
+VERSION = 4
 
 
 def kept_records(store: Path) -> dict[str, Record]:

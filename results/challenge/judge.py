@@ -78,7 +78,13 @@ def abstained(record: Record) -> bool:
 
 
 def flagged(record: Record) -> bool:
-    return bool(record["events"]) or abstained(record)
+    return bool(record["events"] or passes(record)) or abstained(record)
+
+
+def passes(record: Record) -> list[Record]:
+    """What is said to act for a part of the time; no case hides such a thing, but a
+    disturbance."""
+    return list(record.get("passing", []))
 
 
 def found_in_time(record: Record) -> bool:
@@ -89,7 +95,9 @@ def found_in_time(record: Record) -> bool:
         return flagged(record)
     begin = truth["t_start"] - 1.0
     end = truth["t_end"] + 1.0
-    return any(e["t_start"] < end and e["t_end"] > begin for e in record["events"])
+    spans = [span for cause in passes(record) for span in cause["spans"]]
+    said = (*record["events"], *spans)
+    return any(e["t_start"] < end and e["t_end"] > begin for e in said)
 
 
 def outcome(record: Record) -> str:
@@ -99,6 +107,7 @@ def outcome(record: Record) -> str:
     unknown = abstained(record)
     if (
         extras(record)
+        or passes(record)
         or record["verdict"] == "refused"
         or (unknown and not record["abstains"])
     ):
@@ -140,6 +149,11 @@ def curve(record: Record) -> Mapping[str, Any]:
 MEASURES: Sequence[tuple[Sequence[str], str, Callable[[Record], bool]]] = (
     (("clean",), "false claims, all nuisances", lambda r: outcome(r) == "false"),
     (("clean",), "false events", lambda record: bool(record["events"])),
+    (
+        ("clean", *SINGLE),
+        "nothing that acts for a part of the time",
+        lambda r: not passes(r),
+    ),
     (("clean",), "false curves", lambda r: bool(r.get("curves"))),
     (SINGLE[:2], "first named effect right", first_right),
     (("weak",), "first named effect right", first_right),
