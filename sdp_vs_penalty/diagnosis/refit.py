@@ -9,13 +9,8 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import plausible_sizes
-from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.inertia import gyration_about_joint
-
-#: Smallest mass [kg] and radius [m] that a link is taken to have.
-_SMALLEST_MASS = 0.1
-_SMALLEST_RADIUS = 0.05
+from sdp_vs_penalty.robot.inertia import link_sizes
 
 
 def least_squares_refit(
@@ -65,7 +60,7 @@ def least_squares_refit(
     prior_target = -precision * first
     links = data.estimate.model.rigid_indices  # none in a model of friction alone
     if not data.frozen and len(links):
-        precision[links] = 1.0 / link_sizes(data.estimate).ravel()
+        precision[links] = 1.0 / link_sizes(data.estimate.problem.nominal_links).ravel()
         prior_target[links] = 0.0
     prior = np.diag(precision)
     # Steps are taken from the model's values: what no row determines stays there.
@@ -88,27 +83,6 @@ def least_squares_refit(
     theta = first + step
     modelled = np.column_stack([columns_on(j) @ theta for j in range(n)])
     return theta, np.asarray(torque - modelled)
-
-
-def link_sizes(estimate: Estimate) -> Array:
-    """Return how large the parameters of each link are, by the robot's file.
-
-    Parameters
-    ----------
-    estimate
-        The model.
-
-    Returns
-    -------
-    (links, 10) array
-        Mass [kg], and that mass times the radius of gyration about the joint [kg m] and
-        its square [kg m^2].
-    """
-    links = estimate.problem.nominal_links
-    mass = np.maximum(links[:, 0], _SMALLEST_MASS)
-    radius = np.maximum(gyration_about_joint(links, _SMALLEST_MASS), _SMALLEST_RADIUS)
-    sizes = [mass, *(mass * radius,) * 3, *(mass * radius**2,) * 6]
-    return np.column_stack(sizes)
 
 
 def _compress_rows(columns: Array, target: Array) -> Array:

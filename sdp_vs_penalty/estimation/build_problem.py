@@ -29,7 +29,13 @@ from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, with_scale
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
-from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_progress
+from sdp_vs_penalty.estimators.estimator import (
+    Progress,
+    Task,
+    make_task,
+    no_progress,
+    sample_variance,
+)
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -41,6 +47,7 @@ from sdp_vs_penalty.regression.black_box import (
 from sdp_vs_penalty.regression.instruments import commanded_motion
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.inertia import link_sizes
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
@@ -611,6 +618,26 @@ def filter_runs(
     )
 
 
+def _near_the_file(task: Task, problem: Problem) -> Array:
+    """Return theta (p,) by least squares with links near those of the robot's file.
+
+    Each parameter of a link has the weight of one more row: it differs from the file's
+    by about a link's size. Rows hardly tell a rotor's inertia from its link's, for
+    example, and least squares alone then makes both thousands of times too large, with
+    opposite signs.
+    """
+    links = task.model.rigid_indices
+    if not len(links):
+        return task.ols
+    sizes = link_sizes(problem.nominal_links).ravel()
+    rows = np.zeros((len(links), len(task.nominal)))
+    rows[np.arange(len(links)), links] = 1.0 / sizes
+    data = task.data.with_observations(
+        rows, rows @ task.nominal, weight=sample_variance(task)
+    )
+    return data.nearest(task.nominal)
+
+
 def with_reference(
     problem: Problem,
     model: Model,
@@ -620,9 +647,9 @@ def with_reference(
 ) -> Model:
     """Return the model with its reference: the current model's parameters (p,).
 
-    The columns of torque-dependent effects are computed with the torque of the current
-    model. Two passes find it: least squares without these effects, then with them. A
-    model without such effects is returned as it is.
+    The columns of torque-dependent effects are computed with the torque and the links of
+    the current model. Two passes find it: least squares without these effects, then with
+    them. A model without such effects is returned as it is.
 
     Parameters
     ----------
@@ -648,9 +675,10 @@ def with_reference(
     kept = model.reference_free  # the effects whose parameters a pass keeps
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")
-        theta = make_task(
+        task = make_task(
             problem, model=part, regression=compressed(part), weighting=weighting
-        ).ols
+        )
+        theta = _near_the_file(task, problem)
         reference = np.zeros(len(model.parameters))
         places = model.places(kept)
         # In the second pass theta holds all effects.

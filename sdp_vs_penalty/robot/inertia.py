@@ -336,6 +336,31 @@ def gyration_about_joint(theta: ArrayLike, smallest_mass: float = 1e-12) -> Arra
     return np.asarray(np.sqrt(np.maximum(moment, 0.0) / mass))
 
 
+#: Smallest mass [kg] and radius [m] that a link is taken to have.
+_SMALLEST_MASS = 0.1
+_SMALLEST_RADIUS = 0.05
+
+
+def link_sizes(links: Array) -> Array:
+    """Return how large the parameters of each link are.
+
+    Parameters
+    ----------
+    links : (links, 10) array
+        Nominal standard parameters [kg, kg m, kg m^2].
+
+    Returns
+    -------
+    (links, 10) array
+        Mass [kg], and that mass times the radius of gyration about the joint [kg m] and
+        its square [kg m^2].
+    """
+    mass = np.maximum(links[:, 0], _SMALLEST_MASS)
+    radius = np.maximum(gyration_about_joint(links, _SMALLEST_MASS), _SMALLEST_RADIUS)
+    sizes = [mass, *(mass * radius,) * 3, *(mass * radius**2,) * 6]
+    return np.column_stack(sizes)
+
+
 def second_moment(theta: ArrayLike) -> Array:
     """Return the second moment about the centre of mass, over the mass.
 

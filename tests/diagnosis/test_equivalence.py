@@ -23,9 +23,10 @@ from sdp_vs_penalty.diagnosis import Diagnosis, Finding, confidence
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
 from sdp_vs_penalty.diagnosis.findings import REASONS
-from sdp_vs_penalty.diagnosis.refit import least_squares_refit, link_sizes
+from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import search
 from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
+from sdp_vs_penalty.robot.inertia import link_sizes
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 
@@ -234,7 +235,9 @@ def test_a_refit_leaves_links_where_upright_gravity_does_not_show_them(problem):
     data = DiagnosisRuns(model, run, None).white_data
     theta, _ = least_squares_refit(data, [])
     change = theta[: model.links.size] - model.links.ravel()
-    assert np.all(np.abs(change) < 0.5 * link_sizes(model).ravel())
+    assert np.all(
+        np.abs(change) < 0.5 * link_sizes(model.problem.nominal_links).ravel()
+    )
 
 
 def test_a_model_of_friction_alone_is_refitted(problem):
