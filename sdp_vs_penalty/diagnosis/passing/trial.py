@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_ADD,
     EVIDENCE_TO_DISTINGUISH,
     LAW_TOLERANCE,
-    SIGNIFICANT,
+    UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
 from sdp_vs_penalty.diagnosis.passing.laws import Law
@@ -85,12 +85,12 @@ class Trial:
 
     @property
     def is_proven(self) -> bool:
-        """Whether it stands out, explains more than it leaves, and has a size that is
-        told from zero."""
+        """Whether it stands out, explains more than it leaves, and has a size whose
+        standard deviation is below a fifth of it, as confident findings have."""
         return (
             self.stands_out
             and self.share > _MOST
-            and self.std < SIGNIFICANT * abs(self.size)
+            and self.std < UNCERTAIN * abs(self.size)
             and not self.is_far_off
         )
 
