@@ -26,8 +26,9 @@ from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.passing.cause import Span, without_spans
+from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
-from sdp_vs_penalty.diagnosis.search import search
+from sdp_vs_penalty.diagnosis.search import Search, search
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
 from sdp_vs_penalty.diagnosis.white_rows import (
     WhiteData,
@@ -154,7 +155,7 @@ def diagnose_beside_passing(
     passing = found = diagnosis.passing
     while found and len(passing) < _MOST_PASSING:
         spans = tuple(span for cause in passing for span in cause.spans)
-        rest = replace(runs, left_out=spans)
+        rest = replace(runs, left_out=spans, left_out_of_test=runs.spans_in_test)
         if rest.searched.samples < _ENOUGH * runs.searched.samples:
             break
         diagnosis = diagnose(rest)
@@ -276,7 +277,8 @@ class DiagnosisRuns:
 
     test : the run for errors on data left out, or None; noise_from : the runs whose
     repetition shows the noise, or None for the measurements; frozen : whether the
-    model's parameters stay fixed; left_out : spans of time that are not searched.
+    model's parameters stay fixed; left_out, left_out_of_test : spans of time that are
+    not searched, and not judged on.
     """
 
     model: Estimate
@@ -285,6 +287,7 @@ class DiagnosisRuns:
     noise_from: Measurements | None = None
     frozen: bool = False
     left_out: tuple[Span, ...] = ()
+    left_out_of_test: tuple[Span, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError if a recording has not as many joints as the model."""
@@ -371,7 +374,11 @@ class DiagnosisRuns:
     @cached_property
     def _test_windows(self) -> Measurements | None:
         """The windows of the test run that are judged on; None without a test run."""
-        return None if self.test is None else self._windows(self.test)
+        if self.test is None:
+            return None
+        windows = self._windows(self.test)
+        spans = self.left_out_of_test
+        return without_spans(windows, spans) if spans else windows
 
     @cached_property
     def test_rows(self) -> SegmentedRuns | None:
@@ -379,6 +386,15 @@ class DiagnosisRuns:
         if self._test_windows is None:
             return None
         return diagnosis_rows(self._test_windows, self.estimate, self.settings)
+
+    @cached_property
+    def spans_in_test(self) -> tuple[Span, ...]:
+        """Spans of the test run in which something acts for a part of the time."""
+        if self.test_rows is None:
+            return ()
+        white = whiten_rows(self.test_rows, self.estimate, self.frozen)
+        causes = passing_causes(Search(white, Library()), ())
+        return tuple(span for cause in causes for span in cause.spans)
 
     def _windows(self, runs: Measurements) -> Measurements:
         """Return windows of long recordings, with the torque at the joints."""
