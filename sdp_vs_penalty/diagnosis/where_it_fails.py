@@ -913,6 +913,11 @@ def _full_rate(
     return out
 
 
+#: Times the median of its neighbours from which an order is a wave. Of white noise one
+#: of 2^16 orders has four times, and one of 2^36 has six; real errors have heavier tails.
+_WAVE = 6.0
+
+
 def _orders(
     full: Sequence[_FullRate],
     bins: int = 4096,
@@ -921,7 +926,7 @@ def _orders(
     orders.
 
     The amplitude of order k is 2 |mean of r exp(-i k q)| for residual r and angle q. A
-    wave is a local maximum that is four times the median of its 31 neighbours.
+    wave is a local maximum that is _WAVE times the median of its 31 neighbours.
 
     Parameters
     ----------
@@ -954,7 +959,7 @@ def _orders(
     surroundings = scipy.ndimage.median_filter(amplitude, 31)
     ratio = amplitude / np.maximum(surroundings, 1e-300)
     is_maximum = amplitude == scipy.ndimage.maximum_filter(amplitude, 3)
-    peaks = np.flatnonzero(is_maximum & (ratio > 4.0)).tolist()
+    peaks = np.flatnonzero(is_maximum & (ratio > _WAVE)).tolist()
     # An offset (0) and gravity (1) are no waves of a gear.
     waves = [k for k in peaks if k > 1]
     waves.sort(key=lambda k: -amplitude[k])
