@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -25,7 +25,11 @@ from sdp_vs_penalty.diagnosis.held_out import HeldOutData
 from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
-from sdp_vs_penalty.diagnosis.passing.cause import Span, without_spans
+from sdp_vs_penalty.diagnosis.passing.cause import (
+    Span,
+    windows_without_spans,
+    without_spans,
+)
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.search import Search, search
@@ -56,10 +60,6 @@ from sdp_vs_penalty.signals.segments import (
 _ENOUGH = 1.0 / 3.0
 #: The most causes that act for a part of the time.
 _MOST_PASSING = 3
-_WITHOUT_SPANS = (
-    "All else was judged without the spans in which something acts for a part of the"
-    " time."
-)
 
 
 def diagnose(
@@ -153,6 +153,7 @@ def diagnose_beside_passing(
     """
     diagnosis = diagnose(runs)
     passing = found = diagnosis.passing
+    spans: tuple[Span, ...] = ()
     while found and len(passing) < _MOST_PASSING:
         spans = tuple(span for cause in passing for span in cause.spans)
         rest = replace(runs, left_out=spans, left_out_of_test=runs.spans_in_test)
@@ -163,8 +164,17 @@ def diagnose_beside_passing(
         passing += found
     if diagnosis.passing == passing:
         return diagnosis
-    remarks = (*diagnosis.remarks, _WITHOUT_SPANS)
+    remarks = (*diagnosis.remarks, _left_out_remark(runs, spans))
     return replace(diagnosis, passing=passing, remarks=remarks)
+
+
+def _left_out_remark(runs: DiagnosisRuns, spans: Sequence[Span]) -> str:
+    """Say that spans were left out, and how commands leave them out as well."""
+    remark = "All else was judged without the spans in which something acts for a time"
+    windows = windows_without_spans(runs.measurements, spans)
+    if windows:
+        remark += f"; `--window {windows}` leaves them out of `identify` and `add` too"
+    return f"{remark}."
 
 
 def diagnose_runs(

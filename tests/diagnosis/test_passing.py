@@ -16,7 +16,11 @@ from point_mass_arm import MASSES, Kinematics, PointMassArm, arm_problem
 from sdp_vs_penalty import Measurements, Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, Event
 from sdp_vs_penalty.diagnosis.findings import event_lines
-from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
+from sdp_vs_penalty.diagnosis.passing.cause import (
+    PassingCause,
+    Span,
+    windows_without_spans,
+)
 from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
 from sdp_vs_penalty.diagnosis.passing.spans import CellProducts, Cells, find_spans
 from sdp_vs_penalty.effects.links import Payload
@@ -229,3 +233,10 @@ def test_the_point_of_a_force_is_found():
     point, covariance = point_of_force(Z.T @ Z, Z.T @ (Z @ theta), reach=1.0)
     np.testing.assert_allclose(point, POINT, atol=1e-3)
     assert np.all(np.diag(covariance) < 1.0)
+
+
+def test_what_is_left_without_spans_is_written_as_commands_take_it():
+    t = 5.0 + np.arange(0.0, 20.0, 0.01)
+    run = Measurements(t, t[:, None], t[:, None])
+    spans = [Span("", 5.0, 8.0), Span("", 15.25, 17.25)]
+    assert windows_without_spans(run, spans) == "3.25:10,12.5:19.99"

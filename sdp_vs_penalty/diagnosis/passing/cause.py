@@ -119,6 +119,26 @@ def passing_sentence(causes: Sequence[PassingCause]) -> str:
     return f"For a part of the time: {named}."
 
 
+def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
+    """Write what is left of a single run without some spans as `--window` takes it.
+
+    Examples: "0:19.7,23.8:27.1", in seconds after the run's first sample; "" for several
+    runs, to each of which `--window` applies.
+    """
+    if len(runs.names) > 1:
+        return ""
+    start, end = float(runs.t[0]), float(runs.t[-1])
+    windows = []
+    begin = start
+    for span in sorted(spans, key=lambda span: span.t_start):
+        if span.t_start - _MARGIN > begin:
+            windows.append((begin, span.t_start - _MARGIN))
+        begin = max(begin, span.t_end + _MARGIN)
+    if begin < end:
+        windows.append((begin, end))
+    return ",".join(f"{a - start:.4g}:{b - start:.4g}" for a, b in windows)
+
+
 def without_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:
     """Return runs without the samples in some spans of time, and a margin beside them.
 
