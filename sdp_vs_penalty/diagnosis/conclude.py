@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -36,7 +37,6 @@ from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import (
-    Size,
     size_of,
     sizes_with_intervals,
     torque_errors,
@@ -168,11 +168,10 @@ class Conclusion:
             self.errors_of_constants,
             self.curves,
         )
+        steps = pairwise(self.ladder.errors)
         return [
-            describe_finding(
-                x.term, x.size, reasons_for_doubt(x), x.errors, x.resembles
-            )
-            for x in judged
+            describe_finding(x, reasons_for_doubt(x), np.array(step))
+            for x, step in zip(judged, steps, strict=True)
         ]
 
     @cached_property
@@ -281,14 +280,13 @@ def judged_findings(
     search = explanation.search
     torque_in_doubt = torque_errors(search.data, explanation.estimate, gain_errors)
     sizes = sizes_with_intervals(search, torque_in_doubt, constant_errors)
-    errors = ladder.errors  # row k: with the findings 0 to k - 1
     return [
         Judged(
             search=search,
             left=left,
             term=term,
             size=size,
-            errors=errors[k : k + 2],
+            errors=ladder.errors_that_show(k, sorted(term.joints)),
             curves=curves,
         )
         for k, (term, size) in enumerate(zip(search.terms, sizes, strict=True))
@@ -322,42 +320,39 @@ def _weakened(finding: Finding, reason: str) -> Finding:
 
 
 def describe_finding(
-    term: ScoredEffect,
-    known: Size,
+    judged: Judged,
     doubts: Mapping[str, str],
-    errors: Array,
-    resembles: Sequence[str] = (),
+    step: Array,
 ) -> Finding:
     """Make the report of a finding.
 
     Parameters
     ----------
-    term
-        The effect with its evidence and rivals.
-    known
-        Its parameters with their covariance.
+    judged
+        The finding with all that it is judged by.
     doubts
         Sentences by the name of the doubt; without any the finding is confident.
-    errors
-        (2, n) RMS errors on data left out [N m or N], row 0 without the finding, row 1
-        with it.
-    resembles
-        Names of effects that make nearly the same torque over what was travelled.
+    step
+        (2, n) RMS errors on data left out [N m or N] with the findings before it, row 0
+        without the finding, row 1 with it.
 
     Returns
     -------
     Finding
         The report.
     """
-    effect = term.form.effect
+    term, known, effect = judged.term, judged.size, judged.effect
     size, std = size_of(effect, known.beta, known.covariance)
     std_of_law = known.std_of_law(effect)
     std = float(np.hypot(std, std_of_law))
     _, std_of_rows = size_of(effect, known.beta, known.covariance_of_rows)
     names = [_rival_name(effect, r.form.effect) for r in term.rivals]
-    rivals = dict.fromkeys([*names, *resembles])  # each name once, in order
+    rivals = dict.fromkeys([*names, *judged.resembles])  # each name once, in order
     equivalents = (*rivals, CURVE) if "curve" in doubts else tuple(rivals)
     parameters = zip(effect.parameters, known.beta, strict=True)
+    text = sentence(effect, size, std, tuple(rivals))
+    if not np.array_equal(judged.errors, step):
+        text += f" {_SHOWN_BESIDE_ALL}"
     return Finding(
         effect=effect.name,
         joints=() if effect.whole_robot else tuple(j + 1 for j in effect.joints),
@@ -371,9 +366,9 @@ def describe_finding(
         parameters={p.name: float(b) for p, b in parameters},
         confidence="weak" if doubts else "confident",
         indistinguishable_from=equivalents,
-        held_out_rmse_before=errors[0],
-        held_out_rmse_after=errors[1],
-        explanation=sentence(effect, size, std, tuple(rivals)),
+        held_out_rmse_before=step[0],
+        held_out_rmse_after=step[1],
+        explanation=text,
         text=effect.text,
         gain=term.evidence,
         remarks=tuple(doubts.values()),
@@ -395,8 +390,8 @@ def _rival_name(effect: Effect, other: Effect) -> str:
     return f"{other.name}:{other.joints[0] + 1}"
 
 
-#: What is said of a noise that no repetition shows, by its source; and of errors
-#: without a test run.
+#: What is said of a noise that no repetition shows, by its source; of a finding that
+#: its step of the ladder does not show; and of errors without a test run.
 _NOISE = {
     RESIDUAL: (
         "No motion repeats and the log shows no steady noise above the motion's band"
@@ -410,6 +405,9 @@ _NOISE = {
         " know it better."
     ),
 }
+_SHOWN_BESIDE_ALL = (
+    "It lowers the error on data left out only beside the findings after it."
+)
 _FOLDS = (
     "Held-out errors come from folds by the phase of the motion: sizes from the other"
     " folds, the choice of effects and constants from all rows. A test run (--test)"

@@ -46,7 +46,8 @@ class Judged:
     search : the model with all findings; left : the torque that all findings leave
     unexplained; term : the finding; size : its parameters with covariance; errors (2,
     n) : RMS error of each joint [N m or N] on data left out, row 0 without the finding,
-    row 1 with it; curves : the measured curves that were accepted.
+    row 1 with it, beside the findings before it or beside all others
+    (:meth:`Ladder.errors_that_show`); curves : the measured curves that were accepted.
     """
 
     search: Search

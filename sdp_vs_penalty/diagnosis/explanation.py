@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData, shows
 from sdp_vs_penalty.diagnosis.late_torque import (
     beside_model,
     delays_torque,
@@ -241,6 +241,22 @@ class Ladder:
         """
         others = [i for i in self.offered if i != self.offered[k]]
         return self.held_out.errors(others)
+
+    def errors_that_show(self, i: int, joints: Sequence[int]) -> Array:
+        """Return the errors (2, n) [N m or N] without and with finding i, by which it is
+        judged.
+
+        They are those of its step of the ladder, beside the findings before it, if they
+        show it on its ``joints`` (from 0), or if those beside all others do not either.
+        Else they are those beside all others: an error may fall only after a later
+        finding has explained its share.
+        """
+        step = self.errors[i : i + 2]
+        if shows(*step[:, joints]):
+            return step
+        without = self.errors_without(self.n_own + i)
+        beside_others = np.array([without, self.errors[-1]])
+        return beside_others if shows(*beside_others[:, joints]) else step
 
     def harmful_together(self, is_sure: Sequence[bool]) -> list[bool]:
         """Return for each constant and each finding whether it does harm beside the

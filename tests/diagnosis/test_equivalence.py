@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +21,13 @@ from point_mass_arm import (
 
 from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, confidence
+from sdp_vs_penalty.diagnosis.conclude import describe_finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
 from sdp_vs_penalty.diagnosis.findings import REASONS
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import search
+from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
 from sdp_vs_penalty.robot.inertia import link_sizes
 
@@ -274,6 +277,31 @@ def test_a_stand_in_needs_that_nothing_else_speaks_against_it(
     doubts = dict.fromkeys({"stand_in", "looks_like", "rivals"} | further_doubts, "")
     monkeypatch.setattr(confidence, "reasons_for_doubt", lambda x: doubts)
     assert confidence.is_unproven_stand_in(finding) == is_dropped
+
+
+@pytest.mark.parametrize(
+    ("errors", "is_said"), [([[1.0], [0.5]], True), ([[1.0], [1.0]], False)]
+)
+def test_a_finding_says_that_it_helps_only_beside_those_after_it(
+    problem, errors, is_said
+):
+    effect = JointSpring(problem.robot, [0])
+    covariance = np.eye(len(effect.parameters))
+    size = Size(
+        np.ones(len(covariance)), covariance, covariance, covariance, covariance
+    )
+    form = SimpleNamespace(effect=effect)
+    judged: Any = SimpleNamespace(
+        term=SimpleNamespace(form=form, rivals=(), evidence=30.0),
+        size=size,
+        effect=effect,
+        errors=np.array(errors),
+        resembles=(),
+    )
+    step = np.ones((2, 1))
+    finding = describe_finding(judged, {}, step)
+    assert ("only beside the findings after it" in finding.explanation) == is_said
+    assert finding.held_out_rmse_after == step[1]
 
 
 def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
