@@ -399,7 +399,9 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
     flipped bits, torn packets.
 
     Samples within half a second of a start or stop of the arm are left out: there
-    stiction makes jumps.
+    stiction makes jumps. A joint's torque may jump for a sample wherever the joint
+    starts, stops or turns round: friction changes there, and its controller answers.
+    Packets are torn at any time, so that one such sample in steady motion is asked for.
 
     Parameters
     ----------
@@ -435,11 +437,36 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
         is_far[:3] = is_far[-3:] = False  # fewer than three samples on a side
         if not name.startswith("q"):  # no impulse moves a joint to and fro
             is_far &= _is_alone(distance)
+            if not np.any(is_far & _is_steady(glance, j)):
+                continue
         bad[name] = is_far & (is_far.mean() <= rare)
     what = "{rows} samples of {named} lie far from the samples on both sides."
     yield from glance.delete_rows(
         "spikes", bad, what, "certain: no joint moves like that"
     )
+
+
+#: A controller settles within so long after its joint starts, stops or turns [s].
+_SETTLES = 0.03
+
+
+def _is_steady(glance: RunSummary, j: int) -> Rows:
+    """Return the rows (N,) at which joint j goes on as before.
+
+    In the time _SETTLES before a row and in that after it (at least three rows each) it
+    travels the same way, and by no more than twice as far in the one as in the other. A
+    travel of a few steps of the encoder tells no direction.
+    """
+    t = glance.run.t
+    q = glance.run.q[:, j]
+    reach = max(_SETTLES, 3.0 * glance.usual_step)
+    before = q - np.interp(t - reach, t, q)
+    after = np.interp(t + reach, t, q) - q
+    shorter = np.minimum(np.abs(before), np.abs(after))
+    longer = np.maximum(np.abs(before), np.abs(after))
+    is_same_way = before * after > 0.0
+    is_clear = shorter > _largest_step_of_resolution(q)
+    return np.asarray(is_same_way & is_clear & (longer <= 2.0 * shorter))
 
 
 #: A sample is alone if its neighbours lie less far than this share of its distance.

@@ -439,6 +439,37 @@ def test_a_ramp_at_either_end_of_a_log_is_no_spike(end):
     assert found("spikes", replace(run, tau=tau)) is None
 
 
+def with_a_joint_that_catches() -> tuple[Measurements, int]:
+    """Joint 1 slides, and stiction catches it within one sample; joint 2 moves on.
+    Returns the run and the row of the catch."""
+    run = motion()
+    q = run.q.copy()
+    tau = run.tau.copy()
+    row = 1500
+    q[row - 200 : row, 0] = q[row, 0] - 8e-4 * np.arange(200, 0, -1)
+    q[row : row + 300, 0] = q[row, 0]
+    tau[row - 200 : row + 300, 0] = 4.0
+    return replace(run, q=q, tau=tau, dq=None), row
+
+
+def test_what_a_controller_answers_to_a_joint_that_stops_is_no_spike():
+    """The torque jumps for a sample where the joint's speed does."""
+    run, row = with_a_joint_that_catches()
+    tau = run.tau.copy()
+    tau[row, 0] -= 30.0
+    assert found("spikes", replace(run, tau=tau)) is None
+
+
+def test_packets_torn_in_steady_motion_are_spikes_and_so_are_others_like_them():
+    """One of them where the joint stops is deleted with those in steady motion."""
+    run, row = with_a_joint_that_catches()
+    tau = run.tau.copy()
+    tau[[row, row - 60], 0] -= 30.0
+    issue = found("spikes", replace(run, tau=tau))
+    assert issue is not None
+    assert issue.figures["rows"] == 2
+
+
 @pytest.mark.parametrize("kind", ["frozen packets", "repeated run"])
 def test_an_arm_that_waits_between_the_steps_of_its_command_is_no_copy(kind):
     """A servo answers steps within a tenth of a second, and rests under a coarse
