@@ -193,6 +193,9 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
     # A share of 0.2 % may be chance; at four in five the position hardly moves.
     if not 0.1 / RUN <= same.mean() <= 0.8 or not len(single):
         return
+    by_chance = _chances_of_equal_rows(glance)[glance.movement.moves].sum()
+    if same.sum() <= TIMES * by_chance:
+        return
     # Travel over the two steps around a copy: that of two usual steps where it skips
     # (far is the mean of two of them), and of one where it does not.
     q = glance.run.q
@@ -221,6 +224,42 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
         repair=partial(_without_copies, same=same, keeps_time=skips),
         figures={"rows": int(same.sum())},
     )
+
+
+#: Rounds in which the chance of equal rows settles.
+_ROUNDS_OF_CHANCE = 30
+
+
+def _chances_of_equal_rows(glance: RunSummary) -> Array:
+    """Return the chance (N,) that a row equals the row before because all its channels
+    are coarse, and change slowly there.
+
+    Channels change independently of each other: none changes with the chance
+
+        h = prod_k (1 - p_k).
+
+    p_k is the share of the steps around in which channel k changes. Of the steps that
+    may be copies nothing is known, so that only those count in which some channel
+    changes: a share p_k / (1 - h) of these. h is the smallest solution of both, and 1
+    where no channel changes. A row that was doubled lies between rows that differ: there
+    h is almost 0.
+    """
+    columns = np.column_stack([*glance.run.groups.values()])
+    is_change = np.diff(columns, axis=0) != 0.0  # (N - 1, channels)
+    is_new = np.any(is_change, axis=1)
+    n_new = _sum_around(is_new[:, None], STUCK)
+    shares = _sum_around(is_change, STUCK) / np.maximum(n_new, 1.0)
+    chance = np.zeros(len(shares))
+    for _ in range(_ROUNDS_OF_CHANCE):
+        chance = np.prod(1.0 - shares * (1.0 - chance)[:, None], axis=1)
+    return np.concatenate([[0.0], chance])
+
+
+def _sum_around(x: Array | Rows, reach: int) -> Array:
+    """Return of each row of x (N, n) the sum over the rows at most ``reach`` away."""
+    total = np.cumsum(np.pad(x, ((reach + 1, reach), (0, 0))), axis=0, dtype=float)
+    width = 2 * reach + 1
+    return np.asarray(total[width:] - total[:-width])
 
 
 def _without_copies(run: Measurements, same: Rows, keeps_time: bool) -> Measurements:

@@ -470,6 +470,47 @@ def test_packets_torn_in_steady_motion_are_spikes_and_so_are_others_like_them():
     assert issue.figures["rows"] == 2
 
 
+def creeping(rows_doubled: int = 0, seed: int = 3) -> Measurements:
+    """Two joints that creep for half of the time: then their encoders and torques, both
+    coarse, often change in no channel from row to row. Some rows are doubled, with the
+    clock made again."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 24.0, 1.0 / RATE)
+    speed = np.where(np.sin(2.0 * np.pi * t / PERIOD) > 0.0, 0.8, 0.02)
+    way = np.cumsum(speed[:, None] * [1.0, 0.7], axis=0) / RATE
+    q = stepped(np.abs((way + np.array([0.0, 0.4])) % 2.0 - 1.0), 1e-4)
+    tau = 6.0 * np.cos(q) + 0.02 * rng.normal(size=q.shape) * speed[:, None]
+    rows = np.sort(
+        np.append(np.arange(len(t)), rng.choice(len(t), rows_doubled, False))
+    )
+    return Measurements(
+        np.arange(len(rows)) / RATE,
+        q[rows],
+        stepped(tau, 2e-3)[rows],
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_coarse_sensors_of_an_arm_that_creeps_make_no_copies(seed):
+    clean = creeping(seed=seed)
+    is_equal = np.all(np.diff(np.hstack([clean.q, clean.tau]), axis=0) == 0.0, axis=1)
+    assert is_equal.mean() > 0.02
+    assert found("doubled rows", clean) is None
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.5])
+def test_rows_doubled_in_a_log_without_coarse_steps_are_told(share):
+    """Two channels of one joint that moves are enough to tell chance from copies."""
+    clean = replace(motion(encoder=1e-4, torque=0.01), dq=None)
+    count = round(share * len(clean.t))
+    doubled = np.random.default_rng(1).choice(len(clean.t), count, replace=False)
+    rows = np.sort(np.append(np.arange(len(clean.t)), doubled))
+    spoiled = replace(clean.rows(rows), t=np.arange(len(rows)) / RATE)
+    issue = found("doubled rows", spoiled)
+    assert issue is not None
+    assert issue.figures["rows"] >= 0.9 * count
+
+
 @pytest.mark.parametrize("kind", ["frozen packets", "repeated run"])
 def test_an_arm_that_waits_between_the_steps_of_its_command_is_no_copy(kind):
     """A servo answers steps within a tenth of a second, and rests under a coarse
