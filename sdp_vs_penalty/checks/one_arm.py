@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault
@@ -69,6 +70,8 @@ _LARGEST_ZERO_SHIFT_RAD = 0.5
 _PARAMETERS_PER_LINK = 10
 #: Of these, Ixx, Iyy and Izz.
 _MOMENTS_OF_INERTIA = (4, 6, 9)
+#: Directions of a joint's own columns below this share of the largest are noise [-].
+_OWN_RANK = 1e-3
 #: No load is held farther from the last joint [m].
 _FARTHEST_LOAD = 2.0
 
@@ -151,6 +154,16 @@ class Cause:
         return self.difference.repair
 
 
+@dataclass(frozen=True)
+class JointRows:
+    """Rows of one joint: its torque (M,), the columns (M, s) of what joints share, and
+    the joint's own columns (M, k)."""
+
+    torque: Array
+    columns: Array
+    own_columns: Array
+
+
 class RunComparison:
     """Compare one arm fitted to all R runs with one arm fitted to each run.
 
@@ -173,7 +186,8 @@ class RunComparison:
         self.runs = [
             replace(run, repair=_with_events(run.repair, [*all_laws])) for run in runs
         ]
-        self.moving = np.stack([run.log.moving for run in runs])  # (R, n)
+        # (R, n) joints that move in enough rows of a run to be judged there.
+        self.moving = np.stack([_tells_of_joints(run) for run in runs])
         self.equations = []
         for run in self.runs:
             grams, n_own = run.log.gram_matrices(run.repair, 1)  # one part: all rows
@@ -443,9 +457,9 @@ class RunComparison:
         """
         log = self.runs[difference.run].log
         after, arms = self.held_out_errors(difference)
-        moving = np.any(self.moving, axis=0)
+        counts = np.repeat(self.moving[self.suspects], c.PARTS, axis=0)
         log_falls = np.log(self.held_out_errors_of_one_arm / after)
-        falls_of_parts = log_falls[:, moving].sum(axis=1)  # (2 PARTS,)
+        falls_of_parts = np.where(counts, log_falls, 0.0).sum(axis=1)  # (2 PARTS,)
         gain = float(falls_of_parts.sum())
         clearness = standard_errors_above_zero(falls_of_parts.reshape(-1, c.PARTS))
         if difference.is_another_arm:
@@ -461,6 +475,10 @@ class RunComparison:
         threshold = max(c.REQUIRED_SIGMAS * float(spread), usual)
         if abs(size) <= threshold or not _is_possible(log, difference, size):
             return None
+        if difference.kind == "torque gain" and not self._scales_friction(
+            difference, size
+        ):
+            return None
         if difference.kind == "another load":
             loads = arms[:, -_PARAMETERS_PER_LINK:]
             if not is_a_body(loads):
@@ -468,6 +486,42 @@ class RunComparison:
         # A number has an interval that speaks for it as well: half as clear a
         # prediction is enough.
         return Cause(difference, gain, 2.0 * clearness, size)
+
+    def _scales_friction(self, difference: Difference, size: float) -> bool:
+        """Whether a joint's torque in the different run is nearer to 1 + size times
+        that of the other suspect than to the same.
+
+        A channel's gain scales friction with the arm's torque. Friction that the model
+        lacks looks like another gain of the arm's torque alone.
+
+        With A the arm's torque, and F the joint's own columns times what they take in
+        the other suspect's rows, the residual y - g (A + F) of the different run is
+        compared between g = 1 and g = 1 + size. Its mean is left out: zeros of torque
+        are a run's own.
+        """
+        joint = difference.joint
+        (other,) = {*self.suspects} - {difference.run}
+        arm = self.fit_other_runs(difference.run)
+        of_other = self._own_rows(other, joint)
+        rows = self._own_rows(difference.run, joint)
+        left = of_other.torque - of_other.columns @ arm
+        own = np.linalg.lstsq(of_other.own_columns, left, rcond=_OWN_RANK)[0]
+        expected = rows.columns @ arm + rows.own_columns @ own
+        same = np.var(rows.torque - expected)
+        scaled = np.var(rows.torque - (1.0 + size) * expected)
+        return bool(scaled < same)
+
+    def _own_rows(self, number: int, joint: int) -> JointRows:
+        """Return the rows of run ``number`` in which a joint (from 0) slides."""
+        log = self.runs[number].log
+        repair = self.runs[number].repair
+        slides = log.torque_mask(repair)[joint] > 0.0
+        channel = repair.order[joint]
+        return JointRows(
+            torque=log.channels(repair)[joint, slides],
+            columns=log.raw(repair)[joint, slides],
+            own_columns=log.data.own_columns[channel, slides],
+        )
 
     def judge_numbers(self) -> list[Cause]:
         """List the causes of the simplest kinds, judged on held-out parts.
@@ -486,6 +540,9 @@ class RunComparison:
                 run.repair,
                 arm,
             ):
+                is_of_joint = kind != "another load"
+                if is_of_joint and not self.moving[self.suspects, joint].all():
+                    continue
                 difference = Difference(
                     run=number,
                     kind=kind,
@@ -548,6 +605,24 @@ class RunComparison:
         if not is_clear or is_unspecific:
             return None
         return self._in_the_heavier_run(best)
+
+    def explains_as_another_arm(self, cause: Cause) -> bool:
+        """Whether a number that differs explains parts left out as well as another arm
+        in that run does.
+
+        Another arm contains every gain, zero and load, so that a right number explains
+        as much with fewer parameters. Friction and other laws that the model lacks
+        leave something that any number explains a little of, and other parameters more.
+        """
+        if cause.difference.columns is None:
+            return True
+        others = [
+            self.judge(Difference(run=number, kind="another arm"))
+            for number in self.suspects
+        ]
+        # Another arm's gain counts half.
+        largest = max(2.0 * other.gain for other in others if other is not None)
+        return cause.gain >= largest
 
     def _in_the_heavier_run(self, cause: Cause) -> Cause:
         """Return a cause with the load assigned to the run that carries more.
@@ -634,6 +709,20 @@ class RunComparison:
         return what.format(**entries), remedy.format(**entries)
 
 
+def _tells_of_joints(run: RunLog) -> NDArray[np.bool_]:
+    """Return the joints (n,) that a run tells something of: they move, and slide in
+    twice as many rows as they have columns of their own, and shares of the arm's.
+
+    Friction of a joint at rest may have any value. In fewer rows its columns explain
+    whatever is there, so that any other arm seems to explain them worse.
+    """
+    log = run.log
+    n_slides = log.torque_mask(run.repair).sum(axis=1)
+    n_own = log.data.own_columns.shape[2]
+    n_shared = len(log.fit(run.repair).theta) / max(len(log.joints), 1)
+    return np.asarray(log.moving & (n_slides >= 2.0 * (n_own + n_shared)))
+
+
 def is_a_body(loads: Array) -> bool:
     """Whether a load, added or missing, may be a body: no moment of inertia is clearly
     larger, in size, than that of its mass at _FARTHEST_LOAD.
@@ -690,7 +779,7 @@ def compare_runs(
     if not comparison.is_one_arm_worse(worse):
         return
     cause = comparison.find_best_cause()
-    if cause is not None:
+    if cause is not None and comparison.explains_as_another_arm(cause):
         yield cause.difference.run, comparison.issue(cause)
 
 
