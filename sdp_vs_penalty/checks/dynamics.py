@@ -166,7 +166,10 @@ class LoggerJudge:
         ]
         if len(numbers) < 2:
             return False
-        runs = [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
+        runs = [
+            RunLog(self.logs[k], self._of_run(k, net), self.reports[k].run)
+            for k in numbers
+        ]
         comparison = RunComparison(runs)
         is_one_joint = comparison.worst_error_ratio >= TIMES
         differs = (
@@ -289,6 +292,8 @@ class LoggerJudge:
         """
         log = self.logs[number]
         report = self.reports[number]
+        net = self._of_run(number, net)
+        stated = self._said_of_run(number, stated)
         change_of_arm = [] if is_poor(report) else [*two_arms(log, net)]
         # Where another arm begins, a step of a torque is no separate event.
         repair = replace(net, events=()) if change_of_arm else net
@@ -310,6 +315,41 @@ class LoggerJudge:
             unexplained=log.fit(net).unexplained,
             gravity=net.gravity if log.spare_share > 0.0 else None,
         )
+
+    def _time_in_run(self, number: int, t: float) -> float | None:
+        """Return the instant t [s] of the log of all runs together by the clock of run
+        ``number``; None where it lies in another run."""
+        data = [log.data for log in self.logs.values()]
+        shifts = RegressionData.clock_shifts(data)
+        shift = dict(zip(self.logs, shifts, strict=True))[number]
+        of_run = self.logs[number].data.motion.t
+        is_inside = of_run[0] <= t - shift <= of_run[-1]
+        return t - shift if is_inside else None
+
+    def _of_run(self, number: int, net: LogTransform) -> LogTransform:
+        """Return the repair of all runs as it holds in one of them: without the steps
+        of other runs, and with the instants of its own by its own clock."""
+        events = []
+        for event in net.events:
+            if not isinstance(event.at, float):
+                events.append(event)
+            elif (at := self._time_in_run(number, event.at)) is not None:
+                events.append(replace(event, at=at))
+        return replace(net, events=tuple(events))
+
+    def _said_of_run(self, number: int, stated: Sequence[Issue]) -> list[Issue]:
+        """Return the issues of all runs that concern one of them: no step of another
+        run, and the instants of its own by its own clock."""
+        said = []
+        for issue in stated:
+            if "t" not in issue.figures:
+                said.append(issue)
+                continue
+            t = issue.figures["t"]
+            at = self._time_in_run(number, t)
+            if at is not None:
+                said.append(issue.with_instant(t, at))
+        return said
 
     def _explanations(
         self,

@@ -1,7 +1,7 @@
 """What the data check says: one issue a problem."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sdp_vs_penalty import formatting
@@ -124,6 +124,17 @@ class Issue:
         has a repair."""
         is_certain = self.certainty.startswith("certain")
         return self.nature == FACT and self.repair is not None and is_certain
+
+    def with_instant(self, t: float, at: float) -> "Issue":
+        """Return the issue of an instant t [s] with the same instant by another clock,
+        at [s], in its words and figures."""
+        old, new = (f"t = {x:.4g} s" for x in (t, at))
+        return replace(
+            self,
+            where=self.where.replace(old, new),
+            what=self.what.replace(old, new),
+            figures={**self.figures, "t": at},
+        )
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Issue":

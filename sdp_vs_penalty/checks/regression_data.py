@@ -171,8 +171,7 @@ class RegressionData:
             offset of its torques of its own, as further own columns.
         """
         n_logs = len(logs)
-        every = slice(None, None, n_logs)
-        thinned = [log.select_rows(every) for log in logs]
+        thinned = _thinned(logs)
         shifts = _seconds_to_follow_each_other(thinned)
         moved = [
             log.with_later_clock(shift)
@@ -196,6 +195,25 @@ class RegressionData:
             largest=np.max([log.largest for log in logs], axis=0),
             cutoff=min(log.cutoff for log in logs),
         )
+
+    @staticmethod
+    def clock_shifts(logs: Sequence[RegressionData]) -> list[float]:
+        """List the time [s] by which :meth:`concatenate` puts each log's clock forward;
+        0 for a log alone.
+
+        Parameters
+        ----------
+        logs : sequence of RegressionData
+            Of one robot and one logger.
+
+        Returns
+        -------
+        list of float
+            One a log.
+        """
+        if len(logs) < 2:
+            return [0.0] * len(logs)
+        return _seconds_to_follow_each_other(_thinned(logs))
 
     def with_later_clock(self, seconds: float) -> RegressionData:
         """Return the data with the clock of motion and torque put forward [s].
@@ -297,6 +315,11 @@ def _one_spline(
     times = np.concatenate([torque.x for torque in torques])
     values = np.concatenate([torque(torque.x) for torque in torques])
     return CubicSpline(times, values)
+
+
+def _thinned(logs: Sequence[RegressionData]) -> list[RegressionData]:
+    """Return every L-th row of each of L logs."""
+    return [log.select_rows(slice(None, None, len(logs))) for log in logs]
 
 
 def _seconds_to_follow_each_other(logs: Sequence[RegressionData]) -> list[float]:

@@ -294,3 +294,28 @@ def test_a_gain_names_the_other_joint_that_may_have_it(two_link, runs):
     (issue,) = explanations(report)
     assert issue.figures["as_likely"] == [{"kind": "torque gain", "joints": [1]}]
     assert "As likely: the torque of joint 1" in issue.what
+
+
+def stepped(run: Measurements, t: float, size: float) -> Measurements:
+    """The run with a torque of joint 2 that steps t [s] after its first row."""
+    tau = run.tau.copy()
+    tau[run.t - run.t[0] > t, 1] += size
+    return replace(run, tau=tau)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_step_is_told_of_its_run_alone_and_by_its_clock(number, two_link, runs):
+    spoiled = list(runs)
+    half = 0.5 * float(np.ptp(runs[number].t))
+    size = 2.0 * float(np.std(runs[number].tau[:, 1]))
+    spoiled[number] = stepped(runs[number], half, size)
+    reports = judged(two_link, *spoiled)
+    steps = [
+        [issue for issue in explanations(report) if issue.kind == "torque step"]
+        for report in reports
+    ]
+    assert steps[1 - number] == []
+    (step,) = steps[number]
+    at = float(runs[number].t[0]) + half
+    assert step.figures["t"] == pytest.approx(at, abs=0.5)
+    assert f"t = {step.figures['t']:.4g} s" in step.what
