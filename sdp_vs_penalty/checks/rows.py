@@ -493,8 +493,8 @@ def _is_steady(glance: RunSummary, j: int) -> Rows:
     """Return the rows (N,) at which joint j goes on as before.
 
     In the time _SETTLES before a row and in that after it (at least three rows each) it
-    travels the same way, and by no more than twice as far in the one as in the other. A
-    travel of a few steps of the encoder tells no direction.
+    travels the same way, and by no more than twice as far in the one as in the other; or
+    it rests: it travels a few steps of its encoder at most.
     """
     t = glance.run.t
     q = glance.run.q[:, j]
@@ -504,8 +504,9 @@ def _is_steady(glance: RunSummary, j: int) -> Rows:
     shorter = np.minimum(np.abs(before), np.abs(after))
     longer = np.maximum(np.abs(before), np.abs(after))
     is_same_way = before * after > 0.0
-    is_clear = shorter > _largest_step_of_resolution(q)
-    return np.asarray(is_same_way & is_clear & (longer <= 2.0 * shorter))
+    least = _largest_step_of_resolution(q)
+    goes_on = is_same_way & (shorter > least) & (longer <= 2.0 * shorter)
+    return np.asarray(goes_on | (longer <= least))
 
 
 #: A sample is alone if its neighbours lie less far than this share of its distance.
