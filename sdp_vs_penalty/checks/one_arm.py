@@ -597,32 +597,50 @@ class RunComparison:
                 if cause.gain > best.gain + odds
             ]
             best = _simplest(faults, odds) if faults else best
-        log_likelihood = 0.5 * self.samples_per_run * best.gain / n_parts
-        is_likely = log_likelihood >= _ODDS_OF_A_DIFFERENCE
-        is_clear = best.clearness >= c.REQUIRED_SIGMAS and is_likely
         # Friction that the model lacks differs from run to run, as another arm does.
         is_unspecific = best.difference.is_another_arm and self.error_ratio < c.TIMES
-        if not is_clear or is_unspecific:
+        if not self._is_clear(best) or is_unspecific:
             return None
         return self._in_the_heavier_run(best)
 
-    def explains_as_another_arm(self, cause: Cause) -> bool:
-        """Whether a number that differs explains parts left out as well as another arm
-        in that run does.
+    def or_another_arm(self, cause: Cause) -> Cause | None:
+        """Return a cause of the search; in place of a number that explains parts left
+        out less well than another arm does, the other arm.
 
         Another arm contains every gain, zero and load, so that a right number explains
         as much with fewer parameters. Friction and other laws that the model lacks
-        leave something that any number explains a little of, and other parameters more.
+        leave something that any number explains a little of, and other parameters more:
+        another arm is returned only where one arm is TIMES worse, else None.
+
+        Parameters
+        ----------
+        cause : Cause
+            The difference that explains the parts best; another arm's gain counts half.
+
+        Returns
+        -------
+        Cause or None
+            The cause to report.
         """
         if cause.difference.columns is None:
-            return True
-        others = [
+            return cause
+        arms = [
             self.judge(Difference(run=number, kind="another arm"))
             for number in self.suspects
         ]
-        # Another arm's gain counts half.
-        largest = max(2.0 * other.gain for other in others if other is not None)
-        return cause.gain >= largest
+        other = max((arm for arm in arms if arm), key=lambda arm: arm.gain)
+        if cause.gain >= 2.0 * other.gain:
+            return cause
+        is_specific = self.error_ratio >= c.TIMES
+        return other if is_specific and self._is_clear(other) else None
+
+    def _is_clear(self, cause: Cause) -> bool:
+        """Whether a cause lowers the error on parts left out clearly, and by the odds
+        of a difference."""
+        n_parts = 2.0 * c.PARTS  # of both suspects
+        log_likelihood = 0.5 * self.samples_per_run * cause.gain / n_parts
+        is_likely = log_likelihood >= _ODDS_OF_A_DIFFERENCE
+        return cause.clearness >= c.REQUIRED_SIGMAS and is_likely
 
     def _in_the_heavier_run(self, cause: Cause) -> Cause:
         """Return a cause with the load assigned to the run that carries more.
@@ -779,7 +797,9 @@ def compare_runs(
     if not comparison.is_one_arm_worse(worse):
         return
     cause = comparison.find_best_cause()
-    if cause is not None and comparison.explains_as_another_arm(cause):
+    if cause is not None:
+        cause = comparison.or_another_arm(cause)
+    if cause is not None:
         yield cause.difference.run, comparison.issue(cause)
 
 

@@ -85,20 +85,28 @@ def test_a_part_in_which_a_joint_hardly_moves_tells_nothing_of_it(two_link, run)
     assert of_joint_2 <= {"another load"}
 
 
-@pytest.mark.parametrize(("gain", "is_enough"), [(1.9, False), (2.1, True)])
-def test_a_number_explains_as_much_as_another_arm_would(gain, is_enough, two_link, run):
+@pytest.mark.parametrize(
+    ("gain", "ratio", "said"),
+    [
+        (2.1, 1.8, "another load"),
+        (1.9, 1.8, None),  # what friction leaves
+        (1.9, 4.0, "another arm"),
+    ],
+)
+def test_a_number_explains_as_much_as_another_arm_would(
+    gain, ratio, said, two_link, run, monkeypatch
+):
     """The halved gain of another arm is 1: that of the number has to be 2."""
     log = log_of(two_link, run)
     row = log.data.count // 2
-    comparison = RunComparison(
-        [
-            RunLog(log.select_rows(rows), log.as_logged, "part")
-            for rows in (slice(row), slice(row, None))
-        ]
-    )
-    comparison.judge = lambda difference: Cause(difference, 1.0, 9.0)  # type: ignore[method-assign]
+    parts = [
+        RunLog(log.select_rows(rows), log.as_logged, "part")
+        for rows in (slice(row), slice(row, None))
+    ]
+    monkeypatch.setattr(RunComparison, "error_ratio", ratio)
+    monkeypatch.setattr(RunComparison, "samples_per_run", 1e3)
+    comparison = RunComparison(parts)
+    monkeypatch.setattr(comparison, "judge", lambda x: Cause(x, 1.0, 9.0))
     load = Difference(run=0, kind="another load", columns=np.ones((2, 1, 10)))
-    cause = Cause(load, gain, 9.0, 2.0)
-    assert comparison.explains_as_another_arm(cause) == is_enough
-    another_arm = Difference(run=0, kind="another arm")
-    assert comparison.explains_as_another_arm(Cause(another_arm, 1.0, 9.0))
+    cause = comparison.or_another_arm(Cause(load, gain, 9.0, 2.0))
+    assert (cause and cause.difference.kind) == said
