@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
@@ -55,15 +54,17 @@ def _squares_explained(data: WhiteData, forms: Sequence[Effect]) -> Array:
     own = data.X[joint]
     basis, _ = np.linalg.qr(own[:, np.any(own != 0.0, axis=0)])
     residual = data.y[joint] - basis @ (basis.T @ data.y[joint])
-    explained = list[float]()
+    explained = []
     for start in range(0, len(forms), _AT_A_TIME):
         part = forms[start : start + _AT_A_TIME]
         columns = data.white(_own_columns(data, part), joint)
         columns -= basis @ (basis.T @ columns)
-        for of_form in np.split(columns, len(part), axis=1):
-            orthonormal = scipy.linalg.orth(of_form)
-            explained.append(float(np.sum((orthonormal.T @ residual) ** 2)))
-    return np.array(explained)
+        by_form = columns.reshape(len(columns), len(part), -1).transpose(1, 0, 2)
+        grams = by_form.transpose(0, 2, 1) @ by_form  # (K, k, k)
+        along = residual @ by_form  # (K, k)
+        inverses = np.linalg.pinv(grams, rcond=1e-9, hermitian=True)
+        explained.append(np.einsum("fi,fij,fj->f", along, inverses, along))
+    return np.concatenate(explained)
 
 
 def _own_columns(data: WhiteData, forms: Sequence[Effect]) -> Array:
