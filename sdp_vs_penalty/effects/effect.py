@@ -83,6 +83,10 @@ _USUAL_LINK = 1.5
 STANDS = 0.02
 
 
+#: Waves that a joint has to travel until a torque is seen to repeat.
+WAVES_TO_REPEAT = 2.0
+
+
 @dataclass(frozen=True)
 class JointCoverage:
     """What runs show of a joint.
@@ -768,7 +772,8 @@ class Effect(ABC):
         """Give a reason to doubt the effect: what else would look like it in these
         measurements.
 
-        A wave is doubtful where the joint travelled less than one of it.
+        A wave is doubtful where the joint travelled less than one of it. One with a size
+        is doubtful with fewer than two: without a size it is still worth a try.
 
         Parameters
         ----------
@@ -782,13 +787,25 @@ class Effect(ABC):
         str
             The reason, empty where there is none.
         """
-        one_wave = 2.0 * np.pi
-        if self.waves is None or not self.waves * coverage.travel < one_wave:
-            return ""
-        return (
-            "less than one wave was travelled: all that changes slowly along it"
-            " looks so"
-        )
+        n_waves = self.n_waves(coverage)
+        if n_waves < 1.0:
+            return (
+                "less than one wave was travelled: all that changes slowly along it"
+                " looks so"
+            )
+        if size != 0.0 and n_waves < WAVES_TO_REPEAT:
+            return (
+                "fewer than two waves were travelled, so nothing shows that it repeats: a"
+                " spring, a balancer or a cable looks so"
+            )
+        return ""
+
+    def n_waves(self, coverage: JointCoverage) -> float:
+        """Return how many waves its joint travelled; infinite for a torque that is no
+        wave."""
+        if self.waves is None:
+            return np.inf
+        return self.waves * coverage.travel / (2.0 * np.pi)
 
     @property
     def text(self) -> str:

@@ -18,11 +18,7 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
-from sdp_vs_penalty.effects.position import (
-    NOT_REPEATED,
-    TorqueRipple,
-    is_seen_to_repeat,
-)
+from sdp_vs_penalty.effects.position import TorqueRipple
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
@@ -419,14 +415,6 @@ class GearError(LinkDeviation):
         if robot.joints[joint].kind == "prismatic":
             return TorqueRipple.starts(robot, joint)
         return super().starts(robot, joint)
-
-    def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Give a reason to doubt an error of which fewer than two waves were travelled,
-        as for torque_ripple."""
-        reason = super().looks_like(size, coverage)
-        if reason or size == 0.0 or is_seen_to_repeat(self.shape["k"], coverage):
-            return reason
-        return NOT_REPEATED
 
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, 2 k) per radian or metre of the cosine and the sine

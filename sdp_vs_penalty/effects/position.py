@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import (
+    WAVES_TO_REPEAT,
     Array,
     JointCoverage,
     JointEffect,
@@ -163,20 +164,6 @@ def _orders(
     return [float(f"{k:.6g}") for k in orders]  # as many digits as a written effect has
 
 
-#: Waves that a joint has to travel until a torque is seen to repeat.
-_WAVES_TO_REPEAT = 2.0
-#: Why a wave is doubted that was not.
-NOT_REPEATED = (
-    "fewer than two waves were travelled, so nothing shows that it repeats: a spring, a"
-    " balancer or a cable looks so"
-)
-
-
-def is_seen_to_repeat(k: float, coverage: JointCoverage) -> bool:
-    """Return whether a joint travelled at least two waves of cos(k q)."""
-    return k * coverage.travel / (2.0 * np.pi) >= _WAVES_TO_REPEAT
-
-
 class TorqueRipple(JointEffect):
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
@@ -222,7 +209,7 @@ class TorqueRipple(JointEffect):
     def resembles_over(self, coverage: JointCoverage) -> tuple[str, ...]:
         """Name springs where fewer than two waves were travelled: these make any smooth
         torque there."""
-        if is_seen_to_repeat(self.shape["k"], coverage):
+        if self.n_waves(coverage) >= WAVES_TO_REPEAT:
             return super().resembles_over(coverage)
         return ("joint_spring", "stiffening_spring")
 
@@ -240,18 +227,6 @@ class TorqueRipple(JointEffect):
         """Return cos(k q) and sin(k q) (N, 2)."""
         phase = self.shape["k"] * motion.q[:, joint]
         return np.column_stack([np.cos(phase), np.sin(phase)])
-
-    def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Give a reason to doubt a ripple of which fewer than two waves were travelled:
-        nothing shows that it repeats.
-
-        Of a ripple without a size, only the reason that every wave has is given: it is
-        still worth a try.
-        """
-        reason = super().looks_like(size, coverage)
-        if reason or size == 0.0 or is_seen_to_repeat(self.shape["k"], coverage):
-            return reason
-        return NOT_REPEATED
 
 
 #: Phases of a wave at which the friction may not become negative.
