@@ -302,7 +302,27 @@ def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     TrueMotion
     """
     rate = np.gradient(shift, motion.t)
-    acceleration = np.gradient(rate, motion.t)
+    return with_shift(motion, joint, shift, rate, np.gradient(rate, motion.t))
+
+
+def with_shift(
+    motion: TrueMotion, joint: int, shift: Array, rate: Array, acceleration: Array
+) -> TrueMotion:
+    """Return the motion of the links when one of them is shifted against its encoder.
+
+    Parameters
+    ----------
+    motion : TrueMotion
+        N samples of the encoders' motion.
+    joint : int
+        Index of the joint, from 0.
+    shift, rate, acceleration : (N,)
+        Shift of the joint's link [rad, m], and its first and second rate.
+
+    Returns
+    -------
+    TrueMotion
+    """
     unit = np.eye(motion.q.shape[1])[joint]
     return TrueMotion(
         motion.t,
@@ -986,18 +1006,12 @@ def _gear_error(world: World, joint: int, rng: Generator) -> Hidden:
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size [rad, m]."""
-        unit = np.eye(motion.q.shape[1])[joint]
         dq, ddq = motion.dq[:, joint], motion.ddq[:, joint]
         angle = k * motion.q[:, joint] + phase
         x = size * np.cos(angle)
         slope = -size * k * np.sin(angle)  # dx/dq
         bend = -(k**2) * x  # d^2 x/dq^2
-        moved = TrueMotion(
-            motion.t,
-            motion.q + np.outer(x, unit),
-            motion.dq + np.outer(slope * dq, unit),
-            motion.ddq + np.outer(slope * ddq + bend * dq**2, unit),
-        )
+        moved = with_shift(motion, joint, x, slope * dq, slope * ddq + bend * dq**2)
         torque = world.rigid(moved)
         torque[:, joint] *= 1.0 + slope
         return torque - world.rigid(motion)
