@@ -7,6 +7,7 @@ load, a zero, or a fault of its log alone) is claimed with that run named.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -316,12 +317,18 @@ class LoggerJudge:
             gravity=net.gravity if log.spare_share > 0.0 else None,
         )
 
+    @cached_property
+    def _clock_shifts(self) -> dict[int, float]:
+        """By the run's number, the time [s] by which its clock is put forward in the log
+        of all runs together."""
+        data = [log.data for log in self.logs.values()]
+        shifts = RegressionData.clock_shifts(data)
+        return dict(zip(self.logs, shifts, strict=True))
+
     def _time_in_run(self, number: int, t: float) -> float | None:
         """Return the instant t [s] of the log of all runs together by the clock of run
         ``number``; None where it lies in another run."""
-        data = [log.data for log in self.logs.values()]
-        shifts = RegressionData.clock_shifts(data)
-        shift = dict(zip(self.logs, shifts, strict=True))[number]
+        shift = self._clock_shifts[number]
         of_run = self.logs[number].data.motion.t
         is_inside = of_run[0] <= t - shift <= of_run[-1]
         return t - shift if is_inside else None
