@@ -139,9 +139,7 @@ class PassingSearch:
         An edge is known to a cell on either side. Its error is spread evenly over these
         two, so that a change d of the parameters by a cell counts as d d' / 3.
         """
-        law = trial.law
-        fitted_law = law.at_point(trial.point) if law.kind == "force" else law
-        white = self._white(fitted_law, np.ones(len(self.data.y[0])))
+        white = self._white(trial.fitted_law, np.ones(len(self.data.y[0])))
         base = self.score.at_level(self.base, trial.fit.level)
         products = CellProducts.of(base, white, trial.cells)
         covariance = trial.covariance.copy()

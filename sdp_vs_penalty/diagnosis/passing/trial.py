@@ -49,6 +49,11 @@ class Trial:
     point: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
+    def fitted_law(self) -> Law:
+        """The law whose columns the parameters belong to: a force at its point."""
+        return self.law.at_point(self.point) if self.law.kind == "force" else self.law
+
+    @property
     def evidence(self) -> float:
         """The evidence J: twice the logarithm of the odds that the cause acts."""
         return self.drop / self.worth - self.price
