@@ -33,8 +33,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_ro
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
 from sdp_vs_penalty.signals.splines import CubicSpline
 
-#: A right angle of a robot's description is rounded by less [rad].
-_ROUNDED_ANGLE = 1e-5
 #: Time between the end of a log and the next one's begin, put together as one log.
 _SECONDS_BETWEEN_LOGS = 1.0
 
@@ -489,9 +487,7 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     for each base parameter.
 
     They are found for random states under a random direction of gravity, so that they
-    span the columns however the arm is mounted. A right angle that is written in few
-    digits (1.5708) tilts axes that are parallel, and makes columns out of zeros. These
-    are left out: scaled to the size of the others, they would stand in for them.
+    span the columns however the arm is mounted.
     """
     if shared is None:
         return ()
@@ -505,7 +501,4 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
         dq[:n_rows],
         ddq[:n_rows],
     )
-    columns = np.concatenate(model.dense_columns(motion))
-    norms = np.linalg.norm(columns, axis=0)
-    is_real = norms > _ROUNDED_ANGLE * norms.max(initial=0.0)
-    return structure(columns, preference=is_real.astype(float))[1]
+    return structure(np.concatenate(model.dense_columns(motion)))[1]

@@ -23,7 +23,7 @@ from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import Constraint
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.robot import ROUNDED_ANGLE, Robot
 
 #: Distance [m] of a centre of mass beyond which rounding would show in a torque divided
 #: by the mass.
@@ -159,11 +159,6 @@ class Payload(Effect):
         return self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, -10:]
 
 
-#: Error of the angles in a robot's file, which are written with five digits or more
-#: [rad].
-_ROUNDED_ANGLE = 1e-5
-
-
 class ExternalWrench(Effect):
     equation = "-J(q)^T (F, M)"
     explanation = (
@@ -196,7 +191,7 @@ class ExternalWrench(Effect):
         """
         jacobians = self.robot.jacobians(motion.q, self.robot.link_joints[-1])
         reach = max(1.0, float(np.sum(self.robot.link_reach())))
-        is_rounding = np.abs(jacobians) < _ROUNDED_ANGLE * reach
+        is_rounding = np.abs(jacobians) < ROUNDED_ANGLE * reach
         return -np.where(is_rounding, 0.0, jacobians).swapaxes(1, 2)
 
 

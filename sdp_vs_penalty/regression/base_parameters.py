@@ -15,6 +15,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.inertia import parameter_names
+from sdp_vs_penalty.robot.robot import ROUNDED_ANGLE
 
 
 def base_parameters(
@@ -169,6 +170,10 @@ def structure(
 ) -> tuple[Array, tuple[int, ...]]:
     """Return B with Y = Y_lead B, and the independent columns Y_lead of Y.
 
+    Angles that are rounded in a robot's file (1.5708) tilt axes that are parallel. Columns
+    that are zero or dependent but for that count as zero or dependent: no torque shows
+    them.
+
     Parameters
     ----------
     stacked : (N, k) array
@@ -194,7 +199,7 @@ def structure(
     # A triangle: the same inner products, in as many rows as columns.
     stacked = triangular([stacked])
     norms = np.linalg.norm(stacked, axis=0)
-    is_zero = norms <= 1e-10 * norms.max()
+    is_zero = norms <= ROUNDED_ANGLE * norms.max()
     unit = stacked / np.where(is_zero, 1.0, norms)
     scaled = np.where(is_zero, 0.0, unit) * preference
     # The first ``rank`` pivots are independent columns; the diagonal falls.
@@ -203,12 +208,12 @@ def structure(
         mode="economic",
         pivoting=True,
     )
-    rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))
+    rank = int(np.sum(np.abs(np.diagonal(r)) > ROUNDED_ANGLE * abs(r[0, 0])))
     if leading is None:
         leading = tuple(sorted(int(k) for k in pivots[:rank]))
     elif (
         len(leading) != rank
-        or np.linalg.matrix_rank(scaled[:, leading], tol=1e-9) != rank
+        or np.linalg.matrix_rank(scaled[:, leading], tol=ROUNDED_ANGLE) != rank
     ):
         raise InputError(
             f"base_parameters: the {len(leading)} named are not the robot's {rank}"

@@ -30,6 +30,12 @@ from sdp_vs_penalty.robot.joint import (
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
+#: A right angle is written with four decimals or more in a robot's file: it is off by
+#: less [rad]. Parallel axes are tilted by so much, and entries that are zero on exact
+#: axes are as small, relative to the largest ones.
+ROUNDED_ANGLE = 1e-5
+
+
 @dataclass(frozen=True)
 class Robot(JsonRecordSkippingNone):
     """Joints (n), depth first, and the gravity vector [m/s^2] in the base frame.

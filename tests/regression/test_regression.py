@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arms import scara
+from arms import Axis, scara, write_urdf
 from drawn import given, seeds, settings, st
 from random_robots import driven, tree
 from recorded import refusal
@@ -221,6 +221,19 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
         columns,
         atol=1e-8 * seen.max(),
     )
+
+
+@pytest.mark.parametrize("right_angle", ["1.5707963267948966", "1.5707963", "1.5708"])
+def test_right_angles_in_few_digits_make_no_base_parameters(right_angle, tmp_path):
+    """Three level, parallel axes: of each link Izz, mx and my make torque."""
+    turns = (f"{right_angle} 0 0", f"-{right_angle} 0 0", f"{right_angle} 0 0")
+    axes = [
+        Axis("revolute", axis, "0.3 0 0", 2.0, "0.1 0.02 0.01", turn=turn)
+        for axis, turn in zip(("0 0 1", "0 -1 0", "0 0 1"), turns, strict=True)
+    ]
+    problem = load_problem(write_urdf(tmp_path / "planar.urdf", "planar", axes))
+    matrix, _ = base_parameters(problem.model("rigid_body"))
+    assert len(matrix) == 9
 
 
 def test_independent_parameters_must_be_independent(panda):
