@@ -486,8 +486,10 @@ def _autoregression(
     spectra : (n, F) array
         Fitted, at all frequencies.
     deviation : float
-        Median over the band of the absolute deviation in natural logarithms; of the
-        joint with the largest.
+        How far the spectra are off the law, in natural logarithms of power, for the
+        joint with the largest: the median of the absolute deviation over the band, or
+        how much louder the band's lowest half octave is, from which the law is
+        continued to the motion's frequencies.
     """
     # Colours that are tried; beyond, the corner is far below the band.
     a = np.linspace(-0.9, 0.9, 181)[:, None]
@@ -503,7 +505,10 @@ def _autoregression(
         axis=1,
     )[:, 0]
     level = log_ratio.mean(axis=1, keepdims=True)
-    deviation = np.median(np.abs(log_ratio - level), axis=1).max()
+    off_law = log_ratio - level
+    is_lowest = angle[band] <= np.sqrt(2.0) * angle[band][0]
+    louder = np.median(off_law[:, is_lowest], axis=1).max()
+    deviation = max(np.median(np.abs(off_law), axis=1).max(), louder)
     return np.exp(level) * shapes[best], float(deviation)
 
 

@@ -139,6 +139,22 @@ def test_noise_behind_a_drives_filter_is_not_taken_for_more(order):
     assert floor == pytest.approx(np.full(JOINTS, true), rel=0.25)
 
 
+@pytest.mark.parametrize("corner", [10.0, 15.0, 20.0])
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.1, 0.2, 0.3])
+def test_coarse_noise_behind_a_drives_filter_is_unknown_or_known(corner, step):
+    """Above the motion little is left of it, and the steps of the log hide that: no
+    floor is stated that is below half the true one."""
+    b, a = signal.butter(2, corner, fs=1.0 / DT)
+    run = run_of(3, 500.0, 40.0)
+    white = np.random.default_rng(9).normal(size=(len(run.t) + 1000, JOINTS))
+    noise = signal.lfilter(b, a, white, axis=0)[1000:]
+    in_steps = step * np.round((20.0 * np.tanh(run.q) + noise) / step)
+    passed = signal.lfilter(b, a, np.eye(1, 400)[0])
+    true = np.linalg.norm(np.convolve(Kernel(CUTOFF, DT).value, passed))
+    floor = spectral_floor(segmented(replace(run, tau=in_steps), SETTINGS))
+    assert floor is None or floor.min() > 0.5 * true
+
+
 def test_drift_and_events_are_no_noise():
     run = run_of(3, 10.0, 80.0)
     clean = noise_of(without_model(run)).floor
