@@ -20,6 +20,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
+from sdp_vs_penalty.diagnosis.direction import has_no_direction
 from sdp_vs_penalty.diagnosis.findings import REASONS, Invisible
 from sdp_vs_penalty.diagnosis.held_out import harm, lowers
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
@@ -219,6 +220,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "held": _is_held,
     "looks_like": lambda x: bool(x.looks_like),
     "stand_in": lambda x: x.effect.is_stand_in,
+    "both_ways": lambda x: has_no_direction(x.search, x.term),
     "series": _is_of_a_series,
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
 }
@@ -248,8 +250,8 @@ def reasons_for_doubt(x: Judged) -> dict[str, str]:
     return {name: sentences[name] for name, holds in DOUBTS.items() if holds(x)}
 
 
-#: Doubts that every stand-in has.
-_DOUBTS_OF_STAND_INS = {"stand_in", "looks_like", "rivals"}
+#: Doubts that a stand-in may have and still be named.
+_DOUBTS_OF_STAND_INS = {"stand_in", "looks_like", "rivals", "both_ways"}
 
 
 def is_unproven_stand_in(x: Judged) -> bool:

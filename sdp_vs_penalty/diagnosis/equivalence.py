@@ -32,6 +32,7 @@ from sdp_vs_penalty.diagnosis.library import Batch, Candidate, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import refine_constants
 from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.effects.effect import Effect
 
 #: Share of what a finding explains from which a candidate is refined, whose constants
 #: stand on a coarse grid.
@@ -99,8 +100,9 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
         The same findings with their rivals.
     """
     search = explanation.search
-    pairs = list[tuple[_Group, ScoredEffect]]()
-    for group in _groups(search):
+    full = search.score.fit(search.nuisances.with_law_misfits(search.terms), search.fit)
+    pairs = _rivals_of_single_joints(search, full)
+    for group in _groups(search, full):
         pairs += [(group, rival) for rival in _rivals_on_rows(search, group)]
     if not pairs:
         return explanation
@@ -160,11 +162,12 @@ def _predicts_as_well(
     return harm(error_before, error_after) < MINOR
 
 
-def _groups(search: Search) -> list[_Group]:
+def _groups(search: Search, full: WhiteFit) -> list[_Group]:
     """List the groups of findings that one candidate may replace.
 
     Each finding is a group by itself. All findings of one effect on several joints are
     a further group: one delay of the robot, say, may replace delays of the joints.
+    ``full`` is a fit with all findings, whose columns are used again.
     """
     terms = search.terms
     terms_by_effect = dict[str, list[ScoredEffect]]()
@@ -172,8 +175,33 @@ def _groups(search: Search) -> list[_Group]:
         terms_by_effect.setdefault(term.key[0], []).append(term)
     groups: list[tuple[ScoredEffect, ...]] = [(term,) for term in terms]
     groups += [tuple(same) for same in terms_by_effect.values() if len(same) > 1]
-    full = search.score.fit(search.nuisances.with_law_misfits(terms), search.fit)
     return [_judge_group(search, full, group) for group in groups]
+
+
+def _rivals_of_single_joints(
+    search: Search, full: WhiteFit
+) -> list[tuple[_Group, ScoredEffect]]:
+    """List what joints share, with what each of them makes by itself as well.
+
+    Shared inertia shows in the torque that one joint's acceleration makes on the other.
+    Several findings on the same joints may cancel there: motors along q1 + q2 and
+    q1 - q2 of one inertia are two rotors that nothing joins. So all findings of one law
+    on the same joints are one group. ``full`` is a fit with all findings.
+    """
+    groups = dict[str, tuple[Effect, list[ScoredEffect]]]()
+    for term in search.terms:
+        own = term.form.effect.of_single_joints
+        if own is not None:
+            _, terms = groups.setdefault(own.text, (own, []))
+            terms.append(term)
+    pairs = []
+    for own, terms in groups.values():
+        group = _judge_group(search, full, tuple(terms))
+        form = Candidate((own.name, own.joints[0]), own)
+        rival = search.evidence_of(group.fit, form)
+        if group.is_rival(rival):
+            pairs.append((group, rival))
+    return pairs
 
 
 def _judge_group(

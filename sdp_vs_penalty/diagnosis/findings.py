@@ -63,6 +63,8 @@ REASONS: Mapping[str, str] = {
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "looks_like": "another cause makes a similar torque",
     "stand_in": "its law may stand in for another one, which other motion follows",
+    "both_ways": "a swing that also runs ahead of its cause fits as well, which no gear"
+    " does: errors of the positions make it",
     "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
@@ -83,6 +85,7 @@ TORQUE_IS_OPEN = (
     "implausible",
     "held",
     "stand_in",
+    "both_ways",
     "curve",
     "at_end",
 )

@@ -699,7 +699,9 @@ class JointResonance(LinkDeviation):
         compliance = self._compliance(motion, joint, slopes_of_joint)
         if compliance == 0.0:
             return np.zeros_like(motion.q)
-        lag = self._lag(motion, joint, compliance, slopes_of_joint)
+        torque = motion.link_torque[:, joint]
+        step = (motion.t[-1] - motion.t[0]) / max(len(torque) - 1, 1)
+        lag = self.lag(torque, step, compliance, slopes_of_joint)
         return -_moved(motion, lag, slopes) / compliance
 
     def _compliance(
@@ -727,32 +729,44 @@ class JointResonance(LinkDeviation):
             return 0.0
         return float(1.0 / stiffness)
 
-    def _lag(
+    def lag(
         self,
-        motion: Motion,
-        joint: int,
+        torque: Array,
+        step: float,
         compliance: float,
         slopes: Sequence[Array],
     ) -> Array:
-        """Compute by how much (N,) [rad, m] the link lags behind the encoder.
-
-        ``slopes`` are the derivatives (N,) of the joint's torque by its position,
-        velocity and acceleration.
+        """Compute by how much the link lags behind the encoder.
 
         The linear differential equation of the lag is solved step by step, from a
         spring that is stretched at rest: central differences, with the spring's torque
         averaged over three instants, which is stable for any step.
+
+        Parameters
+        ----------
+        torque
+            (N,) torque of the joint's links [N m, N].
+        step
+            Time between two instants [s].
+        compliance
+            1 / stiffness of the gear [rad/(N m), m/N].
+        slopes
+            Derivatives (N,) of the torque by the joint's position, velocity and
+            acceleration.
+
+        Returns
+        -------
+        Array
+            (N,) the lag [rad, m].
         """
         by_q, by_dq, by_ddq = slopes
-        torque = motion.link_torque[:, joint]
         stiffness = 1.0 / compliance + by_q
         damping = by_dq + self.shape["zeta"] / (np.pi * self.shape["f"] * compliance)
-        h = (motion.t[-1] - motion.t[0]) / max(len(torque) - 1, 1)
         # Row k + 1: what the instants k - 1, k and k + 1 have to do with each other.
-        inertia = by_ddq / h**2
-        next_one = inertia + damping / (2.0 * h) + stiffness / 4.0
+        inertia = by_ddq / step**2
+        next_one = inertia + damping / (2.0 * step) + stiffness / 4.0
         this_one = stiffness / 2.0 - 2.0 * inertia
-        last_one = inertia - damping / (2.0 * h) + stiffness / 4.0
+        last_one = inertia - damping / (2.0 * step) + stiffness / 4.0
         bands = np.zeros((3, len(torque)))
         bands[0] = 1.0
         bands[0, 2:] = next_one[1:-1]

@@ -20,6 +20,7 @@ from sdp_vs_penalty.effects.effect import (
     Parameter,
     smooth_sign,
 )
+from sdp_vs_penalty.effects.links import RotorInertia
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.effects.velocity_friction import StribeckFriction
 from sdp_vs_penalty.errors import InputError
@@ -344,6 +345,17 @@ class TransmissionFriction(StatefulEffect):
             if c
         ]
         return "".join(terms).removeprefix("+")
+
+    @property
+    def of_single_joints(self) -> Effect | None:
+        """The rotors' inertia of the joints, for law = inertia; None for other laws.
+
+        Two motors along q1 + q2 and q1 - q2 of one inertia I make (2 I ddq1, 2 I ddq2):
+        what two rotors make that no joints share.
+        """
+        if self.law != "inertia":
+            return None
+        return RotorInertia(self.robot, self.joints)
 
     @property
     def bristles(self) -> Bristles:

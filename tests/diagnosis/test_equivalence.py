@@ -23,12 +23,21 @@ from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, confidence
 from sdp_vs_penalty.diagnosis.conclude import describe_finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
-from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
+from sdp_vs_penalty.diagnosis.equivalence import (
+    _explains_the_same,
+    _rivals_of_single_joints,
+)
 from sdp_vs_penalty.diagnosis.findings import REASONS
+from sdp_vs_penalty.diagnosis.library import Candidate, Library
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
-from sdp_vs_penalty.diagnosis.search import search
+from sdp_vs_penalty.diagnosis.search import Search, search
 from sdp_vs_penalty.diagnosis.sizes import Size
-from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
+from sdp_vs_penalty.effects import (
+    JointResonance,
+    JointSpring,
+    TorqueFilter,
+    TransmissionFriction,
+)
 from sdp_vs_penalty.robot.inertia import link_sizes
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
@@ -320,3 +329,43 @@ def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
     found = {t.key for t in search(data, runs.candidates).terms}
     assert found
     assert spring not in found
+
+
+def shared_inertia(problem: Problem, ratio: float) -> TransmissionFriction:
+    """The inertia of a motor that turns along q2 + ratio q3."""
+    return TransmissionFriction(problem.robot, [1, 2], law=5.0, c2=1.0, c3=ratio)
+
+
+@pytest.mark.parametrize(
+    ("inertias", "is_open"), [((0.5, 0.5), True), ((0.5, 0.1), False)]
+)
+def test_two_shared_motors_whose_coupling_cancels_are_two_rotors(
+    problem, inertias, is_open
+):
+    """Motors along q2 + q3 and q2 - q3 of inertias a and b make a torque of (a - b) times
+    the other joint's acceleration; each joint's own rotor makes none."""
+    run = PointMassArm().run(1)
+    model = identify(problem, run, "ols", effects=EFFECTS, check=False)
+    data = DiagnosisRuns(model, run, None, frozen=True).white_data
+    motors = [shared_inertia(problem, ratio) for ratio in (1.0, -1.0)]
+    torque = np.array(data.y)
+    for motor, size in zip(motors, inertias, strict=True):
+        for joint, column in data.columns(motor).items():
+            torque[joint] += size * column[:, 0]
+    found = Search(replace(data, y=torque), Library())
+    for motor in motors:
+        form = Candidate(("transmission_friction", 1), motor)
+        found.terms.append(found.evidence_of(found.bare, form))
+    full = found.score.fit(found.terms)
+    rivals = _rivals_of_single_joints(found, full)
+    texts = [rival.text for _, rival in rivals]
+    assert texts == ["rotor_inertia:2+3"] * is_open
+
+
+def test_friction_of_a_shared_motor_is_not_that_of_single_joints(problem):
+    """Its sign is that of a combination of velocities."""
+    dry = TransmissionFriction(problem.robot, [1, 2], law=2.0)
+    assert dry.of_single_joints is None
+    own = shared_inertia(problem, -1.0).of_single_joints
+    assert own is not None
+    assert own.text == "rotor_inertia:2+3"
