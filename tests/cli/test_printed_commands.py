@@ -16,14 +16,17 @@ from commands import run_cli
 from page_sessions import do
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty import Problem, diagnose, load_estimate, load_problem
+from sdp_vs_penalty import Problem, load_estimate, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, Invisible
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import hidden_runs
 
 PROGRAM = "sdp-vs-penalty"
+#: What `diagnose` calls to search for effects.
+SEARCH = "sdp_vs_penalty.api.diagnosis.find_missing_effects"
 Run = Callable[..., str]
 
 
@@ -137,7 +140,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
             searched_in[runs] = diagnose(*given, **options)
         return searched_in[runs]
 
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", diagnosed)
+    monkeypatch.setattr(SEARCH, diagnosed)
     quoted = shlex.quote(source)
     out = run(
         f"{PROGRAM} simulate {quoted} --hide joint_spring:2 --seed 7 --out 'my runs'"
@@ -262,9 +265,7 @@ def twelve_found(
     """What every diagnosis says; a model.json and a run.csv of the Panda beside it."""
     write_run(tmp_path / "run.csv", panda)
     found = told(panda, TWELVE)
-    monkeypatch.setattr(
-        "sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found
-    )
+    monkeypatch.setattr(SEARCH, lambda *_, **__: found)
     return found
 
 
@@ -293,9 +294,7 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(
 ):
     write_run(tmp_path / "run.csv", two_link)
     found = told(two_link, FOUR)
-    monkeypatch.setattr(
-        "sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found
-    )
+    monkeypatch.setattr(SEARCH, lambda *_, **__: found)
     run(f"{PROGRAM} identify two_link --data run.csv --method ols --out model.json")
     first, *rest = found.effects
     weak = (

@@ -222,6 +222,7 @@ def test_a_spring_on_one_side_only_is_an_end_stop(problem, side, sign):
     assert abs(found.shape["q0"] - 0.3 * sign) < 0.02
 
 
+@pytest.mark.long
 def test_a_linear_spring_has_no_rival_in_one_that_may_stiffen(problem):
     found = diagnosed(problem, PointMassArm(spring=np.array([2.0, 0.0, 0.0])))
     assert confident(found) == {"joint_spring:1"}

@@ -81,8 +81,12 @@ def assert_spans(cause: PassingCause, *spans: tuple[float, float]) -> None:
 
 @pytest.mark.parametrize(
     "spans",
-    [[(12.0, 16.5)], [(8.0, 23.0)], [(17.0, 29.5)], [(6.0, 10.0), (19.0, 24.0)]],
-    ids=["a while", "half of the run", "to the end", "twice"],
+    [
+        pytest.param([(12.0, 16.5)], id="a while", marks=pytest.mark.long),
+        pytest.param([(8.0, 23.0)], id="half of the run", marks=pytest.mark.long),
+        pytest.param([(17.0, 29.5)], id="to the end", marks=pytest.mark.long),
+        pytest.param([(6.0, 10.0), (19.0, 24.0)], id="twice"),
+    ],
 )
 def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
     result = diagnosed(problem, loaded(1.5, *spans))
@@ -150,11 +154,21 @@ def test_a_load_for_a_while_joins_a_fit_with_one_for_all_the_time(problem):
 @pytest.mark.parametrize(
     ("push", "begin", "end"),
     [
-        (lambda q, dq: 0.0 * q, 0.0, 0.0),
-        (lambda q, dq: 0.0 * q + [0.0, 15.0, 0.0], 12.0, 12.1),
-        (lambda q, dq: [0.0, 3.0, 0.0] * np.tanh(dq / 0.01), 12.0, 17.0),
+        pytest.param(lambda q, dq: 0.0 * q, 0.0, 0.0, id="nothing"),
+        pytest.param(
+            lambda q, dq: 0.0 * q + [0.0, 15.0, 0.0],
+            12.0,
+            12.1,
+            id="a knock",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            lambda q, dq: [0.0, 3.0, 0.0] * np.tanh(dq / 0.01),
+            12.0,
+            17.0,
+            id="friction that grows",
+        ),
     ],
-    ids=["nothing", "a knock", "friction that grows"],
 )
 def test_what_is_none_of_these_is_not_named(problem, push, begin, end):
     result = diagnosed(problem, pushed(push, begin, end))

@@ -143,14 +143,34 @@ def wide_columns(effect: Effect, motion: Motion) -> Array:
     return out
 
 
+#: Of a form that is searched on a joint in more sizes than these, so many are tried.
+SIZES_TRIED = 12
+
+
+def some_of_each_form(effects: list[Effect]) -> list[Effect]:
+    """Of each form, its smallest and largest shape constants and some between them.
+
+    Effects have one form if they act on the same joints and make the same choices.
+    """
+    forms: dict[Any, list[Effect]] = {}
+    for effect in effects:
+        choices = [effect.shape[k] for k, s in effect.shapes.items() if s.choices]
+        forms.setdefault((effect.joints, *choices), []).append(effect)
+    tried = []
+    for form in forms.values():
+        count = min(len(form), SIZES_TRIED)
+        tried += [form[k] for k in np.linspace(0, len(form) - 1, count).astype(int)]
+    return tried
+
+
 def variants(name: str, robot: Robot) -> list[Effect]:
-    """The effect on all joints as it is by default, and on each with whatever a search
+    """The effect on all joints as it is by default, and on each with what a search
     begins with."""
     kind = effect_types()[name]
     searched = [
         effect
         for joint in ([None] if kind.whole_robot else range(robot.n))
-        for effect in kind.candidates(robot, joint)
+        for effect in some_of_each_form(kind.candidates(robot, joint))
     ]
     if (
         name == "measured_curve"
