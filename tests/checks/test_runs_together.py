@@ -51,7 +51,7 @@ def explanations(report: Report) -> list[Issue]:
     return [issue for issue in report.issues if issue.nature == "explanation"]
 
 
-@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("joint", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_sign_of_one_run_is_claimed_of_that_run(joint, two_link, runs):
     bad, good = judged(
         two_link,
@@ -155,6 +155,7 @@ def test_what_no_body_can_be_is_no_load(moment, is_body):
     assert is_a_body(loads) is is_body
 
 
+@pytest.mark.long
 def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
     reports = judged(
         two_link,
@@ -281,7 +282,7 @@ def test_rows_that_a_fact_deletes_are_no_event(two_link, runs):
     assert "one-off event" not in [f.kind for f in report.issues]
 
 
-@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("joint", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_gain_of_two_joints_is_that_of_the_likelier_masses(two_link, runs, joint):
     """Gains of x of one joint and of 1/x of the other fit alike."""
     (report,) = judged(two_link, scaled(runs[0], joint, 1.5))

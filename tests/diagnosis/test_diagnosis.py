@@ -318,18 +318,20 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
 
 
 def test_the_search_ends_at_the_error_and_the_shape_of_what_add_returns(hidden):
-    data = hidden.runs[0]
+    made = thinned(hidden, step=2)
+    data, test = made.runs[0], made.runs[3]
     estimate = identify(
-        hidden.problem, data, effects=hidden.truth["model_effects"], check=False
+        made.problem, data, effects=made.truth["model_effects"], check=False
     )
-    result = diagnose(estimate, data, hidden.runs[3])
+    result = diagnose(estimate, data, test)
     bigger = add(estimate, result, data)
-    added = compare(bigger, hidden.runs[3])[0]
+    added = compare(bigger, test)[0]
     new = next(e for e in bigger.model.effects if e.name == "presliding_hysteresis")
     assert new.shape["d"] == pytest.approx(hidden.hidden[0].shape["d"], rel=0.15)
     np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=5e-3)
 
 
+@pytest.mark.long
 def test_a_gain_is_added_beside_its_own_reference(two_link):
     made = thinned(hidden_runs(two_link, [("torque_gain", [1])], "strong", seed=26))
     data = concatenate(made.runs[:3])

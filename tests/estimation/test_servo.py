@@ -137,7 +137,7 @@ def test_the_law_is_chosen_and_its_delay_found(arm):
     assert value(loop, "kh1") == pytest.approx(80.0, rel=0.05)
 
 
-@pytest.mark.parametrize("lead", [0.0, 0.01])
+@pytest.mark.parametrize("lead", [pytest.param(0.0, marks=pytest.mark.long), 0.01])
 def test_friction_that_turns_before_the_velocity_is_no_delay_of_the_servo(arm, lead):
     """A simulator's soft friction turns early: law, delay and gains stay right."""
     found = sdp.identify(arm, log(lead=lead), known={"kp1": KP}, check=False)

@@ -29,6 +29,8 @@ from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.reports.demo import RUNS
 
 NAMES = ("a.csv", "b.csv", "test.csv")
+#: Of the test run [s]: the model is simulated along all of it.
+TEST_SECONDS = 8.0
 #: What a person sets to look at something else.
 ANOTHER = {
     "signal": "t",
@@ -53,11 +55,8 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     is_recorded = "test_figures_are_what_they_were" in names
     folder = tmp_path_factory.mktemp("runs")
     sessions = Sessions(Here())
-    files = saved(
-        folder,
-        [hidden.runs[k] for k in (0, 1, 3)],
-        *NAMES,
-    )
+    test = hidden.runs[3].window(0.0, TEST_SECONDS)
+    files = saved(folder, [*hidden.runs[:2], test], *NAMES)
     session = sessions.new()
     screen = Screen(session)
     said = dict[str, Any]()
@@ -120,7 +119,6 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     screen.set("shown-run", "test.csv")
     models = [load_estimate(step.file) for step in session.history]
     runs = load_measurements(folder / "a.csv", folder / "b.csv")
-    test = hidden.runs[3]
     judged = compare(dict(zip("ab", models, strict=True)), test)
     known = {
         "figures": figures,

@@ -486,7 +486,7 @@ def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
     assert all(p.is_file() for p in paths)
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_figures_of_one_file_share_process_and_study(tmp_path, monkeypatch, jobs):
     import matplotlib.pyplot as plt
 
