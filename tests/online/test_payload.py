@@ -201,10 +201,8 @@ def test_friction_that_falls_is_no_payload(arm, estimator):
     assert play(estimator, drifting(arm, run, friction_falls)) == []
 
 
-@pytest.mark.parametrize(
-    ("k", "drift"),
-    [(0, friction_rises), pytest.param(1, offset_rises, marks=pytest.mark.long)],
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("k", "drift"), [(0, friction_rises), (1, offset_rises)])
 def test_slow_drift_on_other_motions_is_no_payload(arm, estimator, drift, k):
     run = arm.training[k].window(0.0, 10.0)
     assert play(estimator, drifting(arm, run, drift)) == []

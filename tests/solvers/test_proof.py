@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from proofs import FALSE, cases, signed
 from random_robots import posed_task
 from unchecked import identify
 
-from sdp_vs_penalty import Measurements, Problem, load_problem
+from sdp_vs_penalty import Estimate, Measurements, Problem, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import certify, verify_proof_file
@@ -128,6 +128,23 @@ def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path, capsys):
         identify(problem, run, "ols", proof=path)
 
 
+@dataclass(frozen=True)
+class Proved:
+    """A run, its model, and the text of the proof that `identify` wrote."""
+
+    run: Measurements
+    estimate: Estimate
+    text: str
+
+
+@pytest.fixture(scope="module")
+def proved(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Proved:
+    path = tmp_path_factory.mktemp("proved") / "proof.json"
+    run = run_of(two_link, 2)
+    estimate = identify(two_link, run, proof=path)
+    return Proved(run, estimate, path.read_text())
+
+
 def with_first(proof: Proof, family: str, **fields: Any) -> Proof:
     """The proof with other fields of the first constraint of a family."""
     out = copy.deepcopy(proof)
@@ -135,17 +152,16 @@ def with_first(proof: Proof, family: str, **fields: Any) -> Proof:
     return out
 
 
-def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_path):
+def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(
+    proved, two_link, tmp_path
+):
     """Each of these holds in exact arithmetic, and bears the hashes of the model and
     the run; so do theta and rows of other measurements."""
-    problem = load_problem("two_link")
     path = tmp_path / "proof.json"
-    run = run_of(problem, 2)
-    estimate = identify(problem, run, proof=path)
-    true = json.loads(path.read_text())
+    true = json.loads(proved.text)
     identify(
-        problem,
-        run_of(problem, 3),
+        two_link,
+        run_of(two_link, 3),
         proof=tmp_path / "foreign.json",
     )
     foreign = json.loads((tmp_path / "foreign.json").read_text())
@@ -180,7 +196,7 @@ def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_p
         }  # the multipliers are of another problem
         path.write_text(json.dumps(signed(weaker)))
         verify_proof.check(verify_proof.read(path))
-        holds, said = verify_proof_file(path, estimate, run)
+        holds, said = verify_proof_file(path, proved.estimate, proved.run)
         assert not holds, words
         assert words in said
 
@@ -229,17 +245,15 @@ def test_the_gap_is_printed(proofs, tmp_path):
     assert f"its gap is {share} of the loss" in verify_proof_file(path)[1]
 
 
-def test_a_proof_wider_than_the_models_certificate_is_refused(tmp_path):
-    problem = load_problem("two_link")
+def test_a_proof_wider_than_the_models_certificate_is_refused(proved, tmp_path):
     path = tmp_path / "proof.json"
-    run = run_of(problem, 2)
-    estimate = identify(problem, run, proof=path)
-    assert verify_proof_file(path, estimate)[0]
-    true = json.loads(path.read_text())
+    path.write_text(proved.text)
+    assert verify_proof_file(path, proved.estimate)[0]
+    true = json.loads(proved.text)
     wider = repr(float(true["upper"]) * (1.0 + 1e-6))
     path.write_text(json.dumps(signed({**true, "upper": wider})))
     assert verify_proof_file(path)[0]
-    holds, said = verify_proof_file(path, estimate)
+    holds, said = verify_proof_file(path, proved.estimate)
     assert not holds
     assert "wider than" in said
     assert "certificate" in said
