@@ -65,6 +65,7 @@ LONGEST_FIRST = (
     "test_page.py",
     "test_tables.py",
     "test_diagnosis.py",
+    "test_passing.py",
     "test_payload.py",
     "test_golden.py",
     "test_check.py",
