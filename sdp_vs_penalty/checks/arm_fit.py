@@ -75,7 +75,7 @@ class RepairedRows:
             gram=gram,
         )
 
-    def of_repair(self, k: int) -> RepairedRows:
+    def of_motion(self, k: int) -> RepairedRows:
         """Return the rows under repair k of K repairs.
 
         Parameters
@@ -95,6 +95,16 @@ class RepairedRows:
             gram=self.gram[k],
         )
 
+    @property
+    def with_leading_axis(self) -> RepairedRows:
+        """The rows of one repair as those of K = 1 repairs."""
+        return RepairedRows(
+            self.basis[None],
+            self.raw[None],
+            projected=self.projected[None],
+            gram=self.gram[None],
+        )
+
     def project_out_own(self, y: Array) -> Array:
         """Return torques or columns with each joint's own columns projected out.
 
@@ -103,12 +113,12 @@ class RepairedRows:
 
         Parameters
         ----------
-        y : (n, M, K) array
+        y : (..., n, M, K) array
             K torques or columns of each joint.
 
         Returns
         -------
-        (n, M, K) array
+        (..., n, M, K) array
             Their parts orthogonal to the joint's own columns.
         """
         in_basis = np.swapaxes(self.basis, -1, -2) @ y

@@ -670,98 +670,82 @@ class Likelihood:
             In the order of the repairs.
         """
         self._prepare_columns(repairs)
-        # Places in ``repairs`` of those with the same motion.
         places_by_motion: dict[LogTransform, list[int]] = {}
         for place, repair in enumerate(repairs):
             places_by_motion.setdefault(repair.motion_part, []).append(place)
-        fit_by_place: dict[int, ArmFit] = {}
-        # Places of repairs that are alone with their motion, by the width of the basis.
-        single: dict[int, list[int]] = {}
+        # Motions whose arrays have the same shapes are fitted together.
+        places_by_shape: dict[tuple[int, int], list[list[int]]] = {}
         for motion, places in places_by_motion.items():
-            if len(places) == 1:
-                basis = self._basis(motion.order, motion.events)
-                single.setdefault(basis.shape[2], []).extend(places)
-                continue
-            fits = self._fit_torques([repairs[place] for place in places])
-            fit_by_place.update(zip(places, fits, strict=True))
+            width = self._basis(motion.order, motion.events).shape[2]
+            places_by_shape.setdefault((width, len(places)), []).append(places)
+        fit_by_place: dict[int, ArmFit] = {}
         size = max(1, _ROWS_AT_A_TIME // self.data.count)
-        for places in single.values():
-            for first in range(0, len(places), size):
-                batch = places[first : first + size]
-                fits = self._fit_motions([repairs[place] for place in batch])
-                fit_by_place.update(zip(batch, fits, strict=True))
+        for groups in places_by_shape.values():
+            for first in range(0, len(groups), size):
+                batch = groups[first : first + size]
+                fits = self._fit_motions(
+                    [[repairs[k] for k in group] for group in batch]
+                )
+                for group, of_group in zip(batch, fits, strict=True):
+                    fit_by_place.update(zip(group, of_group, strict=True))
         return [fit_by_place[place] for place in range(len(repairs))]
 
-    def _fit_motions(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm under each of K repairs that all change the motion.
+    def _fit_motions(
+        self, groups: Sequence[Sequence[LogTransform]]
+    ) -> list[list[ArmFit]]:
+        """Fit one arm under each of U groups of P repairs; those of a group have the
+        same motion, and change the torques alone.
 
-        The joints' own columns have to be as many under each repair. n joints, M rows,
-        s parameters that joints share.
+        n joints, M rows, s parameters that joints share (those of the links). The
+        joints' own columns have to be as many in each group. Each joint's own
+        parameters (friction, offset) are eliminated: their columns are projected out of
+        the shared columns A_j (M, s) and of the torque tau_j (M,). The Gram matrices of
+        a group serve all its fits.
         """
+        rows = self._rows_of_motions([repairs[0] for repairs in groups])
+        torques = np.stack(
+            [[self.channels(repair) for repair in repairs] for repairs in groups]
+        )  # (U, P, n, M)
+        by_joint = torques.transpose(0, 2, 3, 1)  # (U, n, M, P)
+        projected_torques = rows.project_out_own(by_joint)
+        # A_j^T tau_j: (U, n, P, M) @ (U, n, M, s) = (U, n, P, s).
+        cross_products = by_joint.swapaxes(2, 3) @ rows.projected
+        energy = np.sum(np.square(projected_torques), axis=2)  # (U, n, P)
+        equations = NormalEquations(
+            gram=rows.gram[:, None],  # (U, 1, n, s, s): A_j^T A_j
+            cross=cross_products.swapaxes(1, 2),  # (U, P, n, s)
+            energy=energy.swapaxes(1, 2),
+            total=positive(np.sum(np.square(torques), axis=3)),  # (U, P, n)
+        )
+        thetas, energies_left = equations.fitted(self.moving)  # (U, P, s), (U, P, n)
+        fits = []
+        for u, repairs in enumerate(groups):
+            of_motion = rows.of_motion(u)
+            fits.append(
+                [
+                    ArmFit(
+                        moving=self.moving,
+                        rows=of_motion,
+                        channels=torques[u, k],
+                        theta=thetas[u, k],
+                        energy_left=energies_left[u, k],
+                        energy=equations.total[u, k],
+                    )
+                    for k in range(len(repairs))
+                ]
+            )
+        return fits
+
+    def _rows_of_motions(self, repairs: Sequence[LogTransform]) -> RepairedRows:
+        """Return the rows under each of U repairs of the motion; arrays have a leading
+        axis of length U. Those of a single one are cached."""
         if len(repairs) == 1:
-            return self._fit_torques(repairs)
+            return self.rows(repairs[0]).with_leading_axis
         motions = [repair.motion_part for repair in repairs]
-        rows = RepairedRows.of(
+        return RepairedRows.of(
             np.stack([self._basis(m.order, m.events) for m in motions]),
             np.stack([self.raw(motion) for motion in motions]),
         )
-        torques = np.stack([self.channels(repair) for repair in repairs])  # (K, n, M)
-        projected_torques = rows.project_out_own(torques[..., None])[..., 0]
-        cross_products = torques[:, :, None] @ rows.projected  # (K, n, 1, s)
-        equations = NormalEquations(
-            gram=rows.gram,  # (K, n, s, s)
-            cross=cross_products[:, :, 0],
-            energy=np.sum(np.square(projected_torques), axis=2),  # (K, n)
-            total=positive(np.sum(np.square(torques), axis=2)),  # (K, n)
-        )
-        rows_by_repair = [rows.of_repair(k) for k in range(len(repairs))]
-        return self._fits_of(equations, rows_by_repair, torques)
-
-    def _fit_torques(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm under each of K repairs that change the torques alone.
-
-        n joints, M rows, s parameters that joints share (those of the links). Each
-        joint's own parameters (friction, offset) are eliminated: their columns are
-        projected out of the shared columns A_j (M, s) and of the torque tau_j (M,).
-        A repair of torques leaves A as it is, so its Gram matrices serve all K fits.
-        """
-        rows = self.rows(repairs[0])  # any of the repairs: the motion is the same
-        torques = np.stack([self.channels(repair) for repair in repairs], axis=2)
-        projected_torques = rows.project_out_own(torques)  # (n, M, K)
-        # A_j^T tau_j of each joint j and repair k: (n, K, M) @ (n, M, s) = (n, K, s).
-        cross_products = torques.swapaxes(1, 2) @ rows.projected
-        equations = NormalEquations(
-            gram=rows.gram,  # (n, s, s): A_j^T A_j
-            cross=cross_products.swapaxes(0, 1),  # (K, n, s)
-            energy=np.sum(np.square(projected_torques), axis=1).T,  # (K, n)
-            total=positive(np.sum(np.square(torques), axis=1).T),  # (K, n)
-        )
-        return self._fits_of(
-            equations,
-            [rows] * len(repairs),
-            torques.transpose(2, 0, 1),
-        )
-
-    def _fits_of(
-        self,
-        equations: NormalEquations,
-        rows: Sequence[RepairedRows],
-        torques: Array,
-    ) -> list[ArmFit]:
-        """Solve the normal equations of K repairs, and return the K fits; torques (K,
-        n, M) : as repaired [N m or N]."""
-        thetas, energies_left = equations.fitted(self.moving)  # (K, s), (K, n)
-        return [
-            ArmFit(
-                moving=self.moving,
-                rows=rows[k],
-                channels=torques[k],
-                theta=thetas[k],
-                energy_left=energies_left[k],
-                energy=equations.total[k],
-            )
-            for k in range(len(rows))
-        ]
 
     def fit(self, repair: LogTransform) -> ArmFit:
         """Fit one arm to the log under one repair.
