@@ -89,6 +89,7 @@ class RepairSearch:
         self.list_faults = lru_cache(99)(self._list_faults)
         self.posterior = lru_cache(99)(self._posterior)
         self.is_confirmed = lru_cache(99)(self._is_confirmed)
+        self.gauss_newton_step = lru_cache(99)(self._make_gauss_newton_step)
         self._held_out_errors = lru_cache(99)(self._make_held_out_errors)
         self._rival_effects = lru_cache(99)(self._make_rival_effects)
         #: Repairs (without laws of friction) that fit so badly that no law can help.
@@ -240,8 +241,14 @@ class RepairSearch:
             ``now`` with one more fault corrected; None if no further fault is
             confirmed.
         """
-        refined = [self.refine(repair, now) for repair in self.proposals(now)]
-        self._learn_samples([self.log.fit(repair) for repair in refined])
+        refined = []
+        fits = []
+        for repair in self.proposals(now):
+            if self._may_be_determined(repair, now):
+                repair = self.refine(repair, now)
+                refined.append(repair)
+            fits.append(self.log.fit(repair))
+        self._learn_samples(fits)
         threshold = self.posterior(now) + c.LOG_ODDS_OF_A_CLAIM
         # Physics only takes from the likelihood, and takes long to compute.
         likely = [
@@ -772,9 +779,27 @@ class RepairSearch:
         rise = 2.0 * (at_value.log_likelihood(samples) - nearest)
         return rise >= (0.5 * c.REQUIRED_SIGMAS) ** 2
 
-    def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
+    def _may_be_determined(self, repair: LogTransform, now: LogTransform) -> bool:
+        """Whether the data may determine the sizes that a repair has and ``now`` lacks.
+
+        False where a Gauss-Newton step, short enough to be trusted, ends within the
+        tolerance and half of the standard deviations that a claim needs. Such a size is
+        not determined (:meth:`_is_determined`): it is neither refined nor judged.
+        """
+        known = self.sizes_by_name(now)
+        for name, size in self.sizes_by_name(repair).items():
+            if name in known:
+                continue
+            change, spread = self.gauss_newton_step(size)
+            is_trusted = abs(change) < size.first_order_reach
+            margin = 0.5 * c.REQUIRED_SIGMAS * spread
+            if is_trusted and abs(size.value + change) <= size.tolerance + margin:
+                return False
+        return True
+
+    def _make_gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
         """Linearise the fit about a fault's size, to find the best size and its
-        uncertainty.
+        uncertainty; call it as :attr:`gauss_newton_step`, which caches the result.
 
         Parameters
         ----------
@@ -854,8 +879,7 @@ class RepairSearch:
             if abs(change) > _PRECISION_OF_SIZE * number.tolerance:
                 best = self._best_on_few_rows(number)
                 change = self.gauss_newton_step(replace(number, value=best))[0]
-            # The first-order step is trusted within the tolerance.
-            far = 0.9 * number.tolerance
+            far = number.first_order_reach
             better = best + float(np.clip(change, -far, far))
             near = replace(number, value=better).round_values_within(number.tolerance)
             tried = [number.repair_with(x) for x in near or (best, better)]

@@ -98,6 +98,12 @@ class FaultSize:
     round_values: tuple[float, ...] = ()
     widest: float = WIDEST
 
+    @property
+    def first_order_reach(self) -> float:
+        """Largest change for which a first-order step is trusted: within the
+        tolerance."""
+        return 0.9 * self.tolerance
+
     def round_values_within(self, distance: float) -> list[float]:
         """List the nearest round value, if it is nearer than ``distance``; else
         nothing.
