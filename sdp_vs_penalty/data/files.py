@@ -429,9 +429,11 @@ def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements
 
 
 def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
-    """List the robot's joints that the file does not have: no name of the file ends
-    with theirs."""
-    return [name for name in names if not any(x.endswith(name) for x in there)]
+    """List the robot's joints that are not among the file's."""
+    from sdp_vs_penalty.data.formats.joint_names import match_joints
+
+    found = match_joints(names, there)
+    return [name for name in names if name not in found]
 
 
 def _without_silent_channels(path: Path, run: Measurements) -> Measurements:

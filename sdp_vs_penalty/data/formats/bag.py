@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
+from sdp_vs_penalty.data.formats.joint_names import match_joints
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.merging import half_period, nearest_rows
 from sdp_vs_penalty.data.store import (
@@ -287,8 +288,8 @@ def _choose_joints(
 ) -> tuple[dict[str, str], _Stream]:
     """Choose the joints to read, and the stream whose messages become the run's rows.
 
-    The robot's joints are looked for in the bag, perhaps behind one prefix
-    ("panda_joint1"). More than half have to be there; the others are left to be held.
+    The robot's joints are looked for in the bag, perhaps with other words around their
+    names ("panda_joint1"). More than half have to be there; the others are left to be held.
     Without a robot, all joints of the largest stream are taken in its order.
 
     Returns
@@ -305,12 +306,11 @@ def _choose_joints(
     largest = max(placed, key=lambda s: len(s.names))
     robot_joints = list(choice.joints or largest.names)
     in_bag = list(dict.fromkeys(name for s in placed for name in s.names))
-    bag_names = _with_prefix(robot_joints, in_bag)
-    pairs = zip(bag_names, robot_joints, strict=True)
-    robot_name = {name: joint for name, joint in pairs if name in in_bag}
-    if 2 * len(robot_name) <= len(bag_names):
+    bag_names = match_joints(robot_joints, in_bag)
+    robot_name = {name: joint for joint, name in bag_names.items()}
+    if 2 * len(robot_name) <= len(robot_joints):
         there = ", ".join(sorted(in_bag)) or "none"
-        expected = ", ".join(bag_names) or "(none)"
+        expected = ", ".join(robot_joints) or "(none)"
         what = f"no message has all joints {expected} (there are: {there})"
         raise InputError(what, "name the joints as the bag does", path)
     return robot_name, _leading_stream(path, placed, set(robot_name), choice.topic)
@@ -542,21 +542,3 @@ def _weightless(
     topics = ", ".join(sorted({s.topic for s in streams}))
     problem = f"no message of {topics} has {what} of every joint"
     return InputError(problem, "record position and effort of every joint", path)
-
-
-def _with_prefix(names: Sequence[str], names_in_bag: Sequence[str]) -> list[str]:
-    """Return the robot's joint names as the bag writes them, perhaps behind one prefix:
-    "panda_joint1" for "joint1".
-
-    The prefix that fits most joints is taken; no prefix where several fit equally well.
-    """
-    prefixes = {""}
-    for name in names:
-        for longer in names_in_bag:
-            if longer.endswith(name):
-                prefixes.add(longer.removesuffix(name))
-    n_fitting = {p: sum(p + name in names_in_bag for name in names) for p in prefixes}
-    most_fitting = max(n_fitting.values())
-    best = [p for p, count in n_fitting.items() if count == most_fitting]
-    prefix = best[0] if len(best) == 1 else ""
-    return [prefix + name for name in names]

@@ -61,23 +61,26 @@ class Reading:
 class JointNames:
     """Finder of the robot's joint names within the names of columns.
 
-    Names are compared as tokens (words and numbers in small letters). A prefix that all
-    joints share may be missing: "elbow" for "left_elbow" beside "left_wrist".
+    Names are compared as tokens (words and numbers in small letters). What all joints
+    begin or end with may be missing: "elbow" for "left_elbow_joint" beside
+    "left_wrist_joint".
     """
 
     def __init__(self, names: Sequence[str]) -> None:
         """Prepare the joints' names, and their short forms where these are words that
         differ."""
         full_names = [tuple(split_tokens(name)) for name in names]
-        n_shared = _common_prefix_length(full_names)
-        short_names = [tokens[n_shared:] for tokens in full_names]
+        without_begin = _without_common_begin(full_names)
+        reversed_names = [tokens[::-1] for tokens in without_begin]
+        cores = [tokens[::-1] for tokens in _without_common_begin(reversed_names)]
         self._joint_by_tokens = {tokens: k for k, tokens in enumerate(full_names)}
-        # Numbers alone are no names: any column can hold them.
-        have_letters = all(any(x.isalpha() for x in tokens) for tokens in short_names)
-        is_unique = len(set(short_names)) == len(names)
-        if have_letters and is_unique:
-            for k, tokens in enumerate(short_names):
-                self._joint_by_tokens.setdefault(tokens, k)
+        for short_names in (without_begin, cores):
+            # Numbers alone are no names: any column can hold them.
+            have_letters = all(any(x.isalpha() for x in name) for name in short_names)
+            is_unique = len(set(short_names)) == len(names)
+            if have_letters and is_unique:
+                for k, tokens in enumerate(short_names):
+                    self._joint_by_tokens.setdefault(tokens, k)
 
     def find(self, tokens: Sequence[str]) -> tuple[int, list[str]] | None:
         """Find the joint whose name a column's name contains; the longest joint name
@@ -106,16 +109,16 @@ class JointNames:
         return None
 
 
-def _common_prefix_length(names: Sequence[tuple[str, ...]]) -> int:
-    """Count the first tokens that all names share; at least one token of each name
-    stays."""
+def _without_common_begin(names: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Leave out the first tokens that all names share; at least one token of each name
+    stays, and a single name stays as it is."""
     if len(names) < 2:
-        return 0
-    most_shared = max(min(len(tokens) for tokens in names) - 1, 0)
-    for k in range(most_shared):
-        if len({tokens[k] for tokens in names}) > 1:
-            return k
-    return most_shared
+        return list(names)
+    n_shared = 0
+    shortest = min(len(tokens) for tokens in names)
+    while n_shared < shortest - 1 and len({name[n_shared] for name in names}) == 1:
+        n_shared += 1
+    return [tokens[n_shared:] for tokens in names]
 
 
 def split_tokens(name: str) -> list[str]:

@@ -575,61 +575,31 @@ def _first_present(patterns: Any, names: Sequence[str]) -> str | None:
 def _in_order_of(
     joints: Sequence[str] | None, names_in_file: Sequence[str]
 ) -> list[str]:
-    """Put the joint names of a file in the robot's order.
+    """Return the file's names of the joints, in the order of the robot's joints where
+    these are there.
 
-    They stay in the file's order where neither the robot has all of the file's joints
-    nor the file all of the robot's.
+    The order of the file is kept where there is no robot, or where neither all of the
+    robot's joints are among the file's nor the other way round.
     """
-    if joints is None:
-        return list(names_in_file)
-    name_in_file = _match_joints(joints, names_in_file)
-    in_order = [name_in_file[joint] for joint in joints if joint in name_in_file]
-    is_complete = len(in_order) in (len(joints), len(names_in_file))
-    return in_order if in_order and is_complete else list(names_in_file)
+    return _matched(joints, names_in_file) or list(names_in_file)
 
 
 def _has_other_joints(
     joints: Sequence[str] | None, names_in_file: Sequence[str]
 ) -> bool:
-    """Return whether the robot has joint names, and the file's names match none of
-    them."""
-    return bool(joints) and not _match_joints(joints or (), names_in_file)
+    """Return whether robot and file both name joints, and the names do not match."""
+    is_named = bool(joints) and bool(names_in_file)
+    return is_named and not _matched(joints, names_in_file)
 
 
-def _match_joints(
-    joints: Sequence[str], names_in_file: Sequence[str]
-) -> dict[str, str]:
-    """Find the file's name of each of the robot's joints.
+def _matched(joints: Sequence[str] | None, names_in_file: Sequence[str]) -> list[str]:
+    """List the file's names of the joints in the robot's order; empty unless all joints
+    of the robot, or all of the file, match."""
+    from sdp_vs_penalty.data.formats.joint_names import match_joints
 
-    Names are compared without marks and capital letters. The file may put one prefix
-    before all names, such as the arm's: "left_joint1" for "joint1".
-
-    Returns the file's name by the robot's name, for the joints that match.
-    """
-    name_by_letters = {_letters_and_digits(name): name for name in names_in_file}
-    joint_letters = {joint: _letters_and_digits(joint) for joint in joints}
-    prefixes = [""]
-    for letters in name_by_letters:
-        for ending in joint_letters.values():
-            if letters.endswith(ending):
-                prefixes.append(letters.removesuffix(ending))
-    matches = list[dict[str, str]]()
-    for prefix in dict.fromkeys(prefixes):
-        with_prefix = {j: prefix + letters for j, letters in joint_letters.items()}
-        matches.append(
-            {
-                joint: name_by_letters[letters]
-                for joint, letters in with_prefix.items()
-                if letters in name_by_letters
-            }
-        )
-    without_prefix = matches[0]
-    return without_prefix or max(matches, key=len)
-
-
-def _letters_and_digits(name: str) -> str:
-    """Return a name in small letters without marks and blanks: "joint1" of "Joint_1"."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+    name_in_file = match_joints(joints or (), names_in_file)
+    is_complete = len(name_in_file) in (len(joints or ()), len(names_in_file))
+    return list(name_in_file.values()) if is_complete else []
 
 
 def _by_words(
@@ -777,6 +747,10 @@ def _joints_of_words(
     keys = list(positions.columns)
     if positions.style == "joint" and joints is not None:
         return tuple(joints[int(str(key))] for key in keys), keys, None
+    if positions.style == "name" and joints is not None:
+        key_of_name = {_words_of_key(key): key for key in positions.columns}
+        in_order = _in_order_of(joints, list(key_of_name))
+        return tuple(in_order), [key_of_name[name] for name in in_order], None
     names_in_file = _texts_of_joints(names, table)
     if not names_in_file:
         return (), keys, None
@@ -788,6 +762,12 @@ def _joints_of_words(
         return (), keys, None
     key_by_name = dict(zip(names_in_file, keys, strict=True))
     return tuple(in_order), [key_by_name[name] for name in in_order], None
+
+
+def _words_of_key(key: Hashable) -> str:
+    """Return what tells a column apart that is called by words: "left wrist 2"."""
+    parts = key if isinstance(key, tuple) else (key,)
+    return " ".join(part for part in map(str, parts) if part != "None")
 
 
 def _units_of_words(
