@@ -17,6 +17,7 @@ from sdp_vs_penalty.checks.glance import (
     with_time_steps,
 )
 from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.data.formats.inferred_units import unit_of_dates
 from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -33,6 +34,7 @@ _UNITS = {
     "milliseconds": "ms",
     "microseconds": "us",
     "nanoseconds": "ns",
+    "hundreds of nanoseconds": "100ns",
     "days": "day",
 }
 
@@ -41,7 +43,8 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where the clock counts another unit than seconds.
 
     The time steps are outside those of any log in seconds; of the units that bring them
-    inside, the one is named that makes the arm's speed nearest to 1 rad/s.
+    inside, the one is named in which the stamps are dates of today, or else that makes
+    the arm's speed nearest to 1 rad/s.
 
     Parameters
     ----------
@@ -54,7 +57,12 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         Issues to report; none if nothing is wrong.
     """
     shortest, longest = _STEPS
-    factors = {name: UNITS[unit] for name, unit in _UNITS.items()}
+    t = glance.run.t
+    dated, _ = unit_of_dates(t) or ("", "")
+    units = {name: unit for name, unit in _UNITS.items() if dated in ("", unit)}
+    if not dated:
+        del units["hundreds of nanoseconds"]  # clocks that count them count dates
+    factors = {name: UNITS[unit] for name, unit in units.items()}
     fits = {
         name: factor
         for name, factor in factors.items()
@@ -62,7 +70,6 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     }
     if shortest <= glance.usual_step <= longest or not fits:
         return
-    t = glance.run.t
     if glance.usual_step < shortest <= (t[-1] - t[0]) / len(t):
         return  # stamps come in bursts, and on the whole the clock counts seconds
     # Speed of the faster tenth of the motion, of the median joint.

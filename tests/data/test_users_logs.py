@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded import refusal
 
 from sdp_vs_penalty.data import Measurements, read_run
 from sdp_vs_penalty.errors import Remark
 
 JOINTS = ("turn", "shoulder", "elbow")
 T = np.arange(60) * 0.01
-Q = np.round(np.sin(np.outer(T, [3.0, 5.0, 7.0]) + [0.1, 0.2, 0.3]), 6)
+Q = np.round(np.sin(np.outer(T + 0.1, [3.0, 5.0, 7.0])), 6)
 TAU = np.round(30.0 * np.cos(np.outer(T, [4.0, 2.0, 6.0])), 6)
 DEGREES = np.degrees(Q)
 #: Joints in the order in which loggers sort them.
@@ -28,7 +29,7 @@ def table(
     encoding: str = "utf-8",
 ) -> Path:
     """A text table of numbers or texts; ``heads`` are the lines above it."""
-    cells = np.column_stack([np.asarray(c).astype("U40") for c in columns])
+    cells = np.column_stack([np.asarray(c).astype("U60") for c in columns])
     lines = [*heads, *(mark.join(row) for row in cells)]
     path.write_text("\n".join(lines) + "\n", encoding=encoding)
     return path
@@ -39,7 +40,9 @@ def names_of(*patterns: str, joints: Sequence[object] = (1, 2, 3)) -> str:
     return ",".join(p.format(joint) for p in patterns for joint in joints)
 
 
-def read(path: Path | str, joints: Sequence[str] | None = JOINTS) -> tuple[Measurements, str]:
+def read(
+    path: Path | str, joints: Sequence[str] | None = JOINTS
+) -> tuple[Measurements, str]:
     """A file's run, and what is said of it."""
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always", Remark)
@@ -77,15 +80,153 @@ def test_joints_with_other_words_around_their_names_are_matched(
 
 
 def test_joints_with_numbers_are_matched_by_these(tmp_path):
-    heads = [f"/joint_states/a{k}/{x}" for x in ("position", "effort") for k in (3, 1, 2)]
+    heads = [
+        f"/joint_states/a{k}/{x}" for x in ("position", "effort") for k in (3, 1, 2)
+    ]
     columns = (T, Q[:, [2, 0, 1]], TAU[:, [2, 0, 1]])
     path = table(tmp_path / "run.csv", [",".join(["__time", *heads])], *columns)
     require_the_run(read(path, ["joint_1", "joint_2", "joint_3"])[0])
 
 
 def test_joints_of_other_names_stay_in_the_file_s_order_and_this_is_said(tmp_path):
-    heads = "time," + names_of("{}_position", "{}_effort", joints=("hip", "knee", "toe"))
+    heads = "time," + names_of(
+        "{}_position", "{}_effort", joints=("hip", "knee", "toe")
+    )
     path = table(tmp_path / "run.csv", [heads], T, Q, TAU)
     run, said = read(path)
     require_the_run(run)
     assert "joints hip, knee, toe in the file's order" in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("Zeit [s]", "Winkel{} [Grad]", "Moment{} [Nm]"),
+        ("temps (s)", "angle{} (degrés)", "couple{} (N.m)"),
+        ("tiempo (s)", "posición {} (grados)", "par {} (N·m)"),
+        ("tempo (s)", "posizione {} (gradi)", "coppia {} (Nm)"),
+        ("tempo (s)", "posição {} (graus)", "torque {} (Nm)"),
+        ("tijd", "positie{} (graden)", "koppel{}"),
+        ("czas", "pozycja{} [stopnie]", "moment{}"),
+        ("Время (с)", "Угол {} (град)", "Момент {} (Н·м)"),  # noqa: RUF001
+        ("时间(s)", "关节{}角度(度)", "关节{}力矩(Nm)"),
+        ("时间戳(秒)", "关节位置{}(°)", "关节扭矩{}"),
+        ("時刻[s]", "関節角度{}[deg]", "関節トルク{}[Nm]"),
+        ("시간(s)", "관절{} 각도(deg)", "관절{} 토크(Nm)"),
+    ],
+)
+def test_other_languages(words, tmp_path):
+    clock, angle, torque = words
+    heads = [f"{clock},{names_of(angle, torque)}"]
+    require_the_run(read(table(tmp_path / "run.csv", heads, T, DEGREES, TAU))[0])
+
+
+DAYS = T / 86_400.0
+
+
+@pytest.mark.parametrize(
+    ("first", "per_second", "unit"),
+    [
+        (45_413.5, 1.0 / 86_400.0, "day"),
+        (739_373.5, 1.0 / 86_400.0, "day"),
+        (2_460_432.0, 1.0 / 86_400.0, "day"),
+        (133_590_384_000_000_000, 1e7, "100ns"),
+        (638_500_000_000_000_000, 1e7, "100ns"),
+        (1_714_560_000_000, 1e3, "ms"),
+    ],
+)
+@pytest.mark.parametrize("mark", [",", ";"])
+def test_clocks_that_count_from_a_date(first, per_second, unit, mark, tmp_path):
+    is_whole = isinstance(first, int)
+    count = [f"{first + (round(x) if is_whole else x):.10f}" for x in T * per_second]
+    decimal = "," if mark == ";" else "."
+    clock = [x.replace(".", decimal) for x in count]
+    numbers = [[f"{x:.6f}".replace(".", decimal) for x in row] for row in np.c_[Q, TAU]]
+    heads = ["Timestamp," + names_of("q_{}", "tau_{}")]
+    heads = [x.replace(",", mark) for x in heads]
+    path = table(tmp_path / "run.csv", heads, clock, numbers, mark=mark)
+    run, said = read(path)
+    np.testing.assert_allclose(run.q, Q, atol=1e-6)
+    np.testing.assert_allclose(run.t - run.t[0], T, atol=1e-4)
+    assert f"t in {unit}, for it counts since" in said
+
+
+def test_seconds_since_a_machine_s_start_are_no_days(tmp_path):
+    heads = ["time," + names_of("q_{}", "tau_{}")]
+    path = table(tmp_path / "run.csv", heads, 45_413.5 + T, Q, TAU)
+    require_the_run(read(path)[0])
+
+
+CLOCK = [f"{58 + int(x):02d}.{round(1000 * (x % 1.0)):03d}" for x in T]
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "2024-05-01T12:00:{}+02",
+        "2024-05-01T12:00:{} CEST",
+        "2024-05-01 12:00:{} GMT",
+        "2024-05-01T12:00:{}+02:00[Europe/Berlin]",
+        "20240501T1200{}",
+        "01-May-2024 12:00:{}",
+        "Wed May 01 12:00:{} 2024",
+        "2024/05/01/12:00:{}",
+        "00:{}",
+        "0 days 00:00:{}",
+    ],
+)
+@pytest.mark.parametrize("name", ["Time", "datum", "datetime", "", "recorded"])
+def test_stamps_in_words(stamp, name, tmp_path):
+    heads = [f"{name},{names_of('q_{}', 'tau_{}')}"]
+    path = table(tmp_path / "run.csv", heads, [stamp.format(x) for x in CLOCK], Q, TAU)
+    require_the_run(read(path)[0])
+
+
+@pytest.mark.parametrize("name", ["ms", "Millisecond", "msec"])
+@pytest.mark.parametrize("date", [[], ["Date"]])
+def test_stamps_of_whole_seconds_go_on_in_a_column(name, date, tmp_path):
+    heads = [",".join([*date, "Time", name, names_of("q{}", "tau{}")])]
+    whole = [f"12:00:{x[:2]}" for x in CLOCK]
+    columns = [
+        *[["2024-05-01"] * len(T)] * len(date),
+        whole,
+        [int(x[3:]) for x in CLOCK],
+    ]
+    require_the_run(read(table(tmp_path / "run.csv", heads, *columns, Q, TAU))[0])
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("min", 60.0), ("h", 3600.0)])
+def test_clocks_in_minutes_and_hours(unit, seconds, tmp_path):
+    heads = [f"Time ({unit}),{names_of('q{}', 'tau{}')}"]
+    require_the_run(read(table(tmp_path / "run.csv", heads, T / seconds, Q, TAU))[0])
+
+
+def test_an_index_without_a_name_is_the_clock_where_it_rises_in_fractions(tmp_path):
+    heads = ["," + names_of("q{}", "tau{}")]
+    require_the_run(read(table(tmp_path / "run.csv", heads, T, Q, TAU))[0])
+    path = table(tmp_path / "counted.csv", heads, np.arange(len(T)), Q, TAU)
+    refusal(lambda: read(path), "no column t", "--rate")
+
+
+@pytest.mark.parametrize("name", [None, "stamp", "recorded"])
+@pytest.mark.parametrize("kind", ["dates", "zone", "durations", "texts", "seconds"])
+def test_indices_and_stamps_of_parquet(kind, name, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    columns = names_of("q{}", "tau{}").split(",")
+    frame = pandas.DataFrame(np.c_[Q, TAU], columns=columns)
+    durations = pandas.to_timedelta(np.round(T * 1e6).astype(int), unit="us")
+    dates = pandas.Timestamp("2024-05-01T12:00:00.000001") + durations
+    index = {
+        "dates": dates,
+        "zone": dates.tz_localize("Europe/Berlin"),
+        "durations": durations,
+        "texts": pandas.Index([x.isoformat() for x in dates]),
+        "seconds": pandas.Index(T),
+    }[kind]
+    frame.index = index.rename(name)
+    path = tmp_path / "run.parquet"
+    frame.to_parquet(path)
+    if (kind, name) == ("seconds", "recorded"):  # nothing says that it is a clock
+        refusal(lambda: read(path), "no column t")
+    else:
+        require_the_run(read(path)[0])

@@ -144,7 +144,9 @@ def split_tokens(name: str) -> list[str]:
     with_blanks = re.sub(f"{before_capital}|{before_last_capital}", " ", name.strip())
     decomposed = unicodedata.normalize("NFKD", with_blanks.lower())
     without_accents = re.sub(r"[\u0300-\u036f]", "", decomposed)
-    return re.findall(r"[^\W\d_]+|[0-9]+", without_accents)
+    # Korean syllables and Japanese marks are no accents: they are put together again.
+    text = unicodedata.normalize("NFC", without_accents)
+    return re.findall(r"[^\W\d_]+|[0-9]+", text)
 
 
 def is_no_measurement(name: str) -> bool:

@@ -914,7 +914,7 @@ def table_of_arrays(arrays: Mapping[str, Array]) -> CellTable:
 
 def _cell(row: Array) -> str:
     """Format a number, or the numbers of a row, as the text of one cell."""
-    return " ".join(f"{x:.6g}" for x in np.ravel(row))
+    return " ".join(f"{x:.15g}" for x in np.ravel(row))
 
 
 def brief_names(names: Sequence[str]) -> str:

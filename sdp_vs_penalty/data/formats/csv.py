@@ -29,7 +29,11 @@ from sdp_vs_penalty.data.formats.text_columns import (
     read_cells,
     read_pieces,
 )
-from sdp_vs_penalty.data.formats.text_table import TextTable, inspect_table
+from sdp_vs_penalty.data.formats.text_table import (
+    TextTable,
+    inspect_table,
+    plain_number,
+)
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import writing
@@ -221,9 +225,12 @@ def inspect(path: Path) -> CellTable:
 
 def _cell_table(table: TextTable, names: Sequence[str]) -> CellTable:
     """Return the kinds and first cells of the columns, by the names that they go by
-    here."""
+    here; numbers with a decimal point."""
     kinds = dict(zip(names, table.kinds, strict=True))
     cells = {name: table.first_cells(k) for k, name in enumerate(names)}
+    for name, kind in kinds.items():
+        if kind == "number":
+            cells[name] = [plain_number(x, table.decimal) for x in cells[name]]
     return CellTable(kinds, cells)
 
 

@@ -24,6 +24,24 @@ _TWO_TURNS = 4.0 * np.pi
 _SLOWEST_STEP = 0.1
 #: Geometric mean of a step in milliseconds and one in seconds, in seconds.
 _BETWEEN_MS_AND_S = 1000.0**0.5
+#: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
+_EARLIEST_STAMP = 1e9
+_LATEST_STAMP = 5e9
+#: Units of clocks that count from a date, the stamp of 1970 in that unit, and since when
+#: they count: Unix, Windows and .NET, spreadsheets, MATLAB, astronomers, Matplotlib.
+_EPOCHS = (
+    ("ms", 0.0, "1970"),
+    ("us", 0.0, "1970"),
+    ("ns", 0.0, "1970"),
+    ("100ns", 116_444_736_000_000_000.0, "1601"),
+    ("100ns", 621_355_968_000_000_000.0, "the year 1"),
+    ("day", 25_569.0, "1900"),
+    ("day", 719_529.0, "the year 0"),
+    ("day", 2_440_587.5, "4713 BC"),
+    ("day", 0.0, "1970"),
+)
+#: Steps of a clock in seconds are longer: no arm is logged at 50 kHz [s].
+_SHORTEST_STEP = 2e-5
 #: From so many rows the units and the rate of a long file are judged.
 ROWS_JUDGED = 100_000
 
@@ -77,6 +95,36 @@ def unit_of_clock(stamps: Array, rate: float | None = None) -> tuple[str, str]:
         return unit, f"dq is the derivative of q at {rate:g} Hz"
     unit = "ms" if median_step >= _SLOWEST_STEP else "s"
     return unit, f"its steps are {median_step:.3g}"
+
+
+def unit_of_dates(stamps: Array) -> tuple[str, str] | None:
+    """Return the unit of a clock whose stamps are dates in it, and the reason.
+
+    The first stamp is a day between 2001 and 2128 in one of the units in which programs
+    count, from the day from which they do. Days are taken only where seconds would be
+    tens of thousands of rows a second.
+
+    Parameters
+    ----------
+    stamps : (N,) array
+        Time stamps in the clock's unit.
+
+    Returns
+    -------
+    unit, reason : str, or None
+        The unit and a phrase; None where the stamps are no dates in such a unit.
+    """
+    if len(stamps) == 0 or not np.isfinite(stamps[0]):
+        return None
+    steps = np.diff(stamps)
+    steps = steps[steps > 0.0]
+    may_be_days = len(steps) > 0 and float(np.median(steps)) < _SHORTEST_STEP
+    for unit, stamp_of_1970, since in _EPOCHS:
+        seconds = UNITS[unit] * (float(stamps[0]) - stamp_of_1970)
+        is_dated = _EARLIEST_STAMP < seconds < _LATEST_STAMP
+        if is_dated and (unit != "day" or may_be_days):
+            return unit, f"it counts since {since}"
+    return None
 
 
 def decide_units(

@@ -12,7 +12,10 @@ Frame: TypeAlias = tuple[Tokens, Tokens, Tokens, Tokens]
 
 
 def match_joints(
-    joints: Sequence[str], names_in_file: Sequence[str]
+    joints: Sequence[str],
+    names_in_file: Sequence[str],
+    *,
+    by_numbers: bool = False,
 ) -> dict[str, str]:
     """Find the file's name of each of the robot's joints.
 
@@ -30,6 +33,8 @@ def match_joints(
         Names of the robot's joints.
     names_in_file : Sequence[str]
         Names of the file's joints.
+    by_numbers : bool
+        Whether a number is name enough: "axis 2" for "joint_2".
 
     Returns
     -------
@@ -51,7 +56,7 @@ def match_joints(
         frame
         for tokens in robot_tokens.values()
         for other in file_by_tokens
-        for frame in _frames(tokens, other)
+        for frame in _frames(tokens, other, by_numbers)
     }
     best = dict[str, str]()
     best_rank = (0, 0)
@@ -77,9 +82,10 @@ def _tokens(name: str) -> Tokens:
     )
 
 
-def _frames(tokens: Tokens, other: Tokens) -> Iterator[Frame]:
+def _frames(tokens: Tokens, other: Tokens, by_numbers: bool) -> Iterator[Frame]:
     """Yield what stands around each run of tokens that a robot's and a file's name
-    share, and that is not a part of a longer one."""
+    share, and that is not a part of a longer one. A run holds a word, unless numbers are
+    name enough."""
     for k in range(len(tokens)):
         for j in range(len(other)):
             if tokens[k] != other[j] or (k and j and tokens[k - 1] == other[j - 1]):
@@ -87,7 +93,8 @@ def _frames(tokens: Tokens, other: Tokens) -> Iterator[Frame]:
             n = 1
             while tokens[k + n : k + n + 1] == other[j + n : j + n + 1] != ():
                 n += 1
-            yield tokens[:k], tokens[k + n :], other[:j], other[j + n :]
+            if by_numbers or any(token.isalpha() for token in tokens[k : k + n]):
+                yield tokens[:k], tokens[k + n :], other[:j], other[j + n :]
 
 
 def _reframed(tokens: Tokens, frame: Frame) -> Tokens | None:
@@ -95,7 +102,9 @@ def _reframed(tokens: Tokens, frame: Frame) -> Tokens | None:
     robot's."""
     before, behind, file_before, file_behind = frame
     n_core = len(tokens) - len(before) - len(behind)
-    is_framed = tokens[: len(before)] == before and tokens[len(before) + n_core :] == behind
+    is_framed = (
+        tokens[: len(before)] == before and tokens[len(before) + n_core :] == behind
+    )
     if n_core < 1 or not is_framed:
         return None
     return (*file_before, *tokens[len(before) : len(before) + n_core], *file_behind)

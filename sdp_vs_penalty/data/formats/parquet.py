@@ -14,6 +14,7 @@ from sdp_vs_penalty.data.formats.joint_order import (
     places_of_joints,
 )
 from sdp_vs_penalty.data.formats.recognition import CellTable, columns_of_joint_names
+from sdp_vs_penalty.data.formats.stamps import is_stamp, seconds_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
@@ -126,6 +127,7 @@ def _cell_table(file: Any) -> CellTable:
     schema = file.schema_arrow
     names_of_joints = _columns_of_joints(file)
     kinds = {field.name: _kind_of(field.type) for field in schema}
+    kinds |= dict.fromkeys(_columns_of_stamps(file), "stamp")
     kinds = {
         name: kind
         for name, kind in kinds.items()
@@ -133,6 +135,23 @@ def _cell_table(file: Any) -> CellTable:
     }
     first = next(file.iter_batches(batch_size=50, columns=list(kinds)), None)
     return CellTable(kinds, {name: _texts(first, name) for name in kinds})
+
+
+def _columns_of_stamps(file: Any) -> list[str]:
+    """List the columns of texts whose first values are all times."""
+    from pyarrow import types
+
+    schema = file.schema_arrow
+    texts = [
+        x.name
+        for x in schema
+        if types.is_string(x.type) or types.is_large_string(x.type)
+    ]
+    first = (
+        next(file.iter_batches(batch_size=50, columns=texts), None) if texts else None
+    )
+    values = {name: _texts(first, name) for name in texts}
+    return [name for name, x in values.items() if x and all(map(is_stamp, x))]
 
 
 def _columns_of_joints(file: Any) -> list[str]:
@@ -200,7 +219,8 @@ def _kind_of(kind: Any) -> str:
         or types.is_fixed_size_list(kind)
     ):
         return "list" if _kind_of(kind.value_type) == "number" else "text"
-    return "stamp" if types.is_timestamp(kind) else "text"
+    is_time = types.is_timestamp(kind) or types.is_duration(kind)
+    return "stamp" if is_time else "text"
 
 
 def _texts(batch: Any, name: str) -> list[str]:
@@ -210,13 +230,20 @@ def _texts(batch: Any, name: str) -> list[str]:
 
 def _numbers(path: Path, name: str, column: Any) -> Array:
     """Convert a column to numbers: (N,); (N, n) where cells hold lists; seconds since
-    1970 [s] for time stamps.
+    1970 [s] for time stamps, also in words; seconds for durations.
 
     Raises InputError where lists have different lengths.
     """
     kind = _kind_of(column.type)
+    if kind == "text":
+        try:
+            return seconds_of([str(x) for x in column.to_pylist()])
+        except InputError as error:
+            raise error.within(f"{path}: column {name}") from error
     if kind == "stamp":
-        nanoseconds = column.cast("timestamp[ns]", safe=False).cast("int64")
+        is_duration = str(column.type).startswith("duration")
+        kind_in_ns = "duration[ns]" if is_duration else "timestamp[ns]"
+        nanoseconds = column.cast(kind_in_ns, safe=False).cast("int64")
         return 1e-9 * np.asarray(nanoseconds.to_numpy(), float)
     if kind == "list":
         rows = column.to_pylist()

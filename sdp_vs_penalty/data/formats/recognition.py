@@ -24,6 +24,7 @@ from sdp_vs_penalty.data.formats.inferred_units import (
     CLOCK,
     unit_of_angles,
     unit_of_clock,
+    unit_of_dates,
 )
 from sdp_vs_penalty.data.formats.renaming import (
     group_of,
@@ -31,7 +32,11 @@ from sdp_vs_penalty.data.formats.renaming import (
     rename_words,
     scale_words,
 )
-from sdp_vs_penalty.data.formats.stamps import find_two_parts
+from sdp_vs_penalty.data.formats.stamps import (
+    find_two_parts,
+    fraction_column,
+    has_fraction,
+)
 from sdp_vs_penalty.data.formats.units import SHARES, UNITS
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
@@ -47,9 +52,8 @@ if TYPE_CHECKING:
 Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
 #: Columns of names, of a log that says in each row which joint is which.
 _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
-#: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
-_EARLIEST_STAMP = 1e9
-_LATEST_STAMP = 5e9
+#: What tables call an index that has no name.
+_NAMES_OF_INDICES = ("", "index", "unnamed: 0", "__index_level_0__", "row")
 #: A unit, or what else stands in brackets at the end of a name.
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\W\d][^\[\]()]{0,11})[\])]\s*$")
 #: Words of torques that are currents.
@@ -375,16 +379,19 @@ def recognised(
     return recognition.rename, recognition.scale
 
 
-def find_clock(names: Sequence[str]) -> str | None:
+def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | None:
     """Find the column that holds a file's time stamps.
 
     Among several, the best word wins ("time" before "tick"), then the name with the
-    fewest other words.
+    fewest other words. Where no name says it, the only column of stamps is the clock, or
+    else an index without a name that rises in fractions.
 
     Parameters
     ----------
     names : Sequence[str]
         Names of the columns.
+    table : CellTable | None
+        Kinds and first cells of the columns.
 
     Returns
     -------
@@ -403,10 +410,30 @@ def find_clock(names: Sequence[str]) -> str | None:
         if reading is None or reading.quantity != "t" or reading.number is not None:
             continue
         clocks.append((reading.rank, len(reading.other_words), name))
-    if not clocks:
-        return None
-    _, _, best_name = min(clocks)
-    return best_name
+    clock = min(clocks)[2] if clocks else None
+    if table is None:
+        return clock
+    clock = clock or _clock_without_name(names, table)
+    stamps = table.cells.get(clock, ()) if clock is not None else ()
+    if table.kinds.get(clock or "") == "stamp" and not any(map(has_fraction, stamps)):
+        fraction = fraction_column([name for name in names if name != clock])
+        return f"{clock}+{fraction}" if fraction is not None else clock
+    return clock
+
+
+def _clock_without_name(names: Sequence[str], table: CellTable) -> str | None:
+    """Return the only column of stamps, or an index without a name that rises in
+    fractions; None where the file has neither. Whole numbers count rows."""
+    stamps = [name for name in names if table.kinds.get(name) == "stamp"]
+    if len(stamps) == 1:
+        return stamps[0]
+    for name in names:
+        if name.lower() in _NAMES_OF_INDICES and table.kinds.get(name) == "number":
+            values = table.values(name)
+            rises = len(values) > 2 and bool(np.all(np.diff(values) > 0.0))
+            if rises and np.any(values != np.round(values)):
+                return name
+    return None
 
 
 def _by_logger(
@@ -597,7 +624,7 @@ def _matched(joints: Sequence[str] | None, names_in_file: Sequence[str]) -> list
     of the robot, or all of the file, match."""
     from sdp_vs_penalty.data.formats.joint_names import match_joints
 
-    name_in_file = match_joints(joints or (), names_in_file)
+    name_in_file = match_joints(joints or (), names_in_file, by_numbers=True)
     is_complete = len(name_in_file) in (len(joints or ()), len(names_in_file))
     return list(name_in_file.values()) if is_complete else []
 
@@ -618,7 +645,7 @@ def _by_words(
         choice = _one_joint_of_several(readings, choice, table)
     if choice is None:
         return None
-    clock = find_clock(usable)
+    clock = find_clock(usable, table)
     if choice.rivals:
         raise _ambiguous(choice, clock)
     positions = choice.sets["q"]
@@ -913,26 +940,18 @@ def _words_of_list(text: str) -> list[str]:
 def _with_unit_of_clock(
     recognition: Recognition, table: CellTable | None
 ) -> Recognition:
-    """Add the unit of a clock that counts since 1970 in milli-, micro- or nanoseconds.
-
-    A first stamp that is between 1e9 and 5e9 s (the years 2001 to 2128) in one of these
-    units is taken to count in it.
-    """
+    """Add the unit of a clock whose stamps are dates in that unit."""
     clock = recognition.rename.get("t")
     if table is None or clock is None or "t" in recognition.scale:
         return recognition
     if table.kinds.get(clock) != "number":
         return recognition
-    stamps = table.values(clock)
-    if len(stamps) == 0:
+    dated = unit_of_dates(table.values(clock))
+    if dated is None:
         return recognition
-    for unit in ("ms", "us", "ns"):
-        first_stamp = UNITS[unit] * stamps[0]
-        if _EARLIEST_STAMP < first_stamp < _LATEST_STAMP:
-            why = f"t in {unit}, for it counts since 1970"
-            return replace(
-                recognition,
-                scale={"t": UNITS[unit], **recognition.scale},
-                units=(*recognition.units, why),
-            )
-    return recognition
+    unit, why = dated
+    return replace(
+        recognition,
+        scale={"t": UNITS[unit], **recognition.scale},
+        units=(*recognition.units, f"t in {unit}, for {why}"),
+    )

@@ -18,12 +18,21 @@ SECOND_PARTS: dict[str, float] = tomllib.loads(
 #: Words that the first part ends with.
 FIRST_PARTS = ("sec", "secs", "seconds", "s")
 _DAY = 86_400.0
-_DATE = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}"
-_CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,:]\d+)?)?"
-_ZONE = r"Z|UTC|[+-]\d{2}:?\d{2}"
+_DATE = (
+    r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}"
+    # With the month in letters: 01-May-2024, and Wed May 1 before the time of day.
+    r"|\d{1,2}[-/. ][A-Za-z]{3,9}\.?[-/. ]\d{2,4}|(?:[A-Za-z]{3},? )?[A-Za-z]{3} +\d{1,2}"
+)
+#: Hours, minutes and seconds; minutes and seconds with a fraction, as spreadsheets show.
+_CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,:]\d+)?)?|\d{1,3}:\d{2}[.,]\d+"
+#: Dates and times without marks, 20240501T120000.5: they need the T between them.
+_PLAIN = r"\d{8}T\d{6}(?:[.,]\d+)?"
+#: A zone's letters other than UTC's are those of the place: its offset is not known.
+_ZONE = r"Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?|[A-Z]{3,4}"
 _STAMP = re.compile(
-    rf"(?:(?P<date>{_DATE})(?:T|,? +))?(?P<clock>{_CLOCK})"
-    rf"(?: ?(?P<half>[AaPp]\.?[Mm]\.?))?(?: ?(?P<zone>{_ZONE}))?"
+    rf"(?:(?:(?P<date>{_DATE})(?:[T/_]|,? +)|(?P<days>\d+) days?,? +)?(?P<clock>{_CLOCK})"
+    rf"|(?P<plain>{_PLAIN}))"
+    rf"(?: ?(?P<half>[AaPp]\.?[Mm]\.?))?(?: ?(?P<zone>{_ZONE}))?(?:\[[\w/+-]+\])?(?: \d{{4}})?"
 )
 
 
@@ -41,6 +50,48 @@ def is_stamp(text: str) -> bool:
         True for ISO 8601 and the forms that spreadsheets write.
     """
     return _STAMP.fullmatch(text.strip()) is not None
+
+
+def has_fraction(text: str) -> bool:
+    """Return whether a stamp says more than whole seconds.
+
+    Parameters
+    ----------
+    text : str
+        Text of one cell.
+
+    Returns
+    -------
+    bool
+        True for 12:00:00.005, False for 12:00:00.
+    """
+    match = _STAMP.fullmatch(text.strip())
+    clock = "" if match is None else match["clock"] or match["plain"]
+    return bool(re.search(r"[.,]\d+$|:\d+:\d+:\d+$", clock))
+
+
+def fraction_column(names: Sequence[str]) -> str | None:
+    """Find the column that continues stamps of whole seconds: "ms", "Millisecond".
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Names of the columns.
+
+    Returns
+    -------
+    str | None
+        The name; None without such a column.
+    """
+    parts = {name: _stem_and_word(name) for name in names}
+    return next(
+        (
+            name
+            for name, (stem, word) in parts.items()
+            if not stem and word in SECOND_PARTS
+        ),
+        None,
+    )
 
 
 def find_two_parts(names: Sequence[str]) -> tuple[str, str] | None:
@@ -180,23 +231,34 @@ def _match(text: str) -> re.Match[str]:
 def _time_of_day(match: re.Match[str]) -> float:
     """Return the seconds since midnight [s] of a matched time stamp, in UTC where it
     has a zone."""
-    parts = re.split(r"[:.,]", match["clock"])
+    clock = match["clock"] or _with_marks(match["plain"])
+    parts = re.split(r"[:.,]", clock)
+    if re.fullmatch(r"\d+:\d+[.,]\d+", clock):
+        parts = ["0", *parts]  # minutes and seconds
     hours, minutes = int(parts[0]), int(parts[1])
     seconds = float(parts[2]) if len(parts) > 2 else 0.0
     fraction = float(f"0.{parts[3]}") if len(parts) > 3 else 0.0
+    days = int(match["days"] or 0)
     if match["half"]:
         hours = hours % 12 + (12 if match["half"][0] in "Pp" else 0)
     if hours > 23 or minutes > 59 or seconds > 60.0:
         remedy = "write stamps like 2025-05-01T12:00:00.005"
         raise InputError(f"{match[0][:40]!r} is no time", remedy)
-    return 3600.0 * hours + 60.0 * minutes + seconds + fraction - _offset(match["zone"])
+    time_of_day = 3600.0 * hours + 60.0 * minutes + seconds + fraction
+    return _DAY * days + time_of_day - _offset(match["zone"])
+
+
+def _with_marks(plain: str) -> str:
+    """Return the time of day of a stamp without marks, "20240501T120000.5", with them."""
+    clock = plain[9:]
+    return f"{clock[:2]}:{clock[2:4]}:{clock[4:]}"
 
 
 def _offset(zone: str | None) -> float:
     """Return how far a zone's clock, such as "+02:00", is ahead of UTC [s]."""
-    if not zone or zone in ("Z", "UTC"):
+    if not zone or zone[0] not in "+-":
         return 0.0
-    digits = zone[1:].replace(":", "")
+    digits = zone[1:].replace(":", "").ljust(4, "0")
     offset = 3600.0 * int(digits[:2]) + 60.0 * int(digits[2:])
     return -offset if zone[0] == "-" else offset
 
@@ -204,9 +266,12 @@ def _offset(zone: str | None) -> float:
 def _date_of(match: re.Match[str]) -> datetime.date | None:
     """Return the date of a matched time stamp that begins with the year; None
     otherwise."""
-    if not match["date"] or not re.match(r"\d{4}", match["date"]):
+    date = match["date"] or ""
+    if match["plain"]:
+        date = f"{match['plain'][:4]}-{match['plain'][4:6]}-{match['plain'][6:8]}"
+    if not re.match(r"\d{4}", date):
         return None
-    year, month, day = map(int, re.split(r"[-/.]", match["date"]))
+    year, month, day = map(int, re.split(r"[-/.]", date))
     try:
         return datetime.date(year, month, day)
     except ValueError:

@@ -10,9 +10,12 @@ _DEGREE = math.pi / 180.0
 #: Units that can be asked for, by what a value has to be multiplied by.
 UNITS: dict[str, float] = {
     "ns": 1e-9,
+    "100ns": 1e-7,
     "us": 1e-6,
     "ms": 1e-3,
     "s": 1.0,
+    "min": 60.0,
+    "h": 3600.0,
     "day": 86_400.0,
     "deg": _DEGREE,
     "degrees": _DEGREE,
@@ -30,21 +33,71 @@ UNITS: dict[str, float] = {
     "mm": 1e-3,
 }
 
+#: Words for radians and degrees.
+_RADIANS = (
+    *(
+        "rad",
+        "radian",
+        "radians",
+        "radianes",
+        "radianti",
+        "radianos",
+        "radialen",
+        "radianer",
+    ),
+    *("bogenmaß", "radiany", "рад", "弧度", "ラジアン", "라디안"),
+)
+_DEGREES = (
+    *(
+        "deg",
+        "degs",
+        "degree",
+        "degrees",
+        "°",
+        "º",
+        "grad",
+        "degré",
+        "degrés",
+        "degre",
+        "degres",
+    ),
+    *(
+        "grado",
+        "grados",
+        "gradi",
+        "grau",
+        "graus",
+        "graden",
+        "grader",
+        "stopnie",
+        "derece",
+    ),
+    *("град", "度", "도"),
+)
 _LENGTHS = {
-    "rad": 1.0,
-    "radian": 1.0,
-    "radians": 1.0,
+    **dict.fromkeys(_RADIANS, 1.0),
     "mrad": 1e-3,
-    "deg": _DEGREE,
-    "degree": _DEGREE,
-    "degrees": _DEGREE,
-    "°": _DEGREE,
+    **dict.fromkeys(_DEGREES, _DEGREE),
     "rev": math.tau,
     "turns": math.tau,
     "m": 1.0,
     "mm": 1e-3,
     "cm": 1e-2,
 }
+_SECONDS = (
+    *(
+        "s",
+        "sec",
+        "secs",
+        "seconds",
+        "sek",
+        "sekunden",
+        "secondes",
+        "segundos",
+        "secondi",
+    ),
+    *("с", "сек", "秒", "초"),  # noqa: RUF001 (the first is Cyrillic)
+)
 _PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
 
 #: Units of torque by force and length, and what stands between the two.
@@ -82,10 +135,10 @@ UNITS_IN_NAMES: dict[str, dict[str, float]] = {
         "msec": 1e-3,
         "millisec": 1e-3,
         "milliseconds": 1e-3,
-        "s": 1.0,
-        "sec": 1.0,
-        "secs": 1.0,
-        "seconds": 1.0,
+        **dict.fromkeys(_SECONDS, 1.0),
+        **dict.fromkeys(("мс", "毫秒", "ミリ秒"), 1e-3),
+        **dict.fromkeys(("min", "mins", "minutes", "minuten", "分", "мин"), 60.0),
+        **dict.fromkeys(("h", "hr", "hours", "stunden"), 3600.0),
         "day": 86_400.0,
         "days": 86_400.0,
     },
@@ -108,6 +161,8 @@ UNITS_IN_NAMES: dict[str, dict[str, float]] = {
             for (force, length), factor in _TORQUES.items()
             for sign in _BETWEEN
         },
+        **{f"н{sign}м": 1.0 for sign in _BETWEEN},
+        **dict.fromkeys(("牛米", "牛·米", "牛顿米"), 1.0),
         "n": 1.0,
         "a": 1.0,
         "amps": 1.0,
