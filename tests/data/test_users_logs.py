@@ -121,7 +121,10 @@ def test_other_languages(words, tmp_path):
     require_the_run(read(table(tmp_path / "run.csv", heads, T, DEGREES, TAU))[0])
 
 
-DAYS = T / 86_400.0
+@pytest.mark.parametrize("angle", ["角度{}", "关节角度{}", "関節角度{}", "각도{}"])
+def test_the_word_for_an_angle_is_no_degree(angle, tmp_path):
+    path = table(tmp_path / "run.csv", [f"t,{names_of(angle, 'tau{}')}"], T, Q, TAU)
+    require_the_run(read(path)[0])
 
 
 @pytest.mark.parametrize(
@@ -230,3 +233,77 @@ def test_indices_and_stamps_of_parquet(kind, name, tmp_path):
         refusal(lambda: read(path), "no column t")
     else:
         require_the_run(read(path)[0])
+
+
+@pytest.mark.parametrize(
+    "heads",
+    [
+        ["s,deg,deg,deg,Nm,Nm,Nm", "t," + names_of("q{}", "tau{}")],
+        ["t," + names_of("q{}", "tau{}"), ",deg,deg,deg,Nm,Nm,Nm"],
+        ["time,position [deg],,,torque,,", ",1,2,3,1,2,3"],
+        [",position,,,torque,,", "t [s],1 [deg],2 [deg],3 [deg],1,2,3"],
+        ["Time,Position [deg],,,Torque [Nm],,", "[s],J1,J2,J3,J1,J2,J3"],
+        [
+            "Zeit,Achse 1,Achse 2,Achse 3,Achse 1,Achse 2,Achse 3",
+            ",Position,Position,Position,Moment,Moment,Moment",
+            "s,Grad,Grad,Grad,Nm,Nm,Nm",
+        ],
+        [
+            ",Position,,,Torque,,",
+            "Time,J1,J2,J3,J1,J2,J3",
+            "[s],[deg],[deg],[deg],[Nm],[Nm],[Nm]",
+        ],
+        [
+            "File version,1.0,,,,,",
+            "Rate,100,Hz,,,,",
+            "t," + names_of("q{}_deg", "tau{}"),
+        ],
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-32"])
+def test_headers_of_several_rows(heads, encoding, tmp_path):
+    path = table(tmp_path / "run.csv", heads, T, DEGREES, TAU, encoding=encoding)
+    require_the_run(read(path, None)[0])
+
+
+def test_a_row_of_values_is_no_header(tmp_path):
+    heads = ["t,state," + names_of("q{}", "tau{}"), "0,idle,0,0,0,0,0,0"]
+    states = ["moving"] * len(T)
+    path = table(tmp_path / "run.csv", heads, T + 0.01, states, Q, TAU)
+    run, _ = read(path)
+    assert run.q.shape == (len(T) + 1, 3)
+    np.testing.assert_array_equal(run.q[0], np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    "writing",
+    [
+        lambda x: f"{x:,.6f}".replace(",", " ").replace(".", ","),
+        lambda x: f"{x:,.6f}".replace(",", "\u00a0").replace(".", ","),
+        lambda x: f"{x:,.6f}".replace(",", "\u202f").replace(".", ","),
+        lambda x: f"{x:,.6f}".replace(",", "'"),
+        lambda x: f"{x:.6f}".replace("-", "\u2212"),
+        lambda x: f"{x:.9E}".replace("E", "D"),
+    ],
+)
+def test_numbers_as_people_write_them(writing, tmp_path):
+    heads = ["t [ms];q1 [deg];q2 [deg];q3 [deg];tau1 [mNm];tau2 [mNm];tau3 [mNm]"]
+    values = np.c_[1000.0 * T, DEGREES, 1000.0 * TAU]
+    cells = [[writing(x) for x in row] for row in values]
+    require_the_run(read(table(tmp_path / "run.csv", heads, cells, mark=";"))[0])
+
+
+@pytest.mark.parametrize(
+    ("encoding", "words"),
+    [
+        ("gbk", "时间,关节{}角度,关节{}力矩"),
+        ("shift_jis", "時刻,関節角度{},関節トルク{}"),
+        ("euc_kr", "시간,관절{}각도,관절{}토크"),
+        ("cp1251", "Время,Угол{},Момент{}"),
+    ],
+)
+def test_letters_of_other_scripts(encoding, words, tmp_path):
+    clock, angle, torque = words.split(",")
+    heads = [f"{clock},{names_of(angle, torque)}"]
+    path = table(tmp_path / "run.csv", heads, T, Q, TAU, encoding=encoding)
+    require_the_run(read(path)[0])

@@ -46,7 +46,16 @@ _NO_TEXTS: dict[bytes, tuple[str, str]] = {
 #: Bytes of a file that its letters are judged by.
 _HEAD = 1 << 20
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
-_MARKS_OF_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+#: Byte-order marks and the letters that they stand for; UTF-32's begins like UTF-16's.
+_MARKS = {
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+#: Letters of other scripts, in the order in which they are tried: Chinese, Korean,
+#: Japanese, Cyrillic. A table is in them where its header has a word that is known.
+_OTHER_LETTERS = ("gb18030", "cp949", "cp932", "cp1251")
 
 
 @contextmanager
@@ -56,8 +65,8 @@ def open_text(path: Path) -> Iterator[IO[str]]:
     Parameters
     ----------
     path : Path
-        Path of a text in UTF-8, in UTF-16 with a byte-order mark, or in Windows'
-        encoding (cp1252); it may be packed by gzip, bzip2 or xz.
+        Path of a text in UTF-8, UTF-16, UTF-32 with a byte-order mark, or in an encoding
+        of Windows or of East Asia; it may be packed by gzip, bzip2 or xz.
 
     Yields
     ------
@@ -144,20 +153,43 @@ def _unpacker_of(path: Path) -> Callable[..., IO[Any]] | None:
 
 
 def _encoding_of(head: bytes) -> str:
-    """Return the encoding of a text by its first bytes: UTF-16, cp1252 (Windows) or
-    UTF-8.
+    """Return the encoding of a text by its first bytes.
 
-    A text that is no UTF-8 is cp1252 where few bytes are letters beyond ASCII and none
-    is a control character: a degree sign, an umlaut. A binary file stays UTF-8, whose
-    decoder refuses it.
+    UTF-16 without a mark has a zero byte beside each letter of ASCII. A text that is no
+    UTF-8 has few letters beyond ASCII and no control characters: it is in the letters of
+    another script where its header has a known word in them, else in cp1252 (Windows). A
+    binary file stays UTF-8, whose decoder refuses it.
     """
-    if head.startswith(_MARKS_OF_UTF_16):
-        return "utf-16"
+    for mark, encoding in _MARKS.items():
+        if head.startswith(mark):
+            return encoding
+    for encoding, zeros, letters in (
+        ("utf-16-le", head[1:400:2], head[0:400:2]),
+        ("utf-16-be", head[0:400:2], head[1:400:2]),
+    ):
+        if len(zeros) > 1 and not any(zeros) and all(letters):
+            return encoding
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
     except UnicodeDecodeError:
-        # A degree sign or an umlaut as Windows writes it; a binary file has more.
         n_letters = sum(byte >= 0x80 for byte in head)
         is_text = 20 * n_letters < len(head) and not _CONTROL.search(head)
-        return "cp1252" if is_text else "utf-8-sig"
+        return _letters_of(head) if is_text else "utf-8-sig"
     return "utf-8-sig"
+
+
+def _letters_of(head: bytes) -> str:
+    """Return the first encoding of another script in which a word of the first line is
+    known; cp1252 where none is."""
+    from sdp_vs_penalty.data.formats.column_names import WORDS, split_tokens
+
+    first_line = head.split(b"\n", 1)[0]
+    known = {word for words in WORDS.values() for word in words if not word.isascii()}
+    for encoding in _OTHER_LETTERS:
+        try:
+            words = split_tokens(first_line.decode(encoding))
+        except UnicodeDecodeError:
+            continue
+        if known & set(words):
+            return encoding
+    return "cp1252"

@@ -20,6 +20,7 @@ from sdp_vs_penalty.data.formats.text_file import (
     largest_text,
     open_text,
 )
+from sdp_vs_penalty.data.formats.units import UNITS_IN_NAMES
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import refuse_stand_in
 
@@ -46,14 +47,33 @@ _MARKUPS = {
 _COMMENTS = ("#", "//", "% ", "%%")
 _LONGEST_TITLE = 40
 
-_COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+#: Blanks and apostrophes between thousands: "1 007,5", "1'007.5".
+_GROUP_MARKS = " \u00a0\u2009\u202f'\u2019"
+_MARKED_GROUPS = re.compile(
+    rf"[-+]?\d{{1,3}}([{_GROUP_MARKS}]\d{{3}})+([.,]\d*)?([eE][-+]?\d+)?"
+)
+#: A minus sign of typography, and an exponent as Fortran writes it, "1.5D-01".
+_MINUS = "\u2212"
+_FORTRAN = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+))[dD]([-+]?\d+)")
+_COMMA_NUMBER = re.compile(
+    rf"[-+{_MINUS}]?\d+([{_GROUP_MARKS}]\d{{3}})*,\d+([eEdD][-+]?\d+)?"
+)
 #: Numbers with separators of thousands: "1.007,5" and "1,007.5".
 _POINT_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?")
 _COMMA_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?([eE][-+]?\d+)?")
 #: A number and its unit in one cell, "0.005 sec".
 _WITH_UNIT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([A-Za-z°µ%/]{1,6})")
 _LIST = re.compile(r"(array\s*)?[\[(].*[\])]", re.DOTALL)
-_UNIT = re.compile(r"[\[(]?[A-Za-z%°/*·^. 0-9-]{1,12}[\])]?")
+
+
+#: A header has at most so many rows.
+_MOST_HEAD_ROWS = 4
+#: A name and the unit in brackets that it ends with.
+_BRACKETS_AT_THE_END = re.compile(r"(.*?)\s*([\[(][^\[\]()]*[\])])\s*")
+#: Units of all quantities, and the mark of a number without one.
+_KNOWN_UNITS = frozenset(
+    {"-", *(unit.casefold() for units in UNITS_IN_NAMES.values() for unit in units)}
+)
 
 
 @dataclass(frozen=True)
@@ -202,7 +222,8 @@ def _join_wrapped(lines: Sequence[str]) -> list[str]:
 
 
 def plain_number(text: str, decimal: str = ".") -> str:
-    """Write a number with a decimal point and without separators of thousands.
+    """Write a number with a decimal point, without separators of thousands, and with the
+    minus sign and the exponent of computers.
 
     >>> plain_number("1.007,5", decimal=","), plain_number("1,007.5")
     ('1007.5', '1007.5')
@@ -219,6 +240,11 @@ def plain_number(text: str, decimal: str = ".") -> str:
     str
         The number; the text as it is where it holds no separators.
     """
+    text = text.replace(_MINUS, "-")
+    if match := _FORTRAN.fullmatch(text):
+        text = f"{match[1]}e{match[2]}"
+    if _MARKED_GROUPS.fullmatch(text):
+        text = re.sub(f"[{_GROUP_MARKS}]", "", text)
     if decimal == ",":
         text = text.replace(".", "") if _POINT_GROUPS.fullmatch(text) else text
         return text.replace(",", ".")
@@ -242,11 +268,12 @@ def is_number(text: str, decimal: str = ".") -> bool:
         False also for 1_000 and for digits of other scripts, which Python's float
         accepts.
     """
+    plain = plain_number(text, decimal)
     try:
-        float(plain_number(text, decimal))
+        float(plain)
     except ValueError:
         return False
-    return "_" not in text and text.strip().isascii()
+    return "_" not in plain and plain.strip().isascii()
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
@@ -408,9 +435,9 @@ def _find_header(
 ) -> tuple[list[str], int]:
     """Find the columns' names, and count the rows that they take.
 
-    The names stand in the last comment (no row), in the first row (1), or in two rows:
-    names and units, or names in two levels as pandas writes them. No names where the
-    first row holds values.
+    The names stand in the last comment (no row), in the first row (1), or in up to four
+    rows: names, units, and names in two levels, as pandas and spreadsheets write them.
+    No names where the first row holds values.
     """
     if not cells:
         return comment, 0
@@ -418,36 +445,92 @@ def _find_header(
         return comment, 0
     if not _is_header(cells, number):
         return [], 0
-    head = cells[0]
-    following = cells[1:]
-    if _has_two_levels(head, following, number):
-        levels = zip(head, following[0], strict=True)
-        return ["_".join(filter(None, pair)) for pair in levels], 2
-    is_as_wide = len(following) > 1 and len(following[0]) == len(head)
-    if is_as_wide and _is_row_of_units(following, number):
-        pairs = zip(head, following[0], strict=True)
-        return [_with_unit(name, unit) for name, unit in pairs], 2
-    return head, 1
+    n_rows = _n_head_rows(cells, number)
+    heads = [list(row) for row in cells[:n_rows]]
+    names = _names_of_rows(heads)
+    return names, n_rows
 
 
-def _has_two_levels(
-    head: Sequence[str],
-    following: Sequence[Sequence[str]],
-    number: partial[bool],
+def _n_head_rows(cells: Sequence[Sequence[str]], number: partial[bool]) -> int:
+    """Count the rows of the header: those above the first row that is mostly numbers.
+
+    A row of whole numbers belongs to the header where these tell apart names that repeat
+    above them, as in "q q tau tau" above "0 1 0 1". One row where no values follow.
+    """
+    width = len(cells[0])
+    for n_rows in range(1, min(_MOST_HEAD_ROWS, len(cells) - 1) + 1):
+        row = cells[n_rows]
+        if len(row) != width:
+            return 1
+        is_last = n_rows + 1 >= len(cells)
+        if _is_level(cells[:n_rows], row, number) and not is_last:
+            continue
+        if 2 * sum(map(number, row)) > width:
+            return n_rows
+        if any(number(cell) and not cell.isdigit() for cell in row):
+            return 1
+    return 1
+
+
+def _is_level(
+    above: Sequence[Sequence[str]], row: Sequence[str], number: partial[bool]
 ) -> bool:
-    """Return whether a second row tells apart names that repeat in the first, as pandas
-    writes columns of two levels: "q q tau tau" above "0 1 0 1"."""
-    if len(set(head)) == len(head) or len(following) < 2:
-        return False
-    second, third = following[0], following[1]
-    pairs = set(zip(head, second, strict=False))
-    is_unique = len(second) == len(head) and len(pairs) == len(head)
-    has_no_measurements = all(
-        not cell or cell.isdigit() or not number(cell) for cell in second
-    )
-    n_numbers = sum(map(number, third))
-    are_values_next = 2 * n_numbers > len(head) and len(third) == len(head)
-    return is_unique and has_no_measurements and are_values_next
+    """Return whether a row of whole numbers, texts and empty cells tells apart names that
+    repeat in the rows above it."""
+    names = _names_of_rows([list(x) for x in above])
+    filled = _names_of_rows([list(x) for x in (*above, row)])
+    has_no_measurements = all(x.isdigit() or not number(x) for x in row if x)
+    return has_no_measurements and len(set(names)) < len(set(filled)) == len(row)
+
+
+def _names_of_rows(rows: Sequence[list[str]]) -> list[str]:
+    """Put the names of columns together from the rows of a header.
+
+    Cells with a unit become the unit of the name; others are joined, "q" above "1" to
+    "q_1". An empty cell stands for the one before it where a name stands below it, as a
+    spreadsheet leaves cells that it has merged. A row of other words below names that
+    differ holds units that nobody knows.
+    """
+    rows = [
+        _filled(row, rows[k + 1 :]) if k + 1 < len(rows) else row
+        for k, row in enumerate(rows)
+    ]
+    names = [""] * len(rows[0])
+    for row in rows:
+        known = [_is_known_unit(cell) for cell in row]
+        is_units = all(known[k] or not cell for k, cell in enumerate(row))
+        are_names = all(name and not name.startswith(" [") for name in names)
+        has_names = are_names and len(set(names)) == len(names)
+        for k, cell in enumerate(row):
+            if is_units or has_names or (known[k] and names[k]):
+                names[k] = _with_unit(names[k], cell)
+            else:
+                names[k] = _joined(names[k], cell)
+    return [name.strip() for name in names]
+
+
+def _filled(row: Sequence[str], below: Sequence[Sequence[str]]) -> list[str]:
+    """Write the cell before it into each empty cell of a row above which stands no name,
+    and below which one does."""
+    out = list(row)
+    for k in range(1, len(row)):
+        has_name_below = any(x[k] and not _is_known_unit(x[k]) for x in below)
+        if not row[k] and has_name_below:
+            out[k] = out[k - 1]
+    return out
+
+
+def _joined(name: str, cell: str) -> str:
+    """Join two levels of a name; a unit in brackets stays at the end."""
+    match = _BRACKETS_AT_THE_END.fullmatch(name)
+    head, unit = (match[1], match[2]) if match else (name, "")
+    return "_".join(filter(None, (head.strip(), cell))) + (f" {unit}" if unit else "")
+
+
+def _is_known_unit(cell: str) -> bool:
+    """Return whether a cell of a header holds a unit alone, "[deg]"."""
+    bare = cell.strip("[](){} ").casefold()
+    return bare in _KNOWN_UNITS
 
 
 def _first_row_of_values(rows: Sequence[tuple[int, str]], n_head_rows: int) -> int:
@@ -570,17 +653,35 @@ def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
     """Leave out the title lines above a table.
 
     The table begins where most of the following rows have as many cells. Lines above it
-    are a title if each has less than half as many cells.
+    are a title if each has less than half as many cells that are not empty.
     """
     for k in range(min(_LONGEST_TITLE, len(rows) - 2)):
         lines = [line for _, line in rows[k:]]
         delimiter = _find_delimiter(lines)
         width = len(split_cells(lines[0], delimiter))
+        if _is_padded_title(lines, delimiter):
+            continue
         if width >= 2 and _share_of_width(lines, delimiter, width) >= 0.5:
             titles = [split_cells(line, delimiter) for _, line in rows[:k]]
-            is_title = all(2 * len(title) <= width for title in titles)
+            is_title = all(2 * _n_filled(title) <= width for title in titles)
             return rows[k:] if is_title else rows
     return rows
+
+
+def _n_filled(cells: Sequence[str]) -> int:
+    """Count the cells of a row up to the last that is not empty."""
+    return max((k for k, cell in enumerate(cells, 1) if cell.strip()), default=0)
+
+
+def _is_padded_title(lines: Sequence[str], delimiter: str | None) -> bool:
+    """Return whether the first of some lines is a title that a spreadsheet has filled up
+    with separators: cells on the left alone, and below it a row without empty cells."""
+    if delimiter is None:
+        return False
+    first = split_cells(lines[0], delimiter)
+    n_filled = _n_filled(first)
+    is_full = any(all(split_cells(line, delimiter)) for line in lines[1:_LONGEST_TITLE])
+    return is_full and all(first[:n_filled]) and 2 * n_filled <= len(first)
 
 
 def _share_of_width(
@@ -637,22 +738,9 @@ def _is_header(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
     return any(a and not number(a) and number(b) for a, b in pairs)
 
 
-def _is_row_of_units(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
-    """Return whether the first of some rows holds units, and mostly numbers follow
-    it."""
-    units = cells[0]
-    following = cells[1] if len(cells) > 1 else []
-    if not any(units) or len(following) != len(units):
-        return False
-    are_units = all(
-        not cell or (not number(cell) and _UNIT.fullmatch(cell)) for cell in units
-    )
-    return are_units and sum(map(number, following)) > 0.5 * len(following)
-
-
 def _with_unit(name: str, unit: str) -> str:
     """Append a unit to a column's name, "q1 [deg]"; no unit leaves it as it is."""
-    bare = unit.strip("[]() ")
+    bare = unit.strip("[](){} ")
     return f"{name} [{bare}]" if bare else name
 
 

@@ -257,7 +257,7 @@ def _pattern(unit: str) -> re.Pattern[str]:
     The unit stands behind a mark or blank ("pos_deg"), or begins with a capital letter
     ("posDeg"). It is no part of a longer word.
     """
-    behind_a_mark = r"(?<![A-Za-zµ°/·*])"
+    behind_a_mark = r"(?<![^\W\d_])(?<![°/·*])"  # and not behind a letter of any script
     at_a_capital = r"(?<=[a-z])(?=[A-Z][a-z]{2})"
     number_and_marks = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
     begin = f"(?:{behind_a_mark}|{at_a_capital})"
