@@ -464,7 +464,7 @@ def test_letters_and_words_tell_joints_apart(joints, tmp_path):
 
 
 def test_two_encoders_of_each_joint_are_not_guessed(tmp_path):
-    patterns = ("motor_pos_{}", "link_pos_{}", "torque_{}")
+    patterns = ("primary_pos_{}", "secondary_pos_{}", "torque_{}")
     names = [pattern.format(k) for pattern in patterns for k in (1, 2, 3)]
     path = table(
         tmp_path / "run.csv",
@@ -474,7 +474,9 @@ def test_two_encoders_of_each_joint_are_not_guessed(tmp_path):
         Q,
         TAU,
     )
-    refusal(lambda: silently(path), "motor_pos_1 to motor_pos_3 or link_pos_1 to")
+    refusal(
+        lambda: silently(path), "primary_pos_1 to primary_pos_3 or secondary_pos_1 to"
+    )
 
 
 @pytest.mark.parametrize("step", [0.001, 1.0])

@@ -307,3 +307,51 @@ def test_letters_of_other_scripts(encoding, words, tmp_path):
     heads = [f"{clock},{names_of(angle, torque)}"]
     path = table(tmp_path / "run.csv", heads, T, Q, TAU, encoding=encoding)
     require_the_run(read(path)[0])
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("motor_position_{}", "joint_position_{}", "joint_torque_{}"),
+        ("motor_pos_{}", "link_pos_{}", "torque_{}"),
+        ("pos_motor_{}", "pos_link_{}", "tau_{}"),
+        ("q{}_motor", "q{}_link", "tau{}"),
+        ("qm{}", "ql{}", "tau{}"),
+        ("q_m_{}", "q_l_{}", "tau_{}"),
+        ("theta_m_{}", "theta_l_{}", "tau_{}"),
+        ("theta_m{}", "q_{}", "tau_{}"),
+    ],
+)
+def test_links_come_before_motors(names, tmp_path):
+    motor, link, torque = names
+    heads = [f"time,{names_of(motor, link, torque)}"]
+    path = table(tmp_path / "run.csv", heads, T, 50.0 * Q, Q, TAU)
+    run, said = read(path)
+    require_the_run(run)
+    if not motor.startswith("theta_m{"):  # another word, which comes behind q
+        first, last = motor.format(1), motor.format(3)
+        assert f"the motors' ({first} to {last}) are not used" in said
+
+
+def test_torques_of_links_come_before_those_of_motors(tmp_path):
+    patterns = "theta_{}", "q_{}", "tau_m_{}", "tau_j_{}"
+    heads = [f"time,{names_of(*patterns)}"]
+    path = table(tmp_path / "run.csv", heads, T, 50.0 * Q, Q, 0.01 * TAU, TAU)
+    require_the_run(read(path)[0])
+
+
+def test_links_and_motors_of_named_joints(tmp_path):
+    patterns = "{}_motor_position", "{}_position", "{}_effort"
+    heads = [f"time,{names_of(*patterns, joints=JOINTS)}"]
+    require_the_run(read(table(tmp_path / "run.csv", heads, T, 50.0 * Q, Q, TAU))[0])
+
+
+def test_measured_positions_alone_are_no_motors(tmp_path):
+    heads = [f"time,{names_of('q_m_{}', 'q_d_{}', 'tau_{}')}"]
+    require_the_run(read(table(tmp_path / "run.csv", heads, T, Q, Q + 1.0, TAU))[0])
+
+
+def test_torques_of_motors_are_said(tmp_path):
+    heads = [f"time,{names_of('joint_position_{}', 'motor_torque_{}')}"]
+    _, said = read(table(tmp_path / "run.csv", heads, T, Q, TAU))
+    assert "tau are the motors' torques" in said

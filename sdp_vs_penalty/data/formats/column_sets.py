@@ -2,12 +2,19 @@
 
 import re
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
-from sdp_vs_penalty.data.formats.column_names import WORDS, Reading
+from sdp_vs_penalty.data.formats.column_names import WORDS, Reading, split_tokens
 
 #: How columns can be told apart, the surest first.
 _STYLES = ("joint", "number", "block", "name")
+#: Words of what is measured at the motor, before the gear, and of what is at the link.
+_MOTOR_WORDS = frozenset({"motor", "motors", "mot", "actuator", "drive", "rotor"})
+_LINK_WORDS = frozenset({"link", "joint", "arm", "load", "l", "j"})
+#: Symbols that mean the motor only beside columns with a link's symbol, or without one:
+#: q_m beside q_l. Alone, q_m is what was measured.
+_MOTOR_SYMBOLS = {"qm": "q", "m": ""}
+_LINK_SYMBOLS = {"ql": "q", **dict.fromkeys(_LINK_WORDS, "")}
 
 
 @dataclass(frozen=True)
@@ -91,20 +98,82 @@ def _sets_of_names(
     """Make sets of columns, each with one column for each joint, of some names.
 
     The names share a style (how they tell the joints apart: "joint", "number", "name"
-    or "block") and their further words. Usually they are one set. Position columns with
-    two ways of numbering (motor_pos_1 and link_pos_1) have two columns for each joint,
-    so they are split by their names.
+    or "block") and their further words. Usually they are one set. Motors and links have
+    two columns for each joint (motor_pos_1 and link_pos_1), so they are split by these
+    words. Position columns with other ways of numbering are split by their names.
 
     Returns the columns by joint, number or words; an empty list if they are no set.
     """
     columns = _columns_by_joint(style, names, readings)
     if columns:
         return [columns]
-    if quantity != "q" or style != "number":
-        return []
-    parts = [part for part in _named_alike(names) if len(part) < len(names)]
-    split_sets = [_columns_by_joint(style, part, readings) for part in parts]
-    return [columns for columns in split_sets if columns]
+    split_sets = _sets_of_parts(style, _by_side(names), readings)
+    if not split_sets and quantity == "q" and style == "number":
+        parts = [part for part in _named_alike(names) if len(part) < len(names)]
+        split_sets = _sets_of_parts(style, parts, readings)
+    return split_sets
+
+
+def _sets_of_parts(
+    style: str, parts: Sequence[Sequence[str]], readings: Mapping[str, Reading]
+) -> list[dict[Hashable, str]]:
+    """Make a set of columns of each part of the names; without the parts that are no
+    set."""
+    sets = [_columns_by_joint(style, part, readings) for part in parts]
+    return [columns for columns in sets if columns]
+
+
+def _by_side(names: Sequence[str]) -> list[list[str]]:
+    """Split columns by the words and symbols for motors and links in their names."""
+    sides = dict[frozenset[str], list[str]]()
+    known = {*_MOTOR_WORDS, *_LINK_WORDS, *_MOTOR_SYMBOLS}
+    for name in names:
+        sides.setdefault(frozenset(known & set(split_tokens(name))), []).append(name)
+    return list(sides.values()) if len(sides) > 1 else []
+
+
+def is_of_motors(columns: ColumnSet, others: Sequence[ColumnSet]) -> bool:
+    """Return whether a set of columns was measured at the motors, where another set was
+    measured at the links.
+
+    Parameters
+    ----------
+    columns : ColumnSet
+        Columns of one quantity.
+    others : Sequence[ColumnSet]
+        All sets of that quantity, of which those with the same joints count.
+
+    Returns
+    -------
+    bool
+        By a word in the names, or by the symbol m beside l, j or no symbol.
+    """
+    tokens = _words_of(columns)
+    beside = [
+        _words_of(other)
+        for other in others
+        if other.keys == columns.keys and other.columns != columns.columns
+    ]
+    if _MOTOR_WORDS & set(tokens):
+        return any(not _MOTOR_WORDS & set(other) for other in beside)
+    if not set(_MOTOR_SYMBOLS) & set(tokens):
+        return False
+    stem = _without_symbols(tokens, _MOTOR_SYMBOLS)
+    return any(
+        _without_symbols(other, _LINK_SYMBOLS) == stem and other != tokens
+        for other in beside
+    )
+
+
+def _words_of(columns: ColumnSet) -> list[str]:
+    """List the words in the name of a set's first column."""
+    name = next(iter(columns.columns.values()))
+    return [token for token in split_tokens(name) if token.isalpha()]
+
+
+def _without_symbols(tokens: Sequence[str], symbols: Mapping[str, str]) -> list[str]:
+    """Return tokens without the symbols for motors or links: "q" of "ql", "q m"."""
+    return [x for token in tokens if (x := symbols.get(token, token))]
 
 
 def _named_alike(names: Sequence[str]) -> list[list[str]]:
@@ -189,11 +258,13 @@ class SetChoice:
     """The chosen set of each quantity.
 
     ``rivals`` are other sets of positions that are equally good: where there are some,
-    the user has to choose.
+    the user has to choose. ``left_out`` are sets of the motors, by quantity, in whose
+    place those of the links are taken.
     """
 
     sets: dict[str, ColumnSet]
     rivals: tuple[ColumnSet, ...] = ()
+    left_out: Mapping[str, ColumnSet] = field(default_factory=dict)
 
 
 def choose_sets(
@@ -206,7 +277,8 @@ def choose_sets(
     that have the same joints.
 
     Positions without torques or commands for the same joints are no candidates. Among
-    the candidates the preference of the positions decides.
+    the candidates the preference of the positions decides. Sets of the motors are taken
+    only where the links have none.
 
     Parameters
     ----------
@@ -228,6 +300,14 @@ def choose_sets(
         quantity: column_sets(quantity, readings)
         for quantity in WORDS
         if quantity != "t"
+    }
+    of_motors = {
+        quantity: [x for x in sets if is_of_motors(x, sets)]
+        for quantity, sets in sets_of_quantity.items()
+    }
+    sets_of_quantity = {
+        quantity: [x for x in sets if x not in of_motors[quantity]]
+        for quantity, sets in sets_of_quantity.items()
     }
     torques = sets_of_quantity["tau"]
     candidates = list[dict[str, ColumnSet]]()
@@ -252,7 +332,13 @@ def choose_sets(
     rivals = [
         other["q"] for other in others if other["q"].preference == best["q"].preference
     ]
-    return SetChoice(best, tuple(rivals))
+    left_out = {
+        quantity: columns
+        for quantity, sets in of_motors.items()
+        for columns in sets
+        if quantity in best and columns.keys >= best[quantity].keys
+    }
+    return SetChoice(best, tuple(rivals), left_out)
 
 
 def _is_candidate(positions: ColumnSet, n_joints: int | None, has_blocks: bool) -> bool:

@@ -662,7 +662,7 @@ def _by_words(
     return Recognition(
         rename,
         scale,
-        units=tuple(_units_of_words(rename, readings)),
+        units=(*_units_of_words(rename, readings), *_left_out(choice)),
         joints=joint_names,
         order=order,
         episode="episode_index" if "episode_index" in names else None,
@@ -834,9 +834,28 @@ def _units_of_words(
     torque_columns = [
         n for our_name, n in rename.items() if group_of(our_name) == "tau"
     ]
+    are_motors = [any("motor" in x.lower() for x in position_columns)]
+    are_motors += [any("motor" in x.lower() for x in torque_columns)]
+    if are_motors == [False, True]:
+        sentences.append(
+            "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"
+            " of them"
+        )
     if any(_CURRENTS & set(readings[name].words) for name in torque_columns):
         sentences.append("tau is a current in A: --scale tau=... makes torques of it")
     return sentences
+
+
+def _left_out(choice: SetChoice) -> list[str]:
+    """Format which columns of the motors were left out for those of the links, one
+    sentence a quantity."""
+    what = {"q": "positions", "dq": "velocities", "tau": "torques"}
+    return [
+        f"{quantity} are the links' {what[quantity]}, the motors'"
+        f" ({_first_to_last(columns)}) are not used"
+        for quantity, columns in choice.left_out.items()
+        if quantity in what
+    ]
 
 
 def _unknown_units(
