@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from recorded import refusal
 
+from sdp_vs_penalty import load_measurements
 from sdp_vs_penalty.data import Measurements, read_run
 from sdp_vs_penalty.errors import Remark
 
@@ -355,3 +356,36 @@ def test_torques_of_motors_are_said(tmp_path):
     heads = [f"time,{names_of('joint_position_{}', 'motor_torque_{}')}"]
     _, said = read(table(tmp_path / "run.csv", heads, T, Q, TAU))
     assert "tau are the motors' torques" in said
+
+
+@pytest.mark.parametrize(
+    ("stem", "first", "heads"),
+    [
+        ("joint", 1, "t,q,tau"),
+        ("joint_", 0, "time,pos,effort"),
+        ("axis", 1, "Time (s),Position (rad),Torque (Nm)"),
+        ("arm-J", 1, "timestamp,position,torque"),
+    ],
+)
+@pytest.mark.parametrize("late", [0.0, 0.0007])
+def test_a_folder_with_a_file_a_joint_is_one_run(stem, first, heads, late, tmp_path):
+    for k in range(3):
+        path = tmp_path / f"{stem}{k + first}.csv"
+        table(path, [heads], T + k * late, Q[:, k], TAU[:, k])
+    for run in (read(tmp_path)[0], load_measurements(tmp_path)):
+        require_the_run(run)
+
+
+def test_ten_files_of_joints_come_in_the_order_of_their_numbers(tmp_path):
+    for k in range(10):
+        path = tmp_path / f"joint{k + 1}.csv"
+        table(path, ["t,q,tau"], T, Q[:, 0] + k, TAU[:, 0])
+    run, _ = read(tmp_path, None)
+    np.testing.assert_allclose(run.q[0] - Q[0, 0], np.arange(10), atol=1e-9)
+
+
+def test_runs_in_which_one_joint_moves_stay_runs(tmp_path):
+    for k in range(3):
+        path = tmp_path / f"joint{k + 1}.csv"
+        table(path, ["t," + names_of("q{}", "tau{}")], T, Q + k, TAU)
+    assert len(load_measurements(tmp_path).runs()) == 3

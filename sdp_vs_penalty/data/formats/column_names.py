@@ -166,6 +166,22 @@ def is_no_measurement(name: str) -> bool:
     return bool(_OTHERS & set(split_tokens(name)))
 
 
+def is_word_for_joint(words: Sequence[str]) -> bool:
+    """Return whether words mean a joint: "joint", "arm axis".
+
+    Parameters
+    ----------
+    words : Sequence[str]
+        Words in small letters.
+
+    Returns
+    -------
+    bool
+        True where one is a word for a joint, and the others say nothing.
+    """
+    return bool(_JOINTS & set(words)) and set(words) <= FILLERS
+
+
 def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
     """Read quantity, joint and unit off a column's name.
 

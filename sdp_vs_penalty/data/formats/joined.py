@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, csv, format_of
-from sdp_vs_penalty.data.formats.column_names import read_name
+from sdp_vs_penalty.data.formats.column_names import (
+    is_word_for_joint,
+    read_name,
+    split_tokens,
+)
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.formats.recognition import CellTable, find_clock, recognise
-from sdp_vs_penalty.data.formats.renaming import expanded, parts_of
+from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
 from sdp_vs_penalty.data.formats.stamps import second_part_unit
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.merging import half_period, nearest_rows
@@ -25,6 +29,10 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Suffixes of the files of a folder that holds one run, a file a quantity.
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".npy")
+
+
+#: Those of a folder with a file a joint.
+_TABLES = (*_SUFFIXES, ".npz", ".parquet", ".mat")
 
 
 @dataclass(frozen=True)
@@ -119,7 +127,8 @@ def files_of_run(path: Path) -> list[Path]:
     ----------
     path : Path
         Either "positions.csv+torques.csv", or a folder with one file for each quantity,
-        whose names say the quantity ("dataQ.txt", "dataCur.txt").
+        whose names say the quantity ("dataQ.txt", "dataCur.txt"), or with one file for
+        each joint ("joint1.csv", "joint2.csv").
 
     Returns
     -------
@@ -145,12 +154,16 @@ def _in_first_folder(path: Path, folder: Path) -> Path:
 
 
 def _files_of_folder(folder: Path) -> list[Path]:
-    """List the files of a folder that together are one run, one quantity in each.
+    """List the files of a folder that together are one run, one quantity or one joint
+    in each.
 
     Empty where the names of the files do not say positions and torques (or commands),
     or where the file of positions holds torques as well and so is a run by itself.
     """
-    files = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES]
+    tables = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _TABLES]
+    if files_of_joints := _files_of_joints(tables):
+        return files_of_joints
+    files = [p for p in tables if p.suffix.lower() in _SUFFIXES]
     quantity_of_file = {file: _quantity_of(file) for file in files}
     quantities = set(quantity_of_file.values())
     if "q" not in quantities or not {"tau", "qcmd"} & quantities:
@@ -166,6 +179,49 @@ def _files_of_folder(folder: Path) -> list[Path]:
     if is_run_by_itself:
         return []
     return [file for file in files if quantity_of_file[file] is not None]
+
+
+def _files_of_joints(files: Sequence[Path]) -> list[Path]:
+    """List the files of a folder that hold a joint each, in the joints' order.
+
+    Their names are a word for a joint and its number, "joint3.csv", counted from 0 or 1
+    without a gap. Empty where the folder has no such files, or where they hold several
+    joints and so are runs in which one joint moves.
+    """
+    file_of_number = dict[int, Path]()
+    words_of_files = set[tuple[str, ...]]()
+    for file in files:
+        tokens = split_tokens(file.stem)
+        words = tuple(token for token in tokens if not token.isdigit())
+        if is_word_for_joint(words) and len(tokens) == len(words) + 1:
+            number = next(int(token) for token in tokens if token.isdigit())
+            file_of_number[number] = file
+            words_of_files.add((*words, file.suffix.lower()))
+    numbers = sorted(file_of_number)
+    is_one_family = len(words_of_files) == 1 and len(numbers) > 1
+    first = numbers[0] if numbers else 0
+    if (
+        not is_one_family
+        or numbers != list(range(first, first + len(numbers)))
+        or first > 1
+    ):
+        return []
+    in_order = [file_of_number[number] for number in numbers]
+    return in_order if _holds_one_joint(in_order[0]) else []
+
+
+def _holds_one_joint(path: Path) -> bool:
+    """Return whether a table's positions, as far as they are recognised, are of one
+    joint."""
+    try:
+        with reading(path):
+            table = (format_of(path) or csv).inspect(path)
+            recognition = recognise(list(table.kinds), None, table)
+    except InputError:
+        return False
+    rename = {} if recognition is None else recognition.rename
+    positions = [their for ours, their in rename.items() if group_of(ours) == "q"]
+    return len(positions) < 2 and "list" not in map(table.kinds.get, positions)
 
 
 def _quantity_of(path: Path) -> str | None:
