@@ -29,6 +29,42 @@ def is_mjcf(path: str | Path) -> bool:
     return re.search(rb"<mujoco[\s>/]", read_bytes(path)) is not None
 
 
+def is_xacro(content: bytes) -> bool:
+    """Return whether a file holds macros of xacro.
+
+    Parameters
+    ----------
+    content : bytes
+        Of an XML file.
+
+    Returns
+    -------
+    bool
+        True where it has to be expanded.
+    """
+    return re.search(rb"<xacro:[a-z]", content) is not None
+
+
+def unexpanded(path: Path) -> InputError:
+    """Return the error of a xacro file that is not expanded, with the command for it.
+
+    Parameters
+    ----------
+    path : Path
+        Of the xacro file.
+
+    Returns
+    -------
+    InputError
+        To be raised.
+    """
+    out = path.with_suffix("") if path.suffix == ".xacro" else path
+    out = out.with_name(f"{out.stem}_expanded.urdf")
+    command = f"xacro {shlex.quote(str(path))} > {shlex.quote(str(out))}"
+    remedy = f"expand it with `{command}`, or pip install xacro"
+    return InputError("a xacro file, which is no URDF yet", remedy, path)
+
+
 @contextmanager
 def expanded_robot(path: Path) -> Iterator[Path]:
     """Expand a xacro file into a URDF for the length of a block; a URDF stays as it is.
@@ -48,17 +84,13 @@ def expanded_robot(path: Path) -> Iterator[Path]:
     InputError
         The package xacro is not installed, or refuses the file.
     """
-    if not re.search(rb"<xacro:[a-z]", read_bytes(path)):
+    if not is_xacro(read_bytes(path)):
         yield path
         return
     try:
         import xacro
     except ImportError as error:
-        out = path.with_suffix("") if path.suffix == ".xacro" else path
-        out = out.with_name(f"{out.stem}_expanded.urdf")
-        command = f"xacro {shlex.quote(str(path))} > {shlex.quote(str(out))}"
-        remedy = f"expand it with `{command}`, or pip install xacro"
-        raise InputError("a xacro file, which is no URDF yet", remedy, path) from error
+        raise unexpanded(path) from error
     try:
         text = xacro.process_file(str(path)).toxml()
     except Exception as error:

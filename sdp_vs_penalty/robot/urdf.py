@@ -29,12 +29,15 @@ from sdp_vs_penalty.robot.joint import (
     hold_followers,
     resolve_mimic_joints,
 )
+from sdp_vs_penalty.robot.model_files import is_xacro, unexpanded
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot, check_held
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and
 #: overflow on the way.
 LARGEST_NUMBER = 1e9
+#: Angles in radians need no more than a turn; files that count on stay below two [rad].
+_LARGEST_ANGLE = 4.0 * np.pi
 #: Links of one file: humanoids with two hands have 200, and a chain of all must not
 #: exhaust the stack.
 _MOST_LINKS = 500
@@ -122,7 +125,7 @@ def pose_of(element: Any) -> Array:
     Raises
     ------
     InputError
-        Its attributes are no numbers.
+        Its attributes are no numbers, or its angles are beyond two turns: degrees.
     """
     origin = element.find("origin")
     out = np.eye(4)
@@ -134,6 +137,11 @@ def pose_of(element: Any) -> Array:
         0.0,
     )
     angles = _numbers(origin, "rpy", 0.0, 0.0, 0.0)
+    if max(map(abs, angles)) > _LARGEST_ANGLE:
+        written = origin.get("rpy")
+        what = f"line {origin.sourceline}, <origin rpy={written[:40]!r}> is in degrees"
+        radians = " ".join(f"{x:.12g}" for x in np.radians(angles))
+        raise InputError(what, f'write radians, as in rpy="{radians}"')
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
     out[0, :3] = [
         cy * cp,
@@ -345,12 +353,14 @@ def parse_urdf(path: str | Path) -> Any:
     Raises
     ------
     InputError
-        The file is no XML.
+        The file is no XML, or a xacro file that is not expanded.
     """
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
     parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
     content = read_bytes(path)
     refuse_stand_in(path, content)
+    if is_xacro(content):
+        raise unexpanded(Path(path))
     try:
         return etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:

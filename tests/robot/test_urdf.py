@@ -9,7 +9,9 @@ import pytest
 from arms import urdfdom_torque
 from recorded import refusal, refusals, same_refusal
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import load_urdf
+from sdp_vs_penalty.robot.urdf import parse_urdf
 
 #: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind
 #: two fixed joints, a camera arm as a branch, a fixed pedestal; link "upper" and the
@@ -94,3 +96,24 @@ def test_entities_and_missing_files_do_no_harm(tmp_path):
     )
     refusal(lambda: load_urdf(path), "no moving joint")
     refusal(lambda: load_urdf(tmp_path / "absent.urdf"), "cannot be read")
+
+
+@pytest.mark.parametrize("place", ["joint", "inertial"])
+def test_angles_in_degrees_are_refused_with_their_radians(place, tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "my_arm.urdf").read_text()
+    origin = {"joint": '<origin xyz="0.4 0 0"', "inertial": '<origin xyz="0.2 0 0"'}[
+        place
+    ]
+    path = tmp_path / "arm.urdf"
+    path.write_text(text.replace(origin, f'{origin} rpy="90 0 -180"'))
+    with pytest.raises(
+        InputError, match=r"in degrees.*1\.57079632679 0 -3\.14159265359"
+    ):
+        load_urdf(path)
+
+
+def test_macros_are_refused_by_every_reader(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text('<robot name="a"><link name="b"/><xacro:hand parent="b"/></robot>')
+    with pytest.raises(InputError, match="a xacro file, which is no URDF yet"):
+        parse_urdf(path)
