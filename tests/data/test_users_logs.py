@@ -389,3 +389,16 @@ def test_runs_in_which_one_joint_moves_stay_runs(tmp_path):
         path = tmp_path / f"joint{k + 1}.csv"
         table(path, ["t," + names_of("q{}", "tau{}")], T, Q + k, TAU)
     assert len(load_measurements(tmp_path).runs()) == 3
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("{}_pos", "{}_frc"),
+        ("jointpos_{}", "jointactuatorfrc_{}"),
+        ("{}_jointpos", "{}_actuatorfrc"),
+    ],
+)
+def test_sensors_of_mujoco(names, tmp_path):
+    heads = [f"time,{names_of(*names, joints=JOINTS)}"]
+    require_the_run(read(table(tmp_path / "run.csv", heads, T, Q, TAU))[0])
