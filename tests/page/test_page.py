@@ -119,12 +119,22 @@ def story(
         yield seen
 
 
+def test_files_are_chosen_checked_and_identified(context, server, files):
+    """The way to a model, drawn; the long story goes on from there."""
+    page = open_page(context, server)
+    driver.choose(page, "two_link", files[:1])
+    act(page, "identify", "[data-part=fit] .js-line")
+    assert page.locator("[data-part=fit] .js-line").count() >= 2
+
+
+@pytest.mark.long
 def test_the_error_falls_before_ones_eyes(story):
     assert story["click"] < 2.0  # 0.1 s where nothing else runs
     before, after = story["errors"][0]
     assert after < 0.6 * before
 
 
+@pytest.mark.long
 def test_the_page_is_accessible_and_what_is_taken_away_works(story, files):
     assert story["barriers"] == []
     folder = story["folder"]
@@ -150,6 +160,7 @@ def test_the_page_is_accessible_and_what_is_taken_away_works(story, files):
     assert not re.search(r"<(script|img|link)[^>]+(src|href)=[\"']?(http|//)", html)
 
 
+@pytest.mark.long
 def test_the_report_draws_and_is_accessible(story, browser):
     """Joints are zoomed together, far figures wait, and no script was refused."""
     path = story["folder"] / "report.html"
