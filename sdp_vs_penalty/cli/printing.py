@@ -223,7 +223,7 @@ def diagnosis(
     from sdp_vs_penalty.render.words import describe_diagnosis
 
     words = describe_diagnosis(result, units, str(model))
-    shown = result.effects if verbose else without_trailing_weak(result.effects)
+    shown = result.effects if verbose else result.worth_showing
     say(words.verdict, style="bold")
     if result.unexplained_sentence or not has_findings:
         paragraph(words.advice)
@@ -276,16 +276,6 @@ def _findings(
         )
     if more := words.findings[len(shown) :]:
         paragraph(f"further weak candidates: {'; '.join(f.title for f in more)}")
-
-
-def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:
-    """Return the findings without the weak ones at their end, except for two of
-    these.
-    """
-    certain = [k for k, f in enumerate(effects, start=1) if f.torque_is_certain]
-    n_up_to_last_certain = certain[-1] if certain else 0
-    trailing = effects[n_up_to_last_certain:]
-    return [*effects[:n_up_to_last_certain], *trailing[:2]]
 
 
 def before_after(

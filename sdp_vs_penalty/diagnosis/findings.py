@@ -18,6 +18,7 @@ from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, passing_sentence
 from sdp_vs_penalty.effects import (
     FittedEffect,
+    effect_in_words,
     effect_name,
     effect_types,
     on_the_arm,
@@ -222,6 +223,21 @@ class Finding(Rated):
     def size_text(self) -> str:
         """The size with its 95 % interval, such as "3.123 ± 0.49 N m (95 %)"."""
         return format_size(self.size, self.std, self.unit)
+
+    @property
+    def title(self) -> str:
+        """The effect and its place, such as "Stribeck friction, joint 3"."""
+        place = formatting.joints(self.joints) if self.joints else "whole robot"
+        return f"{formatting.sentence(effect_name(self.effect))}, {place}"
+
+    @property
+    def line(self) -> str:
+        """The finding in one line: title, rating unless it is confident, size, and what
+        fits as well."""
+        rating = "" if self.rating == "confident" else f" ({self.rating})"
+        rivals = "; ".join(map(effect_in_words, self.indistinguishable_from))
+        fits = f"; fits as well: {rivals}" if rivals else ""
+        return f"{self.title}{rating}: {self.size_text}{fits}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON of the finding, with its rating.
@@ -921,13 +937,25 @@ class Diagnosis(Record, JsonRecord):
             """Write the numbers of all joints."""
             return ", ".join(f"{x:.3g}" for x in values)
 
-        rows = [("next", self.advice)]
+        rows = [
+            (f"finding {number}", finding.line)
+            for number, finding in enumerate(self.worth_showing, start=1)
+        ]
+        rows.append(("next", self.advice))
         rows.append(("held-out RMSE", in_words(self.held_out_rmse_before)))
         if self.effects or self.retuned:
             rows.append(("with the findings", in_words(self.held_out_rmse)))
         name = "noise floor" if self.noise_source == REPETITION else "noise (estimated)"
         rows.append((name, in_words(self.noise_floor)))
         return self.headline, rows
+
+    @property
+    def worth_showing(self) -> tuple[Finding, ...]:
+        """The findings without the weak ones at their end, except for two of these."""
+        certain = [
+            k for k, f in enumerate(self.effects, start=1) if f.torque_is_certain
+        ]
+        return self.effects[: (certain[-1] if certain else 0) + 2]
 
     def _table(self) -> Table:
         """Return the table of findings and re-estimated constants for display."""

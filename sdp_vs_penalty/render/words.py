@@ -150,7 +150,7 @@ def describe_finding(
     rivals = [effect_in_words(text) for text in finding.indistinguishable_from]
     run = finding.telling_run(model, place_in_list)
     return FindingWords(
-        title=f"{plain_name(finding.effect)}, {place(finding.joints)}",
+        title=finding.title,
         on_the_arm=finding.on_the_arm,
         rating=finding.rating,
         size=finding.size_text,

@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis import (
     size_in_model,
     std_of_both,
 )
+from sdp_vs_penalty.diagnosis.findings import REASONS
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.signals import REPETITION
 
@@ -88,6 +89,27 @@ def test_the_headline_names_effects_whose_law_is_open():
         "Missing: pre-sliding hysteresis on joints 4 and 7"
         " (1 confident and 2 near-tie findings)."
     )
+
+
+def test_a_printed_diagnosis_names_findings_that_are_not_sure():
+    doubt = {"confidence": "weak", "remarks": (REASONS["small"],)}
+    weak = [finding("backlash", joint, **doubt) for joint in (1, 3, 5)]
+    found = diagnosis(
+        finding("presliding_hysteresis", 4),
+        finding("joint_spring", 2, "base_tilt"),
+        *weak,
+    )
+    printed = str(found)
+    lines = (
+        "finding 1: Pre-sliding hysteresis, joint 4: 1 ± 0.2 N m (95 %)",
+        "finding 2: Joint spring, joint 2 (near-tie): 1 ± 0.2 N m (95 %);"
+        " fits as well: base tilt",
+        "finding 3: Backlash, joint 1 (weak): 1 ± 0.2 N m (95 %)",
+        "finding 4: Backlash, joint 3 (weak): 1 ± 0.2 N m (95 %)",
+    )
+    for line in lines:
+        assert line in printed
+    assert "finding 5" not in printed  # two weak ones at the end are enough
 
 
 def test_effects_that_are_certain_are_counted():
