@@ -7,7 +7,6 @@ load, a zero, or a fault of its log alone) is claimed with that run named.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 
@@ -75,7 +74,8 @@ class LoggerJudge:
     reports : of all runs, with their facts; logs : by the run's number, the rows of
     those whose dynamics can be judged; only_in : by the run's number, what is repaired
     in that run alone; issues_of_one : by the run's number, the issues of that run
-    alone.
+    alone; clock_shifts : by the run's number, the time [s] by which its clock is put
+    forward in the log of all runs together.
     """
 
     def __init__(
@@ -108,6 +108,7 @@ class LoggerJudge:
         as_logged = LogTransform.unchanged(problem.robot.n, problem.robot.gravity)
         self.only_in = dict.fromkeys(self.logs, as_logged)
         self.issues_of_one: dict[int, list[Issue]] = {k: [] for k in self.logs}
+        self.clock_shifts: dict[int, float] = {}
 
     def rows_of(self, run: Measurements) -> Likelihood:
         """Return the filtered rows of one run, to fit arms to. Raises InputError for a
@@ -144,8 +145,14 @@ class LoggerJudge:
         return self.reports
 
     def _search(self) -> RepairSearch:
-        """Return the search over the rows of all runs, as repaired so far."""
+        """Return the search over the rows of all runs, as repaired so far.
+
+        The repair of one run may change its clock: the shifts of all clocks are worked
+        out anew.
+        """
         logs = [*self.logs.values()]
+        shifts = RegressionData.clock_shifts([log.data for log in logs])
+        self.clock_shifts = dict(zip(self.logs, shifts, strict=True))
         facts = [self.reports[k].issues for k in self.logs]
         return RepairSearch(Likelihood.of_all_runs(logs), logs, facts)
 
@@ -317,18 +324,10 @@ class LoggerJudge:
             gravity=net.gravity if log.spare_share > 0.0 else None,
         )
 
-    @cached_property
-    def _clock_shifts(self) -> dict[int, float]:
-        """By the run's number, the time [s] by which its clock is put forward in the log
-        of all runs together."""
-        data = [log.data for log in self.logs.values()]
-        shifts = RegressionData.clock_shifts(data)
-        return dict(zip(self.logs, shifts, strict=True))
-
     def _time_in_run(self, number: int, t: float) -> float | None:
         """Return the instant t [s] of the log of all runs together by the clock of run
         ``number``; None where it lies in another run."""
-        shift = self._clock_shifts[number]
+        shift = self.clock_shifts[number]
         of_run = self.logs[number].data.motion.t
         is_inside = of_run[0] <= t - shift <= of_run[-1]
         return t - shift if is_inside else None

@@ -175,7 +175,9 @@ class RepairSearch:
         """List the faults that ``repair`` corrects and ``now`` does not.
 
         Faults are compared by name (kind and joints). If no name is new, the faults are
-        listed whose size differs between the two repairs.
+        listed whose size differs between the two repairs; a fault without a size (an
+        order of three channels) differs in its sentence. None is listed where
+        ``repair`` only takes corrections of ``now`` back.
 
         Parameters
         ----------
@@ -189,15 +191,12 @@ class RepairSearch:
         list of Fault
             Faults that ``repair`` corrects.
         """
-        sentence_by_name = {fault.name: fault.what for fault in self.list_faults(now)}
+        known = {fault.name: _extent(fault) for fault in self.list_faults(now)}
         faults = self.list_faults(repair)
-        added = [fault for fault in faults if fault.name not in sentence_by_name]
+        added = [fault for fault in faults if fault.name not in known]
         if added:
             return added
-        # The sentence holds the size: it differs where the size does.
-        return [
-            fault for fault in faults if fault.what != sentence_by_name.get(fault.name)
-        ]
+        return [fault for fault in faults if _extent(fault) != known[fault.name]]
 
     # -- adding one fault after the other
 
@@ -261,8 +260,7 @@ class RepairSearch:
         def rank(repair: LogTransform) -> int:
             """Sort key: the larger posterior first; a law of friction or a spring
             (severity "note"), which arms have, before a fault that is as likely."""
-            new = self.new_faults(repair, now)
-            is_law = all(fault.severity == "note" for fault in new)
+            is_law = _is_law(self.new_faults(repair, now))
             return -round(self.posterior(repair) + c.LOG_ODDS_AGAINST_FAULT * is_law)
 
         for repair in sorted(likely, key=rank):
@@ -286,7 +284,7 @@ class RepairSearch:
         against a fault. Examples: two joints about one line have one zero; of two
         joints either may have the wrong gain. ``likely`` : candidates, whose
         log-posterior exceeds that of ``now`` by these odds. Repairs of the same faults,
-        and laws of friction, are left out.
+        repairs that only take a correction back, and laws of friction are left out.
         """
         faults = self.new_faults(repair, now)
         names = {fault.name for fault in faults}
@@ -296,8 +294,12 @@ class RepairSearch:
         for other in likely:
             new = self.new_faults(other, now)
             is_same = names == {fault.name for fault in new}
-            is_law = all(fault.severity == "note" for fault in new)
-            if is_same or is_law or self.posterior(other) < lowest_posterior:
+            if (
+                not new
+                or is_same
+                or _is_law(new)
+                or self.posterior(other) < lowest_posterior
+            ):
                 continue
             is_as_good = is_fault and self._is_as_good(other, repair, now)
             if is_as_good or self.is_confirmed(other, now):
@@ -339,9 +341,7 @@ class RepairSearch:
         gains = [
             repair
             for repair in tied
-            if all(
-                fault.kind == "torque gain" for fault in self.new_faults(repair, now)
-            )
+            if _are_of_kind(self.new_faults(repair, now), "torque gain")
         ]
         if tied[0] not in gains or np.all(self.log.problem.guessed_links):
             return tied[0]
@@ -469,7 +469,8 @@ class RepairSearch:
         on held-out parts by several standard errors (clearness), and has to beat the
         laws of friction and position that arms may have. Two exceptions: repairs that
         fit exactly as well are decided by physics; a wrong sign only must not raise the
-        error.
+        error. A repair that only takes corrections back claims nothing, and is judged
+        by :meth:`_may_be_taken_back`.
 
         Parameters
         ----------
@@ -484,6 +485,8 @@ class RepairSearch:
             Whether the fault is confirmed.
         """
         new = self.new_faults(repair, now)
+        if not new:
+            return self._may_be_taken_back(repair, now)
         sizes = [fault.size for fault in new if fault.size]
         if not all(self._is_determined(size) for size in sizes):
             return False
@@ -493,26 +496,37 @@ class RepairSearch:
         threshold = self._least_clearness(new)
         if _same_fit(repair, now):
             return clearness > -threshold and self._is_decided_by_physics(repair, now)
-        if not self.has_few_directions and all(
-            fault.kind == "torque sign" for fault in new
-        ):
+        if not self.has_few_directions and _are_of_kind(new, "torque sign"):
             # Friction that drives its joint shows a wrong sign, whatever the fit.
             return clearness > -0.5 * threshold
         if clearness <= threshold:
             return False
-        is_law = all(fault.severity == "note" for fault in new)
-        return is_law or self.beats_physics(self.log, repair, now)
+        return _is_law(new) or self.beats_physics(self.log, repair, now)
+
+    def _may_be_taken_back(self, repair: LogTransform, now: LogTransform) -> bool:
+        """Whether ``repair`` may leave uncorrected a fault that ``now`` corrects.
+
+        Its posterior is larger already. The error on held-out parts must not rise
+        clearly, by half of REQUIRED_SIGMAS; where both fit the same, physics decides.
+        """
+        if _same_fit(repair, now):
+            return self._is_decided_by_physics(repair, now)
+        rise = self.log.clearness_of_fall(
+            self._held_out_errors(repair), self._held_out_errors(now)
+        )
+        return rise < 0.5 * c.REQUIRED_SIGMAS
 
     def _least_clearness(self, new: Sequence[Fault]) -> float:
         """Return the number of standard errors by which new faults have to lower the
         error on held-out parts.
 
-        It is REQUIRED_SIGMAS. Half of it is enough where every new fault has a size,
-        whose confidence interval has to exclude 0 as well, and several joints move;
-        not for a single channel's delay, since friction with memory looks like one.
+        It is REQUIRED_SIGMAS. Half of it is enough where there are new faults, each has
+        a size, whose confidence interval has to exclude 0 as well, and several joints
+        move; not for a single channel's delay, since friction with memory looks like
+        one.
         """
         is_late = any(e.kind in ("channel delay", "channel filter") for e in new)
-        are_numbers = all(fault.size for fault in new) and not is_late
+        are_numbers = bool(new) and all(fault.size for fault in new) and not is_late
         is_enough = are_numbers and len(self.log.joints) > 1
         return 0.5 * c.REQUIRED_SIGMAS if is_enough else c.REQUIRED_SIGMAS
 
@@ -690,9 +704,11 @@ class RepairSearch:
         """Return the repair without the faults that do not hold in every run.
 
         All faults here belong to the logger (order, signs, units, gains, clock,
-        mounting), so that all runs share them. A fault stays without this test if it is
-        a note (a law of friction), or if the fit is the same without it and physics
-        alone decides.
+        mounting), so that all runs share them. Each is judged beside the faults that
+        were kept before it. A fault stays without this test if it is a note (a law of
+        friction), or if the fit is the same without it and physics alone decides. A
+        wrong sign of a torque need not beat the laws of friction, as friction that
+        drives its joint shows it, but it has to hold in every run.
 
         Parameters
         ----------
@@ -706,10 +722,9 @@ class RepairSearch:
         """
         several = self.logs if len(self.logs) > 1 else []
         for fault in self.list_faults(net):
-            without = fault.repair_without
+            without = self._without(net, fault)
             if fault.severity == "note" or _same_fit(net, without):
                 continue
-            # Friction that drives its joint shows a wrong sign, whatever the fit.
             is_confirmed = fault.kind == "torque sign" or self.beats_physics(
                 self.log,
                 net,
@@ -720,7 +735,7 @@ class RepairSearch:
                 self._holds(log, net, without) for log in several
             )
             if not holds:
-                net = self._without(net, fault)
+                net = without
         return net
 
     def _without(self, net: LogTransform, fault: Fault) -> LogTransform:
@@ -1259,6 +1274,23 @@ class RepairSearch:
             self._held_out_errors(other), self._held_out_errors(net)
         )
         return physics_now - physics_turned, clearness
+
+
+def _extent(fault: Fault) -> float | str:
+    """Return in what two faults of one name differ: the size, or the sentence of a fault
+    without a size. A sentence rounds a size."""
+    return fault.what if fault.size is None else fault.size.value
+
+
+def _is_law(faults: Sequence[Fault]) -> bool:
+    """Whether all of one fault or more are laws of friction or springs (severity
+    "note"), which arms have."""
+    return bool(faults) and all(fault.severity == "note" for fault in faults)
+
+
+def _are_of_kind(faults: Sequence[Fault], kind: str) -> bool:
+    """Whether all of one fault or more are of this kind."""
+    return bool(faults) and all(fault.kind == kind for fault in faults)
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
