@@ -313,3 +313,20 @@ def test_columns_are_chosen_by_their_numbers_without_a_header(tmp_path):
     refusal(lambda: load_measurements(path), "row 1 holds numbers instead of a header")
     pairs = {"t": "#1", "q1": "#2", "q2": "#3", "tau1": "#4", "tau2": "#5"}
     np.testing.assert_array_equal(convert(path, rename=pairs).tau, RUN.tau)
+
+
+@pytest.mark.parametrize("clock", [0, 1])
+def test_more_columns_of_each_joint_than_three_are_ambiguous(tmp_path, clock):
+    """Of a robot of six joints; 31 columns were called ten joints."""
+    path = tmp_path / "run.csv"
+    rows = np.random.default_rng(0).normal(size=(60, 30 + clock))
+    path.write_text("\n".join(",".join(map(str, row)) for row in rows.tolist()))
+    said = refusal(
+        lambda: read_run(path, 6, tuple("abcdef")), f"{30 + clock} columns may be"
+    )
+    assert "5 columns of each of 6 joints" in said
+    assert f"q1=#{1 + clock},q2" in said
+    assert f"tau6=#{18 + clock}" in said
+    assert "q7" not in said
+    assert ("a clock and" in said) is bool(clock)
+    assert ("--rate HZ" in said) is not bool(clock)

@@ -45,10 +45,14 @@ def names_without_header(
     ------
     InputError
         No rate is given (a rate shows that the user knows what the columns are), or the
-        number of columns is not a multiple of the channel groups.
+        number of columns is not a multiple of the channel groups, or each of the
+        robot's joints has more columns than three.
     """
     n_joints = None if choice.joints is None else len(choice.joints)
     layout = _layout(width, n_joints)
+    known_rate = None if choice.rate is None else f"{choice.rate:g}"
+    if n_joints is not None and _has_more_groups(width, n_joints):
+        raise _ambiguous(path, width, n_joints, known_rate, read_columns)
     if choice.rate is None:
         raise _no_header(path, layout, read_columns)
     if layout is None:
@@ -77,12 +81,8 @@ def _no_header(
     if layout is None:
         remedy += "name columns by their numbers with `convert --rename t=#1,q1=#2`"
         return InputError(problem, remedy, path)
-    pairs = ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))
-    words = ["--rename", pairs]
+    words = _convert_words(layout, None, read_columns)
     has_clock = layout[0] == "t"
-    if not has_clock:
-        columns = list(read_columns().values())
-        words += ["--rate", _rate_word(layout, columns)]
     groups = [name for name in ("t", "q", "dq", "tau") if f"{name}1" in layout]
     groups = ["t", *groups] if has_clock else groups
     shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
@@ -92,6 +92,61 @@ def _no_header(
         f"{remedy}where its columns are {shown}, `{command}`",
         path,
     )
+
+
+def _has_more_groups(width: int, n_joints: int) -> bool:
+    """Whether a table has more columns than q, dq and tau of a robot of several joints,
+    as many of each joint, with or without a clock."""
+    n_groups, n_left = divmod(width, n_joints)
+    return n_joints > 1 and n_left <= 1 and n_groups > len(_GROUPS[0])
+
+
+def _ambiguous(
+    path: Path,
+    width: int,
+    n_joints: int,
+    known_rate: str | None,
+    read_columns: Callable[[], Mapping[str, Array]],
+) -> InputError:
+    """Return the error of a table without a header that has more columns of each of the
+    robot's joints than q, dq and tau: which is which, their number does not tell.
+
+    ``known_rate`` [Hz]: as the user gave it.
+    """
+    n_groups, n_clocks = divmod(width, n_joints)
+    clock = ["t"] * n_clocks
+    layout = clock + _names(n_joints, _GROUPS[0])
+    a_clock = "a clock and " if n_clocks else ""
+    command = formatting.convert_command(
+        path, *_convert_words(layout, known_rate, read_columns)
+    )
+    return InputError(
+        f"row 1 holds numbers instead of a header, and {width} columns may be {a_clock}"
+        f"{n_groups} columns of each of {n_joints} joints",
+        "say which of them are q, dq and tau: where they come first, in this order,"
+        f" `{command}`",
+        path,
+    )
+
+
+def _convert_words(
+    layout: Sequence[str],
+    known_rate: str | None,
+    read_columns: Callable[[], Mapping[str, Array]],
+) -> list[str]:
+    """Return the options of `convert` that name columns as a layout does; without a
+    clock also the rate [Hz], estimated where it is not known."""
+    pairs = ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))
+    words = ["--rename", pairs]
+    if layout[0] != "t":
+        columns = list(read_columns().values())
+        words += ["--rate", known_rate or _rate_word(layout, columns)]
+    return words
+
+
+def _names(n_joints: int, groups: Sequence[str]) -> list[str]:
+    """Return the names of channel groups of n joints: q1 ... qn, dq1 ..."""
+    return [f"{group}{k}" for group in groups for k in range(1, n_joints + 1)]
 
 
 def _rate_word(layout: Sequence[str], columns: Sequence[Array]) -> str:
@@ -134,5 +189,4 @@ def _layout(width: int, n_joints: int | None) -> list[str] | None:
     if not candidates:
         return None
     n_clocks, n, groups = candidates[0]
-    clock = ["t"] * n_clocks
-    return clock + [f"{group}{k}" for group in groups for k in range(1, n + 1)]
+    return ["t"] * n_clocks + _names(n, groups)
