@@ -26,7 +26,12 @@ from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 #: Largest share of the joints that have a unit of their own; of more, all share it.
 _SINGLE_JOINTS = 0.3
 _BY_SIZE = "likely: judged by size alone"
-_CONVERT = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+_CONVERT = (
+    "convert to N m (N for a prismatic joint) by `convert --scale tau=mNm`, or by"
+    " another unit's name or factor: N cm times 0.01, mN m times 0.001"
+)
+#: The word of `--apply` that multiplies all torques by the factor of their unit.
+UNIT_OF_TORQUES = "unit:tau"
 _CORRECT_MASSES = "if right, correct the problem's masses"
 
 
@@ -77,6 +82,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             repair=_scaling(reason.factor) if reason.factor else None,
             where=reason.where,
             nature=EXPLANATION,
+            apply=UNIT_OF_TORQUES if reason.factor else "",
             times_nominal=size.times_nominal,
         )
 

@@ -16,7 +16,7 @@ from commands import run_cli
 from page_sessions import do
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty import Problem, load_estimate, load_problem
+from sdp_vs_penalty import Problem, load_estimate, load_measurements, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, Invisible
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
@@ -366,3 +366,28 @@ def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path)
         ours = load_estimate(tmp_path / f"model{k}.json")
         np.testing.assert_array_equal(ours.theta, theirs.theta)
         assert ours.to_dict()["problem"] == theirs.to_dict()["problem"]
+
+
+@pytest.mark.parametrize(("factor", "is_named"), [(1e3, True), (7.0, False)])
+def test_torques_in_another_unit_are_mended_before_anything_is_identified(
+    tmp_path, capsys, factor, is_named
+):
+    """A log in mN m was followed by `identify`, whose links weighed 1000 times as much."""
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", HEAVY)
+    problem = load_problem(urdf)
+    true = replace(small_run(problem, seconds=8.0), dq=None)
+    path = tmp_path / "run.csv"
+    save(replace(true, tau=factor * true.tau), path)
+    assert run_cli("check", str(urdf), "--data", str(path)) == 0
+    out = capsys.readouterr().out
+    assert "torque unit" in out
+    assert "identify" not in out
+    if not is_named:
+        assert "`convert --scale tau=mNm`" in out
+        return
+    (line,) = re.findall(f"^Next: {PROGRAM} (.*)$", out, re.MULTILINE)
+    words = shlex.split(line)
+    assert words[-2:] == ["--apply", "unit:tau"]
+    assert run_cli(*words) == 0
+    fixed = load_measurements(words[words.index("--fix") + 1])
+    np.testing.assert_allclose(fixed.tau, true.tau, rtol=1e-9, atol=1e-9)

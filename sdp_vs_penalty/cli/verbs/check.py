@@ -56,7 +56,7 @@ def verb(
         console.next_step(replace(command, runs=copies).words)
     elif (repair := _repair_words(reports)) is not None:
         console.next_step(command.applying(repair).repair_words)
-    elif not meaningless:
+    elif not meaningless and not _are_in_another_unit(reports):
         _say_identify(files, problem, command.options)
     if meaningless:
         raise SystemExit(1)
@@ -168,6 +168,13 @@ def _say_identify(
     train = [path for path in files if not for_testing(path)] or files
     words = ["--data", *train, *options, "--out", "model.json"]
     console.next_step(["identify", problem, *words])
+
+
+def _are_in_another_unit(reports: Sequence[Report]) -> bool:
+    """Whether the torques are in a unit that the user has to correct first: a model of
+    them would have wrong masses."""
+    issues = [issue for report in reports for issue in report.errors_and_warnings]
+    return any(issue.kind == "torque unit" for issue in issues)
 
 
 def _repair_words(reports: Sequence[Report]) -> list[str] | None:
