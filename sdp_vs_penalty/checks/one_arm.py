@@ -60,6 +60,11 @@ Proposals = Callable[[int], Sequence[tuple[Fault, LogTransform]]]
 #: Log-odds (natural logarithm) that a difference of runs has to exceed: three times
 #: what any fault of a log needs, since friction never repeats exactly.
 _ODDS_OF_A_DIFFERENCE = 3.0 * c.LOG_ODDS_AGAINST_FAULT
+#: Another arm has many parameters, and explains much: its fall counts this share [-].
+_SHARE_OF_ANOTHER_ARM = 0.5
+#: A number has an interval that speaks for it as well: this share of the standard errors
+#: is enough of it [-].
+_SHARE_OF_SIGMAS_WITH_SIZE = 0.5
 #: Step of the difference quotient by an encoder's zero [rad or m].
 _ZERO_STEP = 0.01
 #: Torque gains that a drive may have beside another run [-].
@@ -114,17 +119,31 @@ class Difference:
 class Cause:
     """A difference of one run, and how well it explains the runs.
 
-    gain : fall of the logarithm of the squared residual on parts that nothing was
-    fitted to, all parts and joints added. clearness : the mean fall in standard errors.
-    size : of the number (a gain less one, an angle [rad], a length [m], a load [kg]), 0
-    for a fault. equivalents : what explains as much, in words.
+    fall : of the logarithm of the squared residual on parts that nothing was fitted to,
+    all parts and joints added. clearness : the mean fall in standard errors. size : of
+    the number (a gain less one, an angle [rad], a length [m], a load [kg]), 0 for a
+    fault. equivalents : what explains as much, in words.
     """
 
     difference: Difference
-    gain: float
+    fall: float
     clearness: float
     size: float = 0.0
     equivalents: tuple[str, ...] = ()
+
+    @property
+    def score(self) -> float:
+        """The fall by which causes are ranked: that of another arm counts half."""
+        if self.difference.is_another_arm:
+            return _SHARE_OF_ANOTHER_ARM * self.fall
+        return self.fall
+
+    @property
+    def required_sigmas(self) -> float:
+        """Standard errors that the mean fall has to reach: half as many for a number."""
+        if self.difference.columns is None:
+            return c.REQUIRED_SIGMAS
+        return _SHARE_OF_SIGMAS_WITH_SIZE * c.REQUIRED_SIGMAS
 
     def log_repair(self, as_logged: LogTransform) -> LogTransform | None:
         """Return the repair that makes the log of the different run one of the others'
@@ -455,24 +474,48 @@ class RunComparison:
             The difference with its evidence (fall of the error) and its size. None for
             a number whose size is within the usual tolerance, or impossible.
         """
-        log = self.runs[difference.run].log
         after, arms = self.held_out_errors(difference)
+        fall, clearness = self._fall_of(after)
+        if difference.columns is None or arms is None:
+            return Cause(difference, fall, clearness)
+        size = self._determined_size(difference, arms)
+        return None if size is None else Cause(difference, fall, clearness, size)
+
+    def _fall_of(self, after: Array) -> tuple[float, float]:
+        """Return by how much the logarithm of errors on parts left out falls, from one
+        arm for all runs to ``after`` (2 PARTS, n): the sum over parts and moving joints,
+        and the mean in standard errors.
+        """
         counts = np.repeat(self.moving[self.suspects], c.PARTS, axis=0)
         log_falls = np.log(self.held_out_errors_of_one_arm / after)
         falls_of_parts = np.where(counts, log_falls, 0.0).sum(axis=1)  # (2 PARTS,)
-        gain = float(falls_of_parts.sum())
         clearness = standard_errors_above_zero(falls_of_parts.reshape(-1, c.PARTS))
-        if difference.is_another_arm:
-            # Another arm has many parameters, and explains much: it counts half.
-            return Cause(difference, 0.5 * gain, clearness)
-        if difference.columns is None or arms is None:
-            return Cause(difference, gain, clearness)
+        return float(falls_of_parts.sum()), clearness
+
+    def _determined_size(self, difference: Difference, arms: Array) -> float | None:
+        """Return the size of a number that differs in one run; None where it is within
+        the usual tolerance, or impossible.
+
+        Parameters
+        ----------
+        difference : Difference
+            With ``columns`` (n, M, r).
+        arms : (PARTS, s + r) array
+            Parameters fitted without each part in turn.
+
+        Returns
+        -------
+        float or None
+            A torque gain less one [-], an angle [rad], a length [m] or a load [kg].
+        """
+        assert difference.columns is not None
         # The numbers stand behind the arm's parameters; the first one is the size.
         values = arms[:, -difference.columns.shape[2]]
         value, spread = jackknifed(values)
         size = float(value)
         usual = _USUAL.get(difference.kind, 0.0)
         threshold = max(c.REQUIRED_SIGMAS * float(spread), usual)
+        log = self.runs[difference.run].log
         if abs(size) <= threshold or not _is_possible(log, difference, size):
             return None
         if difference.kind == "torque gain" and not self._scales_friction(
@@ -483,9 +526,7 @@ class RunComparison:
             loads = arms[:, -_PARAMETERS_PER_LINK:]
             if not is_a_body(loads):
                 return None
-        # A number has an interval that speaks for it as well: half as clear a
-        # prediction is enough.
-        return Cause(difference, gain, 2.0 * clearness, size)
+        return size
 
     def _scales_friction(self, difference: Difference, size: float) -> bool:
         """Whether a joint's torque in the different run is nearer to 1 + size times
@@ -586,7 +627,7 @@ class RunComparison:
         Cause or None
             None if no difference lowers the error on held-out parts clearly.
         """
-        best = max(self.judge_numbers(), key=lambda cause: cause.gain)
+        best = max(self.judge_numbers(), key=lambda cause: cause.score)
         n_parts = 2.0 * c.PARTS  # of both suspects
         if proposals is not None:
             # The odds as a sum over parts of the logarithm of the squared residual.
@@ -594,7 +635,7 @@ class RunComparison:
             faults = [
                 cause
                 for cause in self.judge_faults(proposals)
-                if cause.gain > best.gain + odds
+                if cause.score > best.score + odds
             ]
             best = _simplest(faults, odds) if faults else best
         # Friction that the model lacks differs from run to run, as another arm does.
@@ -615,7 +656,7 @@ class RunComparison:
         Parameters
         ----------
         cause : Cause
-            The difference that explains the parts best; another arm's gain counts half.
+            The difference that explains the parts best.
 
         Returns
         -------
@@ -628,8 +669,8 @@ class RunComparison:
             self.judge(Difference(run=number, kind="another arm"))
             for number in self.suspects
         ]
-        other = max((arm for arm in arms if arm), key=lambda arm: arm.gain)
-        if cause.gain >= 2.0 * other.gain:
+        other = max((arm for arm in arms if arm), key=lambda arm: arm.fall)
+        if cause.fall >= other.fall:
             return cause
         is_specific = self.error_ratio >= c.TIMES
         return other if is_specific and self._is_clear(other) else None
@@ -638,9 +679,9 @@ class RunComparison:
         """Whether a cause lowers the error on parts left out clearly, and by the odds
         of a difference."""
         n_parts = 2.0 * c.PARTS  # of both suspects
-        log_likelihood = 0.5 * self.samples_per_run * cause.gain / n_parts
+        log_likelihood = 0.5 * self.samples_per_run * cause.score / n_parts
         is_likely = log_likelihood >= _ODDS_OF_A_DIFFERENCE
-        return cause.clearness >= c.REQUIRED_SIGMAS and is_likely
+        return cause.clearness >= cause.required_sigmas and is_likely
 
     def _in_the_heavier_run(self, cause: Cause) -> Cause:
         """Return a cause with the load assigned to the run that carries more.
@@ -760,12 +801,12 @@ def is_a_body(loads: Array) -> bool:
 def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
     """Return the fault to report out of several that explain the runs.
 
-    Faults whose gain is within ``odds`` (on the same scale as the gain) of the largest
-    explain the same. Of these a fault of torques is preferred to one of positions; the
+    Faults whose score is within ``odds`` (on the same scale) of the largest explain the
+    same. Of these a fault of torques is preferred to one of positions; the
     others are named as equivalents.
     """
-    largest = max(cause.gain for cause in faults)
-    tied = [cause for cause in faults if cause.gain > largest - odds]
+    largest = max(cause.score for cause in faults)
+    tied = [cause for cause in faults if cause.score > largest - odds]
     of_torques = [x for x in tied if x.difference.kind.startswith("torque")]
     of_others = [x for x in tied if not x.difference.kind.startswith("torque")]
     first, *others = of_torques + of_others

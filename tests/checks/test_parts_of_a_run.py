@@ -8,6 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty.checks.constants import REQUIRED_SIGMAS
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.one_arm import (
     Cause,
@@ -86,7 +87,7 @@ def test_a_part_in_which_a_joint_hardly_moves_tells_nothing_of_it(two_link, run)
 
 
 @pytest.mark.parametrize(
-    ("gain", "ratio", "said"),
+    ("fall", "ratio", "said"),
     [
         (2.1, 1.8, "another load"),
         (1.9, 1.8, None),  # what friction leaves
@@ -94,9 +95,9 @@ def test_a_part_in_which_a_joint_hardly_moves_tells_nothing_of_it(two_link, run)
     ],
 )
 def test_a_number_explains_as_much_as_another_arm_would(
-    gain, ratio, said, two_link, run, monkeypatch
+    fall, ratio, said, two_link, run, monkeypatch
 ):
-    """The halved gain of another arm is 1: that of the number has to be 2."""
+    """That of another arm is 2."""
     log = log_of(two_link, run)
     row = log.data.count // 2
     parts = [
@@ -106,7 +107,20 @@ def test_a_number_explains_as_much_as_another_arm_would(
     monkeypatch.setattr(RunComparison, "error_ratio", ratio)
     monkeypatch.setattr(RunComparison, "samples_per_run", 1e3)
     comparison = RunComparison(parts)
-    monkeypatch.setattr(comparison, "judge", lambda x: Cause(x, 1.0, 9.0))
+    monkeypatch.setattr(comparison, "judge", lambda x: Cause(x, 2.0, 9.0))
     load = Difference(run=0, kind="another load", columns=np.ones((2, 1, 10)))
-    cause = comparison.or_another_arm(Cause(load, gain, 9.0, 2.0))
+    cause = comparison.or_another_arm(Cause(load, fall, 9.0, 2.0))
     assert (cause and cause.difference.kind) == said
+
+
+def test_evidence_is_kept_as_it_is_and_weighed_apart(two_link, run):
+    """Another arm explains much with its many parameters; a number's interval speaks for
+    it as well."""
+    arm = Cause(Difference(run=0, kind="another arm"), 6.0, 3.0)
+    gain = Difference(run=0, kind="torque gain", columns=np.ones((2, 1, 1)))
+    number = Cause(gain, 6.0, 3.0, 0.2)
+    as_logged = log_of(two_link, run).as_logged
+    fault = Cause(Difference(run=0, kind="torque sign", repair=as_logged), 6.0, 3.0)
+    assert [x.score for x in (arm, number, fault)] == [3.0, 6.0, 6.0]
+    assert arm.required_sigmas == fault.required_sigmas == REQUIRED_SIGMAS
+    assert number.required_sigmas == 0.5 * REQUIRED_SIGMAS
