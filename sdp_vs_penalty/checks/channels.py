@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.constants import LOCKSTEP, STUCK, TIMES
+from sdp_vs_penalty.checks.constants import STUCK, TIMES
 from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range, far_outside
 from sdp_vs_penalty.effects.effect import Motion
@@ -188,100 +188,6 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     is_explained = not far_outside(glance.robot, q)
     if is_explained and 2 * len(far) > is_revolute.sum():
         yield _degrees(glance, "", unwrap=False)
-
-
-#: Share of the variance that the counted directions of a motion hold [-].
-_SHARE_OF_VARIANCE = 0.999
-
-
-def find_lockstep_motion(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning where joints move in proportion to each other (in lockstep): then
-    nothing shows which torque or channel belongs to which of them.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
-    """
-    moving = np.flatnonzero(glance.moving)
-    if len(moving) < 2:
-        return
-    together = lockstep_groups(glance.run.q[:, moving])
-    if not together:
-        return
-    groups = [[int(moving[k]) for k in group] for group in together]
-    joints = sorted(j for group in groups for j in group)
-    rank = motion_rank(glance.run.q[:, moving])
-    names = "; ".join(joints_text(group) for group in groups)
-    yield Issue.of(
-        kind="lockstep motion",
-        severity="warning",
-        joints=joints,
-        what=f"{names} move in proportion (|correlation| above {LOCKSTEP:g}): the"
-        f" motion of {len(moving)} joints has {rank} directions. Their order cannot be"
-        " told, nor what belongs to which of them.",
-        certainty="certain: read from the positions",
-        remedy="move each joint by a signal of its own",
-        rank=rank,
-        moving=len(moving),
-        groups=[[j + 1 for j in group] for group in groups],
-    )
-
-
-def lockstep_groups(q: Array) -> list[list[int]]:
-    """List groups of columns of positions q (N, n) that move in proportion.
-
-    The columns of a group correlate by more than LOCKSTEP with its first one, whatever
-    the sign. No column is in two groups; groups of one are left out.
-
-    Parameters
-    ----------
-    q : (N, n) array
-        Positions [rad, m].
-
-    Returns
-    -------
-    list of list of int
-        Numbers of the columns of each group.
-    """
-    size = np.std(q, axis=0)
-    z = (q - q.mean(axis=0)) / nonzero_or_one(size)
-    correlation = z.T @ z / len(z)
-    is_proportional = np.abs(correlation) > LOCKSTEP
-    groups: list[list[int]] = []
-    remaining = list(range(q.shape[1]))
-    while remaining:
-        first = remaining[0]
-        group = [k for k in remaining if k == first or is_proportional[first, k]]
-        remaining = [k for k in remaining if k not in group]
-        if len(group) > 1:
-            groups.append(group)
-    return groups
-
-
-def motion_rank(q: Array) -> int:
-    """Return the number of principal directions that hold 99.9 % of the variance of
-    positions q (N, n), each joint scaled to variance 1.
-
-    Parameters
-    ----------
-    q : (N, n) array
-        Positions [rad, m].
-
-    Returns
-    -------
-    int
-        Rank of the motion.
-    """
-    z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
-    power = np.linalg.svd(z, compute_uv=False) ** 2
-    shares = np.cumsum(power) / power.sum()
-    return int(np.searchsorted(shares, _SHARE_OF_VARIANCE) + 1)
 
 
 def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:

@@ -16,6 +16,7 @@ from sdp_vs_penalty.checks.dynamics import judge_dynamics
 from sdp_vs_penalty.checks.facts import mended
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
+from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.magnitude import magnitudes
 from sdp_vs_penalty.checks.report import Report
@@ -219,9 +220,10 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         )
         return replace(report, issues=tuple(issues))
     issues += [*channels.find_idle_joints(glance)]
+    lockstep = LockstepMotion.of(glance)
     if glance.moving.any():
         issues += [
-            *channels.find_lockstep_motion(glance),
+            *([] if lockstep is None else [lockstep.issue()]),
             *find_wrong_velocities(glance),
         ]
         if work.torque_logged:
@@ -232,7 +234,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             issues += channels.find_torques_in_counts(glance)
         if not any(f.kind in NO_DYNAMICS for f in issues):
             issues += _coarse(glance, settings)
-    return replace(report, issues=tuple(issues))
+    return replace(report, issues=tuple(issues), lockstep=lockstep)
 
 
 def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:

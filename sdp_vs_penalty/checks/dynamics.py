@@ -153,8 +153,8 @@ class LoggerJudge:
         logs = [*self.logs.values()]
         shifts = RegressionData.clock_shifts([log.data for log in logs])
         self.clock_shifts = dict(zip(self.logs, shifts, strict=True))
-        facts = [self.reports[k].issues for k in self.logs]
-        return RepairSearch(Likelihood.of_all_runs(logs), logs, facts)
+        reports = [self.reports[k] for k in self.logs]
+        return RepairSearch(Likelihood.of_all_runs(logs), logs, reports)
 
     def _repair_one_run(self, net: LogTransform) -> bool:
         """Find what is different in one run, and repair the run if that is possible.
@@ -170,7 +170,7 @@ class LoggerJudge:
         numbers = [
             k
             for k, log in self.logs.items()
-            if log.spare_share > 0.0 and not is_poor(self.reports[k])
+            if log.spare_share > 0.0 and not self.reports[k].has_poor_motion
         ]
         if len(numbers) < 2:
             return False
@@ -219,7 +219,7 @@ class LoggerJudge:
         search = RepairSearch(
             log,
             [log],
-            [self.reports[number].issues],
+            [self.reports[number]],
         )
         of_this_run = search.run()
         repairs = [
@@ -293,8 +293,8 @@ class LoggerJudge:
         size : sequence of Issue
             Issues about the size of the torques.
         is_poor_motion : bool
-            Whether the motion has at most half as many directions as joints: the
-            unexplained torque then says nothing.
+            Whether the motion of every run has at most half as many directions as
+            joints: the unexplained torque then says nothing.
         net : LogTransform
             The repair that all runs share.
         """
@@ -302,7 +302,7 @@ class LoggerJudge:
         report = self.reports[number]
         net = self._of_run(number, net)
         stated = self._said_of_run(number, stated)
-        change_of_arm = [] if is_poor(report) else [*two_arms(log, net)]
+        change_of_arm = [] if report.has_poor_motion else [*two_arms(log, net)]
         # Where another arm begins, a step of a torque is no separate event.
         repair = replace(net, events=()) if change_of_arm else net
         unexplained = [] if is_poor_motion else [*unexplained_torque(log, repair)]
@@ -416,24 +416,6 @@ def has_dynamics(report: Report) -> bool:
     """
     stops = any(f.kind in NO_DYNAMICS for f in report.issues)
     return report.repaired_all.torque_logged and not stops
-
-
-def is_poor(report: Report) -> bool:
-    """Whether the motion of a run is poor: it has at most half as many directions
-    (rank) as joints that move.
-
-    Parameters
-    ----------
-    report : Report
-        Of one run.
-
-    Returns
-    -------
-    bool
-        Whether it is.
-    """
-    ranks = [f.figures for f in report.issues if f.kind == "lockstep motion"]
-    return any(2 * x["rank"] <= x["moving"] for x in ranks)
 
 
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.results.facts import fact
@@ -28,7 +29,8 @@ class Report(Record):
     included; repaired_certain : with the certain repairs alone; unexplained : share of
     the torques' energy that the arm's dynamics leave, after repair; None where there is
     nothing to fit; gravity : that the torques show [m/s^2]; None for a run with fewer
-    samples than one arm has parameters; original : the run as logged.
+    samples than one arm has parameters; original : the run as logged; lockstep : joints
+    that move in proportion; None where none do.
     """
 
     run: str
@@ -46,11 +48,21 @@ class Report(Record):
         compare=False,
         repr=False,
     )
+    lockstep: LockstepMotion | None = field(
+        default=None,
+        compare=False,
+        repr=False,
+    )
 
     @property
     def meaningless(self) -> bool:
         """Whether nothing sensible can be identified from these data: a fact says so."""
         return any(f.severity == "error" for f in self.issues)
+
+    @property
+    def has_poor_motion(self) -> bool:
+        """Whether the motion has at most half as many directions as moving joints."""
+        return self.lockstep is not None and self.lockstep.is_poor
 
     @property
     def is_long(self) -> bool:

@@ -23,6 +23,7 @@ from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.rival_effects import RivalEffect, rival_effects
 from sdp_vs_penalty.checks.torque_size import far_from_nominal
 from sdp_vs_penalty.regression.evidence import (
@@ -60,32 +61,28 @@ class RepairSearch:
     """Search for the repair of the largest posterior, one fault after the other.
 
     log : rows of all runs together; logs : of each run, in which each fault has to hold
-    as well; facts : issues of each run that are known already.
+    as well; reports : of each run, with its facts.
     """
 
     def __init__(
         self,
         log: Likelihood,
         logs: Sequence[Likelihood] = (),
-        facts: Sequence[Sequence[Issue]] = (),
+        reports: Sequence[Report] = (),
     ) -> None:
         """Prepare a search for the likeliest repair of the log of one or several runs.
 
         log : rows of all runs together; logs : rows of each run, in which each fault
-        has to hold as well; empty: one run alone. facts : issues that are known already
-        of each run (lost rows, joints in lockstep ...).
+        has to hold as well; empty: one run alone. reports : of each run, with the joints
+        that move in lockstep; empty: none do.
         """
         self.log = log
         self.logs = logs or [log]
         self.independent_samples = log.count_independent_samples(log.fit(log.as_logged))
-        issues = [issue for of_run in facts for issue in of_run]
-        self.known_kinds = {issue.kind for issue in issues}
-        # The motion has few directions if, in all runs, its independent directions (the
-        # rank of the positions) are at most half as many as the moving joints.
-        ranks = [f.figures["rank"] for f in issues if f.kind == "lockstep motion"]
-        in_all_runs = len(ranks) == len(self.logs)
-        is_low = 2 * max(ranks, default=0) <= len(log.joints)
-        self.has_few_directions = in_all_runs and is_low
+        self.has_lockstep = any(report.lockstep is not None for report in reports)
+        self.has_few_directions = bool(reports) and all(
+            report.has_poor_motion for report in reports
+        )
         self.list_faults = lru_cache(99)(self._list_faults)
         self.posterior = lru_cache(99)(self._posterior)
         self.is_confirmed = lru_cache(99)(self._is_confirmed)
@@ -110,14 +107,14 @@ class RepairSearch:
     def kinds_of_fault(self) -> list[Transformation]:
         """Kinds of fault that the search may propose for this log.
 
-        All kinds in FAULTS, with two exceptions. Where the motion covers few directions
-        (at most half as many as moving joints), only units, signs, the mounting and
+        All kinds in FAULTS, with two exceptions. Where the motion of every run covers few
+        directions (at most half as many as moving joints), only units, signs, the mounting and
         events show in the torques. Where joints move in lockstep, their channels look
         the same, so that an exchanged order is not proposed.
         """
         if self.has_few_directions:
             return [kind for kind in FAULTS if kind.name in SHOWN_BY_A_POOR_MOTION]
-        if "lockstep motion" in self.known_kinds:
+        if self.has_lockstep:
             return [kind for kind in FAULTS if kind.name != "order"]
         return list(FAULTS)
 

@@ -9,12 +9,11 @@ from small_runs import small_run
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.channels import (
-    find_lockstep_motion,
-    lockstep_groups,
     possible_magnitudes,
 )
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.lockstep import LockstepMotion, lockstep_groups
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
@@ -153,10 +152,12 @@ def test_joints_in_proportion_are_named_with_the_rank_of_the_motion():
         np.column_stack([move, 0.4 * move]),
         np.ones((len(t), 2)),
     )
-    (issue,) = find_lockstep_motion(summary(run))
+    lockstep = LockstepMotion.of(summary(run))
+    issue = lockstep.issue()
     assert issue.figures["rank"] == 1
     assert issue.figures["groups"] == [[1, 2]]
-    assert not [*find_lockstep_motion(summary(RUN))]
+    assert lockstep.is_poor
+    assert LockstepMotion.of(summary(RUN)) is None
 
 
 def test_a_joint_is_in_one_group_of_joints_in_proportion():

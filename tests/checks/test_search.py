@@ -11,7 +11,9 @@ from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.checks.check import judge_facts
 from sdp_vs_penalty.checks.dynamics import LoggerJudge
 from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.regression_data import RegressionData
+from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.search import RepairSearch
 
 PROBLEM = load_problem("two_link")
@@ -104,3 +106,18 @@ def test_a_mended_clock_moves_the_instants_of_later_runs():
     t = judge._search().log.data.motion.t
     first_of_later = float(t[np.argmax(np.diff(t)) + 1])  # a second lies between
     assert judge._time_in_run(1, first_of_later) == pytest.approx(begin)
+
+
+@pytest.mark.parametrize(
+    ("ranks", "is_poor"),
+    [((), False), ((1,), True), ((1, 1), True), ((1, 2), False), ((1, None), False)],
+)
+def test_a_motion_is_poor_where_that_of_every_run_is(search, ranks, is_poor):
+    """Of three moving joints; None: no joints move in proportion."""
+    runs = [
+        None if rank is None else LockstepMotion(((0, 1),), 3, rank) for rank in ranks
+    ]
+    reports = [Report("run", (), RUN, RUN, lockstep=lockstep) for lockstep in runs]
+    several = RepairSearch(search.log, [search.log] * len(reports), reports)
+    assert several.has_few_directions is is_poor
+    assert several.has_lockstep is bool(ranks)

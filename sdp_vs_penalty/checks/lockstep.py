@@ -1,0 +1,136 @@
+"""Joints that move in proportion to each other, and how many directions a motion has.
+
+What the motion has is a value of a run's report; the issue is written from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from sdp_vs_penalty.checks.constants import LOCKSTEP
+from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+
+#: Share of the variance that the counted directions of a motion hold [-].
+_SHARE_OF_VARIANCE = 0.999
+
+
+@dataclass(frozen=True)
+class LockstepMotion:
+    """A motion in which joints move in proportion to each other.
+
+    groups : of joints (from 0) that do; moving : number of joints that move; rank :
+    number of independent directions of their positions.
+    """
+
+    groups: tuple[tuple[int, ...], ...]
+    moving: int
+    rank: int
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether the motion has at most half as many directions as moving joints."""
+        return 2 * self.rank <= self.moving
+
+    @classmethod
+    def of(cls, glance: RunSummary) -> Self | None:
+        """Return the lockstep of a run; None where no joints move in proportion.
+
+        Parameters
+        ----------
+        glance : RunSummary
+            The run with its clock and channels, as repaired by earlier rules.
+
+        Returns
+        -------
+        LockstepMotion or None
+            With at least one group of two joints.
+        """
+        moving = np.flatnonzero(glance.moving)
+        if len(moving) < 2:
+            return None
+        q = glance.run.q[:, moving]
+        together = lockstep_groups(q)
+        if not together:
+            return None
+        groups = tuple(tuple(int(moving[k]) for k in group) for group in together)
+        return cls(groups, len(moving), motion_rank(q))
+
+    def issue(self) -> Issue:
+        """Return the warning that nothing shows which torque or channel belongs to
+        which joint of a group.
+
+        Returns
+        -------
+        Issue
+            A fact, with the rank of the motion among its figures.
+        """
+        names = "; ".join(joints_text(group) for group in self.groups)
+        return Issue.of(
+            kind="lockstep motion",
+            severity="warning",
+            joints=sorted(j for group in self.groups for j in group),
+            what=f"{names} move in proportion (|correlation| above {LOCKSTEP:g}): the"
+            f" motion of {self.moving} joints has {self.rank} directions. Their order"
+            " cannot be told, nor what belongs to which of them.",
+            certainty="certain: read from the positions",
+            remedy="move each joint by a signal of its own",
+            rank=self.rank,
+            moving=self.moving,
+            groups=[[j + 1 for j in group] for group in self.groups],
+        )
+
+
+def lockstep_groups(q: Array) -> list[list[int]]:
+    """List groups of columns of positions q (N, n) that move in proportion.
+
+    The columns of a group correlate by more than LOCKSTEP with its first one, whatever
+    the sign. No column is in two groups; groups of one are left out.
+
+    Parameters
+    ----------
+    q : (N, n) array
+        Positions [rad, m].
+
+    Returns
+    -------
+    list of list of int
+        Numbers of the columns of each group.
+    """
+    size = np.std(q, axis=0)
+    z = (q - q.mean(axis=0)) / nonzero_or_one(size)
+    correlation = z.T @ z / len(z)
+    is_proportional = np.abs(correlation) > LOCKSTEP
+    groups: list[list[int]] = []
+    remaining = list(range(q.shape[1]))
+    while remaining:
+        first = remaining[0]
+        group = [k for k in remaining if k == first or is_proportional[first, k]]
+        remaining = [k for k in remaining if k not in group]
+        if len(group) > 1:
+            groups.append(group)
+    return groups
+
+
+def motion_rank(q: Array) -> int:
+    """Return the number of principal directions that hold 99.9 % of the variance of
+    positions q (N, n), each joint scaled to variance 1.
+
+    Parameters
+    ----------
+    q : (N, n) array
+        Positions [rad, m].
+
+    Returns
+    -------
+    int
+        Rank of the motion.
+    """
+    z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
+    power = np.linalg.svd(z, compute_uv=False) ** 2
+    shares = np.cumsum(power) / power.sum()
+    return int(np.searchsorted(shares, _SHARE_OF_VARIANCE) + 1)
