@@ -348,13 +348,12 @@ class LoggerJudge:
         run, and the instants of its own by its own clock."""
         said = []
         for issue in stated:
-            if "t" not in issue.figures:
+            if issue.instant is None or issue.by_clock is None:
                 said.append(issue)
                 continue
-            t = issue.figures["t"]
-            at = self._time_in_run(number, t)
+            at = self._time_in_run(number, issue.instant)
             if at is not None:
-                said.append(issue.with_instant(t, at))
+                said.append(issue.by_clock(at))
         return said
 
     def _explanations(

@@ -1,7 +1,7 @@
 """What the data check says: one issue a problem."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from sdp_vs_penalty import formatting
@@ -29,6 +29,10 @@ class Issue:
     nature : FACT, which is read from the file, or EXPLANATION, which a model of the arm
     gives: it competes with other explanations and is never an error. apply : the word
     of `check --fix --apply`; equivalents : what explains as much, in words.
+
+    instant : of an issue that all runs share, when it happens in the log of all runs
+    together [s]; by_clock : returns the issue in the words of an instant [s] by one
+    run's clock. None for what happens at no instant.
     """
 
     kind: str
@@ -43,6 +47,8 @@ class Issue:
     nature: str = FACT
     apply: str = ""
     equivalents: tuple[str, ...] = ()
+    instant: float | None = None
+    by_clock: "Callable[[float], Issue] | None" = None
 
     def __post_init__(self) -> None:
         """Refuse an explanation that is called an error: only facts are errors."""
@@ -124,17 +130,6 @@ class Issue:
         has a repair."""
         is_certain = self.certainty.startswith("certain")
         return self.nature == FACT and self.repair is not None and is_certain
-
-    def with_instant(self, t: float, at: float) -> "Issue":
-        """Return the issue of an instant t [s] with the same instant by another clock,
-        at [s], in its words and figures."""
-        old, new = (f"t = {x:.4g} s" for x in (t, at))
-        return replace(
-            self,
-            where=self.where.replace(old, new),
-            what=self.what.replace(old, new),
-            figures={**self.figures, "t": at},
-        )
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Issue":

@@ -1012,6 +1012,12 @@ class RepairSearch:
             what would explain the log as well, and the function that repairs the log.
         """
         odds = self.posterior(net) - self.posterior(fault.repair_without)
+
+        def by_clock(at: float) -> Issue:
+            """Return the issue with its instant by another clock [s]."""
+            assert fault.by_clock is not None
+            return self.describe(fault.by_clock(at), net, effects)
+
         what = fault.what
         figures = {
             "joints": [j + 1 for j in fault.joints],
@@ -1052,6 +1058,8 @@ class RepairSearch:
             gravity=_measured_gravity(net) if fault.is_of_gravity else None,
             apply=fault.apply,
             equivalents=equivalents,
+            instant=fault.instant,
+            by_clock=by_clock if fault.by_clock else None,
         )
 
     def _reason(self, fault: Fault, net: LogTransform) -> str:

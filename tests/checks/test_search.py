@@ -13,6 +13,7 @@ from sdp_vs_penalty.checks.dynamics import LoggerJudge
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.regression_data import RegressionData
+from sdp_vs_penalty.checks.repair import LogEvent
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.search import RepairSearch
 
@@ -121,3 +122,17 @@ def test_a_motion_is_poor_where_that_of_every_run_is(search, ranks, is_poor):
     several = RepairSearch(search.log, [search.log] * len(reports), reports)
     assert several.has_few_directions is is_poor
     assert several.has_lockstep is bool(ranks)
+
+
+def test_a_step_is_told_by_the_clock_of_its_run(search):
+    """The sentence is made anew: nothing in it is replaced."""
+    net = search.log.as_logged.with_event(LogEvent(1, 4.0))
+    (issue,) = search.describe_faults(net)
+    assert (issue.kind, issue.instant) == ("torque step", 4.0)
+    assert issue.figures["t"] == 4.0
+    assert "at t = 4 s and stays" in issue.what
+    told = issue.by_clock(1.25)
+    assert (told.instant, told.figures["t"]) == (1.25, 1.25)
+    assert told.where == "joint 2, t = 1.25 s"
+    assert told.what == issue.what.replace("t = 4 s", "t = 1.25 s")
+    assert told.figures["size"] == issue.figures["size"]

@@ -1,6 +1,7 @@
 """Laws, drifts and steps of one joint's torque."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -210,7 +211,8 @@ def _step(
     event: LogEvent,
     t: float,
 ) -> Fault:
-    """Return the fault that a joint's torque steps at t [s] and stays there.
+    """Return the fault that a joint's torque steps and stays there: at the instant t
+    [s], by the clock in whose words it is told.
 
     Its prior odds count the moments that a low-passed torque can distinguish.
     """
@@ -231,4 +233,6 @@ def _step(
         place=f"{name}, t = {t:.4g} s",
         is_repairable=False,
         figures={"size": size, "t": t},
+        instant=t,
+        by_clock=partial(_step, log, repair, event),
     )

@@ -183,7 +183,8 @@ class Fault:
     the fault's size, which is set to 0; log_odds_against : natural logarithm of the
     prior odds against the fault; place : where it is, in words; empty: at its joints
     (from 0); is_repairable : whether a repaired log can be written; figures : what JSON
-    says of it.
+    says of it. instant : when it happens [s]; by_clock : returns the fault in the words
+    of the same instant by another clock; None for what happens at no instant.
     """
 
     kind: str
@@ -197,6 +198,8 @@ class Fault:
     is_repairable: bool = True
     equivalents: tuple[str, ...] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
+    instant: float | None = None
+    by_clock: "Callable[[float], Fault] | None" = None
 
     @property
     def size(self) -> FaultSize | None:
