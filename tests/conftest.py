@@ -157,7 +157,7 @@ def _issues_say_what_they_mean():
 
     def told(self, *given, **named):
         plain(self, *given, **named)
-        text = " ".join((self.where, self.what, self.certainty, self.remedy))
+        text = " ".join((self.where, self.what, str(self.certainty), self.remedy))
         assert not re.search(r"\b(None|nan|inf)\b", text), text
         joints = self.figures.get("joints", ())
         if 0 < len(joints) <= 2 and not self.where.startswith("all"):

@@ -52,7 +52,7 @@ def claim(
     is_right: bool,
 ) -> Claim:
     """One issue of a log as a claim."""
-    word = issue.certainty.split(":")[0]
+    word = issue.certainty.grade
     return Claim(
         source,
         case,

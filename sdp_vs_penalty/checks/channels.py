@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.certainty import certain, likely
 from sdp_vs_penalty.checks.constants import STUCK, TIMES
 from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
@@ -203,7 +204,7 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
     iterator of Issue
         Issues to report; none if nothing is wrong.
     """
-    sure = "certain: the positions change by noise only"
+    sure = certain("the positions change by noise only")
     joints = np.flatnonzero(~glance.moving)
     if not glance.moving.any():
         what = (
@@ -256,8 +257,10 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
             severity="warning",
             joints=joints,
             what="{where}: positions outside the range all or part of the time.",
-            certainty="likely: outside what the joint can reach, certainly; its zero is"
-            " the usual cause",
+            certainty=likely(
+                "outside what the joint can reach, certainly; its zero is"
+                " the usual cause"
+            ),
             remedy="correct the zeros of these joints: the travel fits the range",
         )
 
@@ -311,8 +314,10 @@ def unsigned_torques(joints: Sequence[int]) -> Issue:
         severity="warning",
         joints=joints,
         what="{where} never changes sign: the logger wrote magnitudes.",
-        certainty="likely: it turns back at zero in corners, and with signs the arm"
-        " explains it clearly better",
+        certainty=likely(
+            "it turns back at zero in corners, and with signs the arm"
+            " explains it clearly better"
+        ),
         remedy="log the torque with its sign",
         where=", ".join(f"tau{j + 1}" for j in joints),
         nature=EXPLANATION,
@@ -356,8 +361,9 @@ def _clipped(
         what=f"tau{j + 1} is stuck at {value:.6g} {glance.robot.torque_units[j]} for up to"
         f" {longest} consecutive samples ({np.sum(x == value)} in total): the channel is"
         " clipped.",
-        certainty=f"likely: elsewhere it is never constant for more than {elsewhere}"
-        " samples",
+        certainty=likely(
+            f"elsewhere it is never constant for more than {elsewhere} samples"
+        ),
         remedy="record again with a larger range, or slower; delete those rows until"
         " then",
         where=f"tau{j + 1}",
@@ -440,8 +446,9 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
             joints=(),
             what=f"every torque is a whole number, up to {largest:.4g}: counts of the"
             f" drive{unit}.",
-            certainty="likely: the whole numbers are read from the file, not what they"
-            " count",
+            certainty=likely(
+                "the whole numbers are read from the file, not what they count"
+            ),
             remedy="multiply each channel by its rated torque / 1000 (or its gain, gear"
             " ratio included); otherwise the model's ratios are right for a joint, its"
             " kilograms are not",
@@ -482,7 +489,7 @@ def find_coarse_sampling(
             joints=(),
             what=f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second"
             f" are too few to differentiate it twice: {needed:.0f} Hz are needed.",
-            certainty="certain: from the spectrum of the positions",
+            certainty=certain("from the spectrum of the positions"),
             remedy="log faster, or move slower",
             where="column t",
             rate_hz=rate,
@@ -532,7 +539,7 @@ def _quantised(
         what=f"q{j + 1} is quantised in steps of {step:.3g} {glance.robot.position_units[j]}:"
         f" noise of about {100.0 * noise / size:.0f} % of the acceleration below"
         f" {cutoff:.3g} Hz.",
-        certainty="likely: the steps are read from the file, the noise is estimated",
+        certainty=likely("the steps are read from the file, the noise is estimated"),
         remedy="log more digits, or move faster",
         where=f"q{j + 1}",
         step=step,

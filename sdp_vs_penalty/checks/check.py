@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.checks import channels, residual
+from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics
 from sdp_vs_penalty.checks.facts import mended
@@ -159,7 +160,7 @@ def _facts_of_windows(
             issue = Issue.of_refusal(
                 "unusable rows",
                 error,
-                "certain: read from the file",
+                certain("read from the file"),
             )
             return [
                 Report(
@@ -195,7 +196,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
-        issue = Issue.of_refusal("no rows", error, "certain: read from the file")
+        issue = Issue.of_refusal("no rows", error, certain("read from the file"))
         return Report(
             run.names[0],
             (issue,),
@@ -216,7 +217,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     if len(work.t) < RUN:
         error = InputError(f"fewer than {RUN} usable rows", "record longer", report.run)
         issues.append(
-            Issue.of_refusal("too little data", error, "certain: too few rows")
+            Issue.of_refusal("too little data", error, certain("too few rows"))
         )
         return replace(report, issues=tuple(issues))
     issues += [*channels.find_idle_joints(glance)]
@@ -300,7 +301,7 @@ def _with_range_error(
         if any(f.kind in POSITION_UNITS for f in issues):
             return [_as_fact(f) if f.kind in POSITION_UNITS else f for f in issues]
         far = far_outside(problem.robot, run.q)
-        certainty = "certain: `identify` refuses it"
+        certainty = certain("`identify` refuses it")
         refused = Issue.of_refusal("position range", error, certainty, far)
         repairs = _explanations_of_positions(problem, report, issues)
         if repairs:
@@ -328,7 +329,7 @@ def _explanations_of_positions(
 def _as_fact(issue: Issue) -> Issue:
     """Return the issue that positions are in degrees as a certain error: the joints'
     ranges confirm what the torques suggest."""
-    certainty = "certain: outside what the joints can reach, and inside it as degrees"
+    certainty = certain("outside what the joints can reach, and inside it as degrees")
     return replace(issue, nature=FACT, severity="error", certainty=certainty)
 
 

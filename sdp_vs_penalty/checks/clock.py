@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.constants import MOST_REPEATED, RUN, TIMES
 from sdp_vs_penalty.checks.glance import (
     CONTINUE,
@@ -88,8 +89,10 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         where="column t",
         what=f"time is in {unit}, not in seconds (it advances by {glance.usual_step:.4g} from row"
         " to row).",
-        certainty=f"likely: in seconds it were one row in {glance.usual_step:.3g} s of a motion at"
-        f" {speed:.2g} rad/s",
+        certainty=likely(
+            f"in seconds it were one row in {glance.usual_step:.3g} s of a motion at"
+            f" {speed:.2g} rad/s"
+        ),
         remedy=f"multiply t by {factor:g}",
         repair=lambda r: replace(r, t=r.t * factor),
         apply=f"time:{_UNITS[unit]}",
@@ -333,8 +336,10 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
         what=f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly"
         f" spaced: they are {ratio:.0f} times smoother over the row number than over"
         " these times.",
-        certainty="likely: if the sampling itself jittered, q would be smoother over"
-        " the recorded times",
+        certainty=likely(
+            "if the sampling itself jittered, q would be smoother over"
+            " the recorded times"
+        ),
         remedy="space the time stamps evenly (and log the samples' own time)",
         repair=partial(_evened, pause=pause),
         figures={"percent": 100.0 * spread, "ratio": ratio},
@@ -409,7 +414,7 @@ def _clock_step(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
         where=_place(glance, rows),
         what=f"the clock jumps ahead by up to {glance.steps[rows].max():.3g} s while the"
         " moving arm does not: the clock was set, and no sample is missing.",
-        certainty="likely: the distance travelled is that of one usual step",
+        certainty=likely("the distance travelled is that of one usual step"),
         remedy=CONTINUE,
         repair=partial(with_time_steps, where=is_wrong, steps=glance.usual_step),
         figures=_rows_and_seconds(glance, rows),

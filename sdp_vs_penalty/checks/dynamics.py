@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, TIMES
 from sdp_vs_penalty.checks.faults.fault import Fault
 from sdp_vs_penalty.checks.faults.order import Exchange
@@ -102,7 +103,7 @@ class LoggerJudge:
                 issue = Issue.of_refusal(
                     "too little data",
                     error,
-                    "certain: the filters need more",
+                    certain("the filters need more"),
                 )
                 self.reports[k] = with_issues(report, [issue])
         as_logged = LogTransform.unchanged(problem.robot.n, problem.robot.gravity)

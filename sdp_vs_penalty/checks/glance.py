@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.certainty import Certainty, certain
 from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -21,7 +22,7 @@ Rows = NDArray[np.bool_]
 #: Time on either side of a row in which a joint at rest does not move [s].
 _QUARTER_SECOND = 0.25
 #: How certain a fact is.
-READ = "certain: read from the file"
+READ = certain("read from the file")
 #: What to do about a clock that jumps.
 CONTINUE = "continue the time at the usual step there"
 
@@ -119,7 +120,7 @@ class RunSummary:
         kind: str,
         bad: Mapping[str, Rows] | Rows,
         what: str,
-        sure: str = READ,
+        sure: Certainty = READ,
         unusable: bool = False,
         remedy: str = "delete these rows",
         **figures: Any,

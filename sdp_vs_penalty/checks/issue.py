@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.certainty import CERTAIN, Certainty
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 
@@ -22,7 +23,7 @@ class Issue:
     would be worse than it need be) or "note" (a fact worth knowing).
 
     what, remedy : one sentence each; certainty : "certain", "likely" or "possible", and
-    why; repair : how a run is repaired, where that is safe (``remedy`` in words);
+    why, its text as well; repair : how a run is repaired, where that is safe (``remedy`` in words);
     figures : the numbers behind it; gravity : where gravity points instead [m/s^2], for
     an issue about it.
 
@@ -39,7 +40,7 @@ class Issue:
     severity: str
     where: str
     what: str
-    certainty: str
+    certainty: Certainty
     remedy: str
     repair: Callable[[Measurements], Measurements] | None = None
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -63,7 +64,7 @@ class Issue:
         severity: str,
         joints: Any,
         what: str,
-        certainty: str,
+        certainty: Certainty,
         remedy: str,
         where: str = "",
         repair: Callable[[Measurements], Measurements] | None = None,
@@ -110,7 +111,7 @@ class Issue:
         cls,
         kind: str,
         error: InputError,
-        certainty: str,
+        certainty: Certainty,
         joints: Sequence[int] = (),
     ) -> "Issue":
         """Make an error from what identification would refuse; joints from 0."""
@@ -128,16 +129,17 @@ class Issue:
     def mends(self) -> bool:
         """Whether `check --fix` repairs the issue by itself: it is a certain fact, and
         has a repair."""
-        is_certain = self.certainty.startswith("certain")
-        return self.nature == FACT and self.repair is not None and is_certain
+        is_certain_fact = self.nature == FACT and self.certainty.grade == CERTAIN
+        return is_certain_fact and self.repair is not None
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Issue":
         """Read an issue that :meth:`to_dict` wrote; its repair is lost."""
-        names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
+        names = ("kind", "nature", "severity", "where", "what", "remedy")
         gravity = data["gravity"]
         return cls(
             **{name: data[name] for name in names},
+            certainty=Certainty.from_text(data["certainty"]),
             apply=data["apply"],
             equivalents=tuple(data["equivalents"]),
             figures=dict(data["figures"]),
@@ -150,6 +152,7 @@ class Issue:
         plain = {name: getattr(self, name) for name in names}
         return {
             **plain,
+            "certainty": str(self.certainty),
             "can_fix": self.mends,
             "apply": self.apply,
             "equivalents": [*self.equivalents],

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.faults.fault import Fault
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -731,7 +732,7 @@ class RunComparison:
             severity="warning",
             where=joints_text(joints) if joints else "the run",
             what=f"{what}, beside the others.",
-            certainty=f"likely: {self._reason}",
+            certainty=likely(f"{self._reason}"),
             remedy=remedy,
             figures={
                 "joints": [joint + 1 for joint in joints],

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import nonzero_or_one
@@ -52,7 +53,7 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
             severity="warning",
             where="the problem",
             what=f"{unit.what} Nothing is said of the torques.",
-            certainty="certain: read from the problem, no arm is of that size",
+            certainty=certain("read from the problem, no arm is of that size"),
             remedy=unit.remedy,
             figures={"quantity": unit.quantity, "factor": unit.factor},
         )

@@ -90,7 +90,9 @@ class Report(Record):
         import pandas
 
         columns = ["kind", "severity", "where", "what", "certainty", "remedy"]
-        rows = [[getattr(issue, name) for name in columns] for issue in self.issues]
+        rows = [
+            [str(getattr(issue, name)) for name in columns] for issue in self.issues
+        ]
         return pandas.DataFrame(rows, columns=columns)
 
     @classmethod
@@ -136,7 +138,7 @@ class Report(Record):
     def _table(self) -> Table | None:
         """A table of kind, place, certainty and remedy of each issue; None without
         issues."""
-        rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
+        rows = [(f.kind, f.where, str(f.certainty), f.remedy) for f in self.issues]
         if not rows:
             return None
         return Table(

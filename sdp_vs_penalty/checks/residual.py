@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
@@ -27,8 +28,8 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 explanation = partial(Issue.of, nature=EXPLANATION)
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
-_SURE = (
-    "likely: signs, orders, gains, zeros, delays, units and gravity were tried; none"
+_SURE = likely(
+    "signs, orders, gains, zeros, delays, units and gravity were tried; none"
     " explains it"
 )
 
@@ -206,7 +207,7 @@ def _event(
             what=f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
             f" packet): the error is {largest:.3g} {unit} in joint {j + 1}, over"
             f" {c.TIMES:g} times that at any other moment.",
-            certainty="likely: an effect of the arm itself would recur",
+            certainty=likely("an effect of the arm itself would recur"),
             remedy=f"exclude {_WIDTH:g} s around it",
             repair=partial(_without_moment, at=at),
             where=f"t = {at:.3g} s, {joints_text([j])}",
@@ -273,7 +274,7 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
             where=joints_text(joints) if joints else "the robot",
             what=f"{len(dark)} of {total} base parameters are not identifiable from this"
             f" motion: {', '.join(dark)}.",
-            certainty="likely: by least squares, were its error white noise",
+            certainty=likely("by least squares, were its error white noise"),
             remedy="move these joints farther, faster and independently of each other, or add"
             " runs that do",
             repair=None,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
 from sdp_vs_penalty.checks.glance import (
     READ,
@@ -304,7 +305,7 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
         "{named} lies against its end stop for up to {seconds:.3g} s: its command goes"
         " beyond it."
     )
-    sure = "certain: the drive pushes against its stop"
+    sure = certain("the drive pushes against its stop")
     yield from glance.delete_rows("end stop", bad, what, sure)
 
 
@@ -401,7 +402,7 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
         "{rows} rows of {named} are exactly zero, and jump there and back: nothing was"
         " measured."
     )
-    sure = "certain: the channel jumps to no other value and back"
+    sure = certain("the channel jumps to no other value and back")
     yield from glance.delete_rows("zeros", bad, what, sure)
 
 
@@ -481,7 +482,7 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
         bad[name] = is_far & (is_far.mean() <= rare)
     what = "{rows} samples of {named} lie far from the samples on both sides."
     yield from glance.delete_rows(
-        "spikes", bad, what, "certain: no joint moves like that"
+        "spikes", bad, what, certain("no joint moves like that")
     )
 
 
@@ -595,7 +596,7 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
         where=rows_text(rows + 3),
         what=f"at {len(rows)} places every joint skips ahead within one time step: about"
         f" {lost.sum():.0f} rows are missing and the clock was made again.",
-        certainty="certain: all joints skip by the same time",
+        certainty=certain("all joints skip by the same time"),
         remedy="put the missing time back",
         repair=partial(_with_time, added=added),
         figures={"rows": (rows + 3)[:100].tolist(), "missing": lost[:100].tolist()},
@@ -669,7 +670,7 @@ def find_frozen_channels(
         "{named} repeats one value for {seconds:.3g} s, {parts} times, while the arm"
         " moves: the channel was frozen."
     )
-    sure = "certain: elsewhere it never repeats for nearly as long"
+    sure = certain("elsewhere it never repeats for nearly as long")
     yield from glance.delete_rows(f"frozen {word}", bad, what, sure)
 
 

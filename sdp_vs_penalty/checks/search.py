@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
+from sdp_vs_penalty.checks.certainty import likely, possible
 from sdp_vs_penalty.checks.faults import FAULTS
 from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
@@ -1039,12 +1040,12 @@ class RepairSearch:
             figures["as_likely"] = [
                 {"kind": x.kind, "joints": [j + 1 for j in x.joints]} for x in rivals
             ]
-        certainty = f"likely: {self._reason(fault, net)}"
+        certainty = likely(f"{self._reason(fault, net)}")
         if effects:
             equivalents = (*equivalents, *effects)
             figures["rival_effects"] = [*effects]
             what = f"{what} It may be instead: {'; '.join(effects)}."
-            certainty = "possible: an effect of the arm explains the same torques"
+            certainty = possible("an effect of the arm explains the same torques")
         return Issue(
             kind=fault.kind,
             nature=EXPLANATION,

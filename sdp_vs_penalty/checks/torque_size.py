@@ -13,6 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.certainty import Certainty, likely
 from sdp_vs_penalty.checks.faults.fault import UNITS
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -25,7 +26,7 @@ from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 
 #: Largest share of the joints that have a unit of their own; of more, all share it.
 _SINGLE_JOINTS = 0.3
-_BY_SIZE = "likely: judged by size alone"
+_BY_SIZE = likely("judged by size alone")
 _CONVERT = (
     "convert to N m (N for a prismatic joint) by `convert --scale tau=mNm`, or by"
     " another unit's name or factor: N cm times 0.01, mN m times 0.001"
@@ -227,7 +228,7 @@ class _Reason:
     remedy: str
     where: str = "all torque channels"
     factor: float | None = None
-    certainty: str = _BY_SIZE
+    certainty: Certainty = _BY_SIZE
 
 
 def _reason_of_size(
@@ -279,7 +280,7 @@ def _reason_of_size(
             " more than of a motor's current: what is left where a model was subtracted"
             " (external torque), or another channel",
             remedy,
-            certainty="likely: by their size, and by what the arm's dynamics leave",
+            certainty=likely("by their size, and by what the arm's dynamics leave"),
         )
     return _Reason(
         "torque channel kind",
@@ -346,7 +347,7 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
             joints=(),
             what="the torques are the weight of an arm alone: no inertia, and no"
             f" friction of any joint ({100.0 * shares.max() ** 0.5:.2g} % is left).",
-            certainty="likely: every motor bears friction",
+            certainty=likely("every motor bears friction"),
             remedy="log the measured torque or current: this is the controller's model"
             " of gravity, from which friction and inertia cannot be identified",
             where="all torque channels",

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import RUN, TIMES
 from sdp_vs_penalty.checks.glance import READ, RunSummary
 from sdp_vs_penalty.checks.issue import Issue
@@ -107,7 +108,7 @@ def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
         what=f"the logged velocity is {ratio:.3g} times the derivative of the position,"
         f" in {n_alike} of {n_known} joints alike: time runs {wrong}, or velocities are"
         " in another unit.",
-        certainty="certain: read from the file; which of the two, it does not say",
+        certainty=certain("read from the file; which of the two, it does not say"),
         remedy=f"find out the log's rate: multiply t by {1.0 / ratio:.3g}, or divide dq"
         f" by {ratio:.3g}",
         repair=partial(_stretched, factor=1.0 / ratio),

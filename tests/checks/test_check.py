@@ -18,6 +18,7 @@ from sdp_vs_penalty import (
     load_problem,
 )
 from sdp_vs_penalty.checks import Issue, check, mended
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import consented, needs_check
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.one_arm import two_arms
@@ -158,7 +159,7 @@ def test_what_is_wrong_is_named(name, simulated, small):
     finding = found[kind]
     assert words in finding.what, finding.what
     assert finding.severity == severity
-    assert finding.certainty.split(":")[0] in ("certain", "likely", "possible")
+    assert finding.certainty.grade in ("certain", "likely", "possible")
     assert finding.remedy
     assert name != "a dead channel" or finding.where == "tau2"
     assert report.meaningless == (severity == "error")
@@ -361,7 +362,7 @@ def test_an_explanation_is_never_an_error():
         kind="k",
         where="w",
         what="x",
-        certainty="likely",
+        certainty=likely("x"),
         remedy="r",
     )
     with pytest.raises(ValueError, match="never an error"):

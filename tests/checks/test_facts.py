@@ -8,6 +8,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, mended
+from sdp_vs_penalty.checks.certainty import certain, likely
 from sdp_vs_penalty.checks.channels import (
     possible_magnitudes,
 )
@@ -226,7 +227,7 @@ def test_a_repair_that_raises_the_error_is_not_written():
         severity="warning",
         where="joint 2",
         what="x",
-        certainty="likely",
+        certainty=likely("x"),
         remedy="r",
         repair=flipped,
         apply="sign:tau2",
@@ -452,3 +453,19 @@ def test_an_order_that_makes_positions_possible_is_said_beside_their_range():
     (report,) = check(problem, log, thorough=False)
     kinds_said = [f.kind for f in report.issues]
     assert kinds_said[:2] == ["position range", "position order"]
+
+
+def test_an_issue_is_mended_where_its_grade_is_certain_whatever_its_words():
+    issue = Issue(
+        kind="k",
+        severity="warning",
+        where="w",
+        what="x",
+        certainty=certain("read from the file"),
+        remedy="r",
+        repair=flipped,
+    )
+    assert issue.mends
+    assert str(issue.certainty) == "certain: read from the file"
+    assert Issue.from_dict(issue.to_dict()).certainty == issue.certainty
+    assert not replace(issue, certainty=likely("certain: but for a few")).mends

@@ -4,6 +4,7 @@ import pytest
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.checks import Issue
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import explanations_in_a_line
 from sdp_vs_penalty.problem.check_command import CheckCommand
 
@@ -52,7 +53,7 @@ def test_the_line_about_explanations_names_the_command_that_tries_them():
         severity="warning",
         where="joint 2",
         what="the torque of joint 2 has the wrong sign.",
-        certainty="likely",
+        certainty=likely("x"),
         remedy="negate tau2",
         apply="sign:tau2",
     )
