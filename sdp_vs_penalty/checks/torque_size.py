@@ -5,7 +5,7 @@ the joints' effort limits, which bind every sample, and what an arm of the probl
 masses needs on the motion.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -27,10 +27,6 @@ from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 #: Largest share of the joints that have a unit of their own; of more, all share it.
 _SINGLE_JOINTS = 0.3
 _BY_SIZE = likely("judged by size alone")
-_CONVERT = (
-    "convert to N m (N for a prismatic joint) by `convert --scale tau=mNm`, or by"
-    " another unit's name or factor: N cm times 0.01, mN m times 0.001"
-)
 #: The word of `--apply` that multiplies all torques by the factor of their unit.
 UNIT_OF_TORQUES = "unit:tau"
 _CORRECT_MASSES = "if right, correct the problem's masses"
@@ -66,7 +62,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             what=f"the torque of {{where}} is {times} times what the joint is made for:"
             " in another unit.",
             certainty=_BY_SIZE,
-            remedy=_CONVERT,
+            remedy=_conversion([f"tau{j + 1}" for j in too_large]),
             nature=EXPLANATION,
         )
         return
@@ -303,8 +299,17 @@ def _in_another_unit(size: _Size) -> _Reason:
                 f"multiply by {factor:g}",
                 factor=factor,
             )
-    remedy = f"{_CONVERT}; {_CORRECT_MASSES}"
+    remedy = f"{_conversion(['tau'])}; {_CORRECT_MASSES}"
     return _Reason("torque unit", "their unit is not N m", remedy)
+
+
+def _conversion(columns: Sequence[str]) -> str:
+    """Return how torques in an unknown unit are converted; columns : tau, or tau7 ..."""
+    scale = ",".join(f"{column}=mNm" for column in columns)
+    return (
+        f"convert to N m (N for a prismatic joint) by `convert --scale {scale}`, or by"
+        " another unit's name or factor: N cm times 0.01, mN m times 0.001"
+    )
 
 
 def _scaled(run: Measurements, factor: float) -> Measurements:
