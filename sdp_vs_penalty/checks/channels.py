@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import certain, likely
-from sdp_vs_penalty.checks.constants import STUCK, TIMES
+from sdp_vs_penalty.checks.constants import LONG_STRETCH, STUCK
 from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.data.measurements import Measurements
@@ -351,7 +351,7 @@ def _clipped(
     is_extreme = np.isin(values, (x.min(), x.max()))
     elsewhere = int(lengths[~is_extreme].max(initial=1))
     longest = int(lengths[is_extreme].max(initial=1))
-    if longest < max(TIMES * elsewhere, STUCK):
+    if longest < max(LONG_STRETCH * elsewhere, STUCK):
         return
     value = float(values[np.argmax(lengths * is_extreme)])
     yield Issue.of(

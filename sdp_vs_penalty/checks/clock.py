@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import likely
-from sdp_vs_penalty.checks.constants import MOST_REPEATED, RUN, TIMES
+from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
 from sdp_vs_penalty.checks.glance import (
     CONTINUE,
     READ,
@@ -196,7 +196,7 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
     moved = np.any(changes != 0.0, axis=1)
     if not glance.usual_step or is_same.mean() < MOST_REPEATED or moved.mean() < 0.5:
         return
-    step = float(np.mean(glance.steps[glance.steps < TIMES * glance.usual_step]))
+    step = float(np.mean(glance.steps[glance.steps < GAP * glance.usual_step]))
     yield Issue(
         kind="coarse time stamps",
         severity="error",
@@ -218,7 +218,7 @@ def _spaced_evenly(run: Measurements, step: float) -> Measurements:
     than three times almost all other steps (their 97 % quantile).
     """
     steps = np.diff(run.t)
-    pause = TIMES * max(step, float(np.quantile(steps, 0.97)))
+    pause = GAP * max(step, float(np.quantile(steps, 0.97)))
     edges = np.flatnonzero(steps > pause) + 1
     parts = [_even(t) for t in np.split(run.t, edges)]
     return replace(run, t=np.concatenate(parts))
@@ -261,6 +261,11 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     )
 
 
+#: A slower rate is one whose steps are more than so many usual ones: shorter steps are rows
+#: that were lost here and there.
+_SLOWER_RATE = 3.0
+
+
 def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning for each stretch in which the rows are a whole number of times
     farther apart, steadily: the logger wrote every second or third row only.
@@ -280,7 +285,7 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
         return
     ratios = glance.steps / usual
     is_whole = np.abs(ratios - np.round(ratios)) < 0.05 * ratios
-    for a, b in spans((ratios > TIMES) & is_whole):
+    for a, b in spans((ratios > _SLOWER_RATE) & is_whole):
         ratio = float(np.median(ratios[a:b]))
         steady = np.all(np.abs(ratios[a:b] - ratio) < 0.1 * ratio)
         if b - a < _SHORTEST_CHANGE_OF_RATE or not steady:
@@ -298,6 +303,11 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
         )
 
 
+#: Stamps jitter where positions are so many times rougher over them than over the row
+#: numbers: noise makes them equally rough over both.
+_ROUGHER_OVER_TIME = 3.0
+
+
 def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where stamps jitter, or come in bursts, although the samples were
     taken evenly: positions are smoother over the row number than over time.
@@ -313,7 +323,7 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
         Issues to report; none if nothing is wrong.
     """
     # Steps longer than this are gaps; packets may come in bursts of many short steps.
-    pause = TIMES * max(glance.usual_step, float(np.quantile(glance.steps, 0.97)))
+    pause = GAP * max(glance.usual_step, float(np.quantile(glance.steps, 0.97)))
     is_inner = (glance.steps[1:] < pause) & (glance.steps[:-1] < pause)
     usual = glance.steps[glance.steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
@@ -327,7 +337,7 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
         is_inner,
     )
     ratio = float(np.median(rough_in_time / np.maximum(rough_in_rows, 1e-300)))
-    if ratio < TIMES:
+    if ratio < _ROUGHER_OVER_TIME:
         return
     yield Issue(
         kind="jittered time stamps",
@@ -389,7 +399,7 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     iterator of Issue
         Issues to report; none if nothing is wrong.
     """
-    is_long = glance.steps > max(TIMES * glance.usual_step, 0.02)
+    is_long = glance.steps > max(GAP * glance.usual_step, 0.02)
     for issue in find_changes_of_rate(glance):
         first, last = issue.figures["rows"]
         is_long[first - 2 : last - 2] = False
@@ -397,7 +407,7 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     moves = glance.movement.moves
     in_motion = [bool(moves[max(k - 10, 0) : k + 11].all()) for k in long]
     is_set = np.array(in_motion, bool) & _goes_on(glance, long)
-    is_set &= glance.steps[long] > 2.0 * TIMES * glance.usual_step
+    is_set &= glance.steps[long] > 2.0 * GAP * glance.usual_step
     if is_set.any():
         yield _clock_step(glance, long[is_set])
     if not is_set.all():

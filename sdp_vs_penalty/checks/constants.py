@@ -91,8 +91,12 @@ RESEMBLES = 0.3
 CONTRADICTS = (2.0, 1e-4)
 
 # -- rows, clock and channels
-#: What is so many times what it is elsewhere is no chance: constant stretches, an event, a rough clock.
-TIMES = 3.0
+#: A step of the clock longer than so many usual ones is a gap: one lost row makes two, and
+#: jitter adds less than another.
+GAP = 3.0
+#: A stretch in which a channel repeats a value, or lies on a line, is a fault where it is so
+#: many times as long as usual ones: a logger faster than its source makes those.
+LONG_STRETCH = 3.0
 #: A frozen channel or packet stays for so many rows (in which a joint that comes to
 #: rest slows down; twice as many freezes are a coarse sensor), and so long [s] (packets
 #: for less are a warning).

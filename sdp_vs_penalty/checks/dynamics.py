@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain
-from sdp_vs_penalty.checks.constants import NO_DYNAMICS, TIMES
+from sdp_vs_penalty.checks.constants import GAP, NO_DYNAMICS
 from sdp_vs_penalty.checks.faults.fault import Fault
 from sdp_vs_penalty.checks.faults.order import Exchange
 from sdp_vs_penalty.checks.faults.sign import Sign
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import RunComparison, RunLog, two_arms
+from sdp_vs_penalty.checks.one_arm import OUTLYING, RunComparison, RunLog, two_arms
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
@@ -180,7 +180,7 @@ class LoggerJudge:
             for k in numbers
         ]
         comparison = RunComparison(runs)
-        is_one_joint = comparison.worst_error_ratio >= TIMES
+        is_one_joint = comparison.worst_error_ratio >= OUTLYING
         differs = (
             comparison.is_one_arm_worse(1.0)
             or comparison.has_outlying_run
@@ -447,6 +447,6 @@ def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
 def _is_near_gap(run: Measurements, t: float) -> bool:
     """Whether rows are missing within a second of an instant [s]."""
     steps = np.diff(run.t)
-    is_gap = steps > TIMES * np.median(steps)
+    is_gap = steps > GAP * np.median(steps)
     near = np.abs(run.t[1:] - t) < 1.0
     return bool(np.any(is_gap & near))

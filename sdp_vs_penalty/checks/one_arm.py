@@ -61,6 +61,16 @@ Proposals = Callable[[int], Sequence[tuple[Fault, LogTransform]]]
 #: Log-odds (natural logarithm) that a difference of runs has to exceed: three times
 #: what any fault of a log needs, since friction never repeats exactly.
 _ODDS_OF_A_DIFFERENCE = 3.0 * c.LOG_ODDS_AGAINST_FAULT
+#: A run has a fault of its own where one arm for all explains a joint so many times worse
+#: than that joint is explained in another run, or by the run's own arm: friction and
+#: loads that differ from day to day make less.
+OUTLYING = 3.0
+#: Another arm is claimed only where one arm for all makes the error so many times as
+#: large: friction that the model lacks, too, is explained better by other parameters.
+_ANOTHER_ARM = 3.0
+#: Two arms in one run have to make the error so many times as large, more than those of two
+#: runs (TIMES_BETTER): the cut is searched for, and friction changes within a run as well.
+_TWO_ARMS_IN_A_RUN = 3.0**0.5
 #: Another arm has many parameters, and explains much: its fall counts this share [-].
 _SHARE_OF_ANOTHER_ARM = 0.5
 #: A number has an interval that speaks for it as well: this share of the standard errors
@@ -327,10 +337,10 @@ class RunComparison:
 
     @property
     def has_outlying_run(self) -> bool:
-        """Whether one arm for all runs explains some joint at least TIMES worse in one
+        """Whether one arm for all runs explains some joint at least OUTLYING times worse in one
         run than the joint is explained in another run.
         """
-        return self.largest_excess_ratio >= c.TIMES
+        return self.largest_excess_ratio >= OUTLYING
 
     @cached_property
     def suspects(self) -> list[int]:
@@ -640,7 +650,9 @@ class RunComparison:
             ]
             best = _simplest(faults, odds) if faults else best
         # Friction that the model lacks differs from run to run, as another arm does.
-        is_unspecific = best.difference.is_another_arm and self.error_ratio < c.TIMES
+        is_unspecific = (
+            best.difference.is_another_arm and self.error_ratio < _ANOTHER_ARM
+        )
         if not self._is_clear(best) or is_unspecific:
             return None
         return self._in_the_heavier_run(best)
@@ -652,7 +664,7 @@ class RunComparison:
         Another arm contains every gain, zero and load, so that a right number explains
         as much with fewer parameters. Friction and other laws that the model lacks
         leave something that any number explains a little of, and other parameters more:
-        another arm is returned only where one arm is TIMES worse, else None.
+        another arm is returned only where one arm is _ANOTHER_ARM times worse, else None.
 
         Parameters
         ----------
@@ -673,7 +685,7 @@ class RunComparison:
         other = max((arm for arm in arms if arm), key=lambda arm: arm.fall)
         if cause.fall >= other.fall:
             return cause
-        is_specific = self.error_ratio >= c.TIMES
+        is_specific = self.error_ratio >= _ANOTHER_ARM
         return other if is_specific and self._is_clear(other) else None
 
     def _is_clear(self, cause: Cause) -> bool:
@@ -890,7 +902,7 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     )
     # Within a log friction changes as well: the arms have to differ by more than
     # those of two runs.
-    for _, issue in compare_runs([before, after], c.TIMES**0.5):
+    for _, issue in compare_runs([before, after], _TWO_ARMS_IN_A_RUN):
         place = f"t = {t:.4g} s"
         if issue.figures["joints"]:
             place = f"{issue.where}, {place}"

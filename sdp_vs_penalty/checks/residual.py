@@ -174,6 +174,11 @@ def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.in
     return joints[is_still_worse[joints]]
 
 
+#: A one-off event is a moment whose error is so many times that of any other moment: what
+#: the arm itself does recurs.
+_EVENT_OVER_REST = 3.0
+
+
 def _event(
     log: Likelihood,
     repair: LogTransform,
@@ -195,7 +200,7 @@ def _event(
         largest = float(error.max())
         elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
         is_known = np.min(np.abs(known - at)) <= 3.0 * _WIDTH
-        if is_known or not largest > c.TIMES * elsewhere > 0.0:
+        if is_known or not largest > _EVENT_OVER_REST * elsewhere > 0.0:
             continue
         if _is_corner(log, repair, j, at):
             continue
@@ -206,7 +211,7 @@ def _event(
             joints=[j],
             what=f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
             f" packet): the error is {largest:.3g} {unit} in joint {j + 1}, over"
-            f" {c.TIMES:g} times that at any other moment.",
+            f" {_EVENT_OVER_REST:g} times that at any other moment.",
             certainty=likely("an effect of the arm itself would recur"),
             remedy=f"exclude {_WIDTH:g} s around it",
             repair=partial(_without_moment, at=at),
@@ -229,7 +234,7 @@ def _is_corner(log: Likelihood, repair: LogTransform, joint: int, at: float) -> 
     explains_more = np.sum(low_passed[~is_near] ** 2) < np.sum(error[~is_near] ** 2)
     largest = low_passed[is_near].max(initial=0.0)
     elsewhere = low_passed[~is_near].max(initial=0.0)
-    return bool(explains_more and largest <= c.TIMES * elsewhere)
+    return bool(explains_more and largest <= _EVENT_OVER_REST * elsewhere)
 
 
 def _without_moment(run: Measurements, at: float) -> Measurements:

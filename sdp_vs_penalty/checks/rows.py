@@ -8,7 +8,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.certainty import certain
-from sdp_vs_penalty.checks.constants import RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
+from sdp_vs_penalty.checks.constants import (
+    LONG_STRETCH,
+    RUN,
+    SPIKE,
+    STUCK,
+    STUCK_SECONDS,
+)
 from sdp_vs_penalty.checks.glance import (
     READ,
     Rows,
@@ -171,13 +177,18 @@ def _frozen_packets(glance: RunSummary, is_held: Rows) -> Rows:
     far = 4.0 * np.nanmedian(moving_steps, axis=0)
     # A logger faster than its source holds every sample for some rows: that is usual.
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
-    is_long = lengths >= max(STUCK, TIMES * usual)
+    is_long = lengths >= max(STUCK, LONG_STRETCH * usual)
     frozen_parts = [
         (first, end)
         for first, end in parts[is_long].tolist()
         if end < len(glance.run.q) and np.any(steps[end - 1] > far)
     ]
     return mask_of(len(glance.run.q), frozen_parts)
+
+
+#: Rows are doubled where so many times as many repeat the row before as chance makes of a
+#: coarse resolution.
+_TIMES_BY_CHANCE = 3.0
 
 
 def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
@@ -195,7 +206,7 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
     if not 0.1 / RUN <= same.mean() <= 0.8 or not len(single):
         return
     by_chance = _chances_of_equal_rows(glance)[glance.movement.moves].sum()
-    if same.sum() <= TIMES * by_chance:
+    if same.sum() <= _TIMES_BY_CHANCE * by_chance:
         return
     # Travel over the two steps around a copy: that of two usual steps where it skips
     # (far is the mean of two of them), and of one where it does not.
@@ -270,6 +281,11 @@ def _without_copies(run: Measurements, same: Rows, keeps_time: bool) -> Measurem
     return timed.rows(~same)
 
 
+#: A drive pushes against its stop where the command lies so many times as far beyond the
+#: joint's range as the position: a lag of the controller is smaller.
+_PUSHED_BEYOND = 3.0
+
+
 def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
     """Yield an issue about rows in which a joint lies against its end stop: its logged
     command goes beyond the range, and it does not follow.
@@ -297,9 +313,9 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
         held = []
         for first, end in spans(commanded_beyond[:, j] > 0.0):
             farthest = beyond[first:end, j].max()
-            if farthest * TIMES < commanded_beyond[first:end, j].max():
+            if farthest * _PUSHED_BEYOND < commanded_beyond[first:end, j].max():
                 held.append((first, end))
-        is_pushed = np.abs(beyond[:, j]) * TIMES < commanded_beyond[:, j]
+        is_pushed = np.abs(beyond[:, j]) * _PUSHED_BEYOND < commanded_beyond[:, j]
         bad[f"q{j + 1}"] = is_pushed & mask_of(len(is_pushed), held)
     what = (
         "{named} lies against its end stop for up to {seconds:.3g} s: its command goes"
@@ -334,7 +350,7 @@ def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
     # longer than those.
     usual = float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0
     moves = glance.movement.moves
-    shortest = max(STUCK, TIMES * usual)
+    shortest = max(STUCK, LONG_STRETCH * usual)
     parts = [
         (first, end)
         for first, end in edges
@@ -406,6 +422,11 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
     yield from glance.delete_rows("zeros", bad, what, sure)
 
 
+#: A channel drops to zero where so many times as many of its jumps there and back end at
+#: zero as at other values, at which noise or packets end alike.
+_ZEROS_OVER_OTHERS = 3.0
+
+
 def _filled(x: Array) -> Rows:
     """Return the rows (N,) of zeros that a logger filled into a channel x (N,).
 
@@ -429,7 +450,7 @@ def _filled(x: Array) -> Rows:
     comes_back = is_same_side & (smaller_jump > threshold)
     is_zero = comes_back & (x[starts] == 0.0)
     n_elsewhere = np.count_nonzero(comes_back & (x[starts] != 0.0))
-    if n_elsewhere * TIMES > np.count_nonzero(is_zero):
+    if n_elsewhere * _ZEROS_OVER_OTHERS > np.count_nonzero(is_zero):
         return np.zeros(len(x), bool)
     return mask_of(len(x), np.column_stack([starts, ends])[is_zero])
 
@@ -538,6 +559,10 @@ def _near_large_steps(x: Array, least: float) -> NDArray[np.intp]:
     return rows[(rows >= 0) & (rows < len(x))]
 
 
+#: A single joint has to skip so many times: several joints that skip at once are no chance.
+_FEWEST_SKIPS_OF_ONE_JOINT = 3
+
+
 def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where all joints skip ahead within one time step of a usual
     length: rows are missing, and the clock was made anew.
@@ -578,7 +603,7 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     places = _skips(speed, usual, is_clear)
     # A long step is a gap that the clock shows.
     places = places[steps[places] < 3.0 * np.median(steps)]
-    fewest = TIMES if q.shape[1] == 1 else 1
+    fewest = _FEWEST_SKIPS_OF_ONE_JOINT if q.shape[1] == 1 else 1
     if len(places) < fewest:
         return
     # Length of each skip in steps: a mean over the joints that move clearly, weighted
@@ -768,6 +793,11 @@ def _arm_rests(glance: RunSummary, a: int, b: int) -> bool:
     return True
 
 
+#: The longest stretch of one value is at most so many times as long as a freeze: freezes of
+#: one logger last about as long, and a resolution makes far shorter stretches.
+_LONGEST_OVER_FREEZE = 3.0
+
+
 def _long_pauses(glance: RunSummary, x: Array) -> list[list[int]]:
     """List the first and last row of each long stretch in which a channel x (N,) is
     constant.
@@ -781,7 +811,7 @@ def _long_pauses(glance: RunSummary, x: Array) -> list[list[int]]:
     longest = lengths.max(initial=0)
     if longest < STUCK:
         return []
-    parts = parts[lengths * TIMES > longest]
+    parts = parts[lengths * _LONGEST_OVER_FREEZE > longest]
     seconds = np.diff(glance.run.t[parts])[:, 0]
     pauses: list[list[int]] = parts[seconds >= 2.0 * STUCK_SECONDS].tolist()
     return pauses

@@ -44,6 +44,9 @@ _SAME_FIT_FALL = 0.05
 #: A run speaks against a fault where it raises the logarithm of the squared residual on
 #: held-out parts by more than this, in the mean over the joints.
 _RISE_THAT_OBJECTS = 0.1
+#: A rise of some joints' errors is costly, unless the others gain so many times as much in
+#: log-likelihood: a right repair moves some of the error from joint to joint.
+_GAIN_OVER_RISE = 3.0
 #: Rounds of the bounded search for the best size, and its precision in tolerances [-].
 _ROUNDS_OF_SIZE_SEARCH = 14
 _PRECISION_OF_SIZE = 0.3
@@ -648,14 +651,14 @@ class RepairSearch:
             Whether all three hold: the mean error rises by more than
             LARGEST_ERROR_RISE; it rises by more than its scatter over the parts, so
             that a single odd part does not count; and the rise costs at least a third
-            (1 / TIMES) of the log-likelihood that the falling errors of other joints
+            (1 / _GAIN_OVER_RISE) of the log-likelihood that the falling errors of other joints
             gain.
         """
         rises = np.log(after / before)
         clearness = np.array([standard_errors_above_zero(x) for x in rises.T])
         ratio = after.mean(axis=0) / before.mean(axis=0)
         gained = float(-np.log(ratio)[ratio < 1.0].sum())
-        is_costly = c.TIMES * np.log(ratio) > gained
+        is_costly = _GAIN_OVER_RISE * np.log(ratio) > gained
         is_clear = clearness > 0.5 * c.REQUIRED_SIGMAS
         return np.asarray((ratio > c.LARGEST_ERROR_RISE) & is_clear & is_costly)
 

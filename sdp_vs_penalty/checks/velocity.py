@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain
-from sdp_vs_penalty.checks.constants import RUN, TIMES
+from sdp_vs_penalty.checks.constants import GAP, RUN
 from sdp_vs_penalty.checks.glance import READ, RunSummary
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements
@@ -232,7 +232,7 @@ def velocity_lag(glance: RunSummary) -> float | None:
         Lag [samples]; negative where the velocity comes before.
     """
     # Steps across gaps count 0.
-    even = (glance.steps < TIMES * glance.usual_step)[:_ROWS_OF_LAG]
+    even = (glance.steps < GAP * glance.usual_step)[:_ROWS_OF_LAG]
     largest_lag = min(_LARGEST_LAG, len(even) // 4)
     tried = np.arange(-largest_lag, largest_lag + 1)
     lags = []
