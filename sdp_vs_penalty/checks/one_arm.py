@@ -337,8 +337,8 @@ class RunComparison:
 
     @property
     def has_outlying_run(self) -> bool:
-        """Whether one arm for all runs explains some joint at least OUTLYING times worse in one
-        run than the joint is explained in another run.
+        """Whether one arm for all runs explains some joint at least OUTLYING times worse
+        in one run than the joint is explained in another run.
         """
         return self.largest_excess_ratio >= OUTLYING
 
