@@ -98,13 +98,16 @@ class Verdict(JsonRecord):
     """lines : the three, weakest first; error_over_noise (n,) : RMSE over the noise
     floor of each joint, None where it is not known; noise_source : where the floor is
     from, "" where it is not known; judged_on : the names of the runs; remark : a
-    sentence on windows of a long recording, or ""."""
+    sentence on windows of a long recording, or ""; links : a sentence on whether the
+    links can exist, "" for a model without any; links_are_possible : whether they can."""
 
     lines: tuple[Line, ...]
     error_over_noise: tuple[float, ...] | None
     noise_source: str
     judged_on: tuple[str, ...]
     remark: str = ""
+    links: str = ""
+    links_are_possible: bool = True
 
     def __post_init__(self) -> None:
         """Raise ValueError for a verdict without lines, as a damaged file may hold."""
@@ -135,26 +138,20 @@ class Verdict(JsonRecord):
         """Return the verdict with a diagnosis's sentence on missing effects.
 
         A verdict has lines (fit, prediction, missing effects), each with a grade and a
-        sentence. ``said`` replaces the sentence on missing effects that was concluded
-        from the errors alone. With ``has_open_finding`` (the diagnosis found an effect
-        that the model lacks) that line is at most "usable".
+        sentence. ``said`` replaces what the line on missing effects said before, from
+        the errors alone or of an earlier diagnosis. With ``has_open_finding`` (the
+        diagnosis found an effect that the model lacks) that line is at most "usable".
         """
-        fit = next((line for line in self.lines if line.about == FIT), None)
-        if fit is None:
-            return replace(self, lines=_weakest_first(self.lines))
-        # The sentence that judge() wrote without a diagnosis, to be replaced.
-        over = self.error_over_noise
-        from_errors = _missing_by_errors(fit, None if over is None else np.array(over))
-        lines = []
-        for line in self.lines:
-            if line.about == MISSING:
-                grade = line.grade
-                if has_open_finding and grade == "good":
-                    grade = "usable"
-                text = line.text.replace(from_errors, said)
-                lines.append(replace(line, text=text, grade=grade))
-            else:
-                lines.append(line)
+        is_good_fit = any(
+            line.about == FIT and line.grade == "good" for line in self.lines
+        )
+        missing = _missing(
+            said,
+            is_complete=is_good_fit and not has_open_finding,
+            links=self.links,
+            links_are_possible=self.links_are_possible,
+        )
+        lines = [missing if line.about == MISSING else line for line in self.lines]
         return replace(self, lines=_weakest_first(lines))
 
     def to_dict(self) -> dict[str, Any]:
@@ -252,11 +249,13 @@ def judge(
         noise_source,
         is_worse_than_constant=np.asarray(r2) < 0.0,
     )
+    impossible = implausible(certificate, masses, nominal)
+    links = impossible or ("The links can exist." if len(masses) > 0 else "")
     missing_line = _missing(
         missing or _missing_by_errors(fit, over),
         is_complete=fit.grade == "good" and not has_open_finding,
-        implausible_links=implausible(certificate, masses, nominal),
-        has_links=len(masses) > 0,
+        links=links,
+        links_are_possible=not impossible,
     )
     end = "."
     if outside > 0.0:
@@ -282,6 +281,8 @@ def judge(
         noise_source="" if over is None else noise_source,
         judged_on=tuple(judged_on),
         remark=remark,
+        links=links,
+        links_are_possible=not impossible,
     )
 
 
@@ -289,24 +290,30 @@ def _missing(
     text: str,
     *,
     is_complete: bool,
-    implausible_links: str,
-    has_links: bool,
+    links: str,
+    links_are_possible: bool,
 ) -> Line:
     """Return the line on missing effects and on the links.
 
-    ``text`` says what is missing; ``is_complete`` that nothing is;
-    ``implausible_links`` why the links cannot exist, "" if they can.
+    ``text`` says what is missing; ``is_complete`` that nothing is; ``links`` is a
+    sentence on the links, which comes first if they cannot exist.
     """
-    if implausible_links:
-        return Line(MISSING, "do not use", f"{implausible_links} {text}")
-    if has_links:
-        text += " The links can exist."
-    return Line(MISSING, "good" if is_complete else "usable", text)
+    if not links_are_possible:
+        return Line(MISSING, "do not use", f"{links} {text}")
+    grade: Grade = "good" if is_complete else "usable"
+    return Line(MISSING, grade, f"{text} {links}".rstrip())
 
 
 def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
-    """Sort lines by grade, the weakest first; lines of one grade keep their order."""
-    return tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
+    """Sort lines by grade, the weakest first; of one grade the log comes first, then
+    fit, prediction and what is missing.
+    """
+    order = (LOG, FIT, PREDICTION, MISSING)
+    return tuple(
+        sorted(
+            lines, key=lambda line: (GRADES.index(line.grade), order.index(line.about))
+        )
+    )
 
 
 def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:

@@ -235,7 +235,7 @@ def failing_stretches(
     return [
         (stretch["start"] - start, stretch["stop"] - start, stretch["cause"])
         for stretch in model.failures[j]["stretches"]
-        if stretch["run"].startswith(recording)
+        if stretch["run"].partition(", ")[0] == recording
     ]
 
 

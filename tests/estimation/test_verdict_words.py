@@ -42,7 +42,24 @@ def verdict(grade: str) -> Verdict:
         MISSING: "Nothing that these measurements show. The links can exist.",
     }
     lines = tuple(Line(about, grade, text) for about, text in texts.items())
-    return Verdict(lines, (1.0, 1.0, 1.0), "repetition", ("test",))
+    return Verdict(
+        lines,
+        (1.0, 1.0, 1.0),
+        "repetition",
+        ("test",),
+        links="The links can exist.",
+        links_are_possible=grade != "do not use",
+    )
+
+
+def test_a_second_diagnosis_replaces_what_the_first_one_said():
+    lacking = verdict("good").with_missing("The model lacks base tilt.", True)
+    complete = lacking.with_missing("All that was found is in the model.", False)
+    assert complete == verdict("good").with_missing(
+        "All that was found is in the model.", False
+    )
+    assert complete.grade == "good"
+    assert "base tilt" not in str(complete)
 
 
 def test_a_model_that_lacks_a_finding_is_at_most_usable():
