@@ -1,10 +1,10 @@
-"""Robots whose numbers are in other units: mm, g, g mm^2, or a mixture of these.
+"""Robots whose numbers are in other units: mm, cm, g, kg cm^2, or a mixture of these.
 
 Exporters of CAD programs write such files. Each rule compares a number with what arms
-that people build can have, by factors of a thousand: nothing in between is judged.
+that people build can have. Where two units fit the number, the remark names both.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,19 @@ _FAR = 30.0
 _AWAY = 3.0
 #: Radius of gyration over the size of the robot's longest link, or of its centre of mass.
 _SPREAD = 10.0
-#: Units of moments of inertia, by how many of them are a kg m^2.
-_INERTIA_UNITS = {1e3: "g m^2", 1e6: "kg mm^2", 1e9: "g mm^2"}
+#: A link outweighs the median of the others by less than this: a base and a wrist.
+_OUTWEIGHS = 300.0
+#: Units of lengths, by how many of them are a metre.
+_LENGTH_UNITS = {1e2: "cm", 1e3: "mm"}
+#: Units of moments of inertia, by how many of them are a kg m^2: those of masses in kg,
+#: those of masses in g.
+_KILOGRAM_INERTIAS = {1e4: "kg cm^2", 1e6: "kg mm^2"}
+_GRAM_INERTIAS = {1e3: "g m^2", 1e7: "g cm^2", 1e9: "g mm^2"}
+#: Largest distance between two joints of one arm [m]: least and most that people build.
+_SHORTEST_ARM = 0.1
+_LONGEST_ARM = 3.0
+#: A usual link's inertia is known to this factor either way from the robot's size.
+_INERTIA_ERROR = 30.0
 #: Lightest arm whose dynamics a drive could show [kg].
 _LIGHTEST = 1e-3
 
@@ -66,21 +77,21 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
     known = [x for x in links if x.mass > 0.0 and np.isfinite(x.mass)]
     scale = 1.0
     if longest > _LONGEST:
-        scale = 1e-3
-        yield _odd(
-            "lengths",
-            factor=1e3,
-            links=(),
-            how=f"joints are {longest:.4g} m apart",
-            unit="mm",
-        )
+        units = _length_units(longest, _SHORTEST_ARM, _LONGEST_ARM)
+        scale = 1.0 / next(iter(units))
+        how = f"joints are {longest:.4g} m apart"
+        yield _odd("lengths", links=(), how=how, units=units)
     size = max(longest * scale, 0.05)
     are_all_in_grams = _looks_like_grams(known)
-    in_grams = [x for x in known if x.mass > _HEAVIEST or are_all_in_grams]
+    in_grams = [
+        x
+        for x in known
+        if x.mass > _HEAVIEST or are_all_in_grams or _outweighs(x, known)
+    ]
     if in_grams:
         heaviest = max(x.mass for x in in_grams)
         how = f"a link weighs {heaviest:.4g} kg"
-        yield _odd("masses", factor=1e3, links=_names(in_grams), how=how, unit="g")
+        yield _odd("masses", links=_names(in_grams), how=how, units={1e3: "g"})
     yield from _odd_centres(known, size)
     yield from _odd_inertias(known, size, bool(in_grams))
     yield from _odd_total(known)
@@ -91,6 +102,17 @@ def _names(links: Sequence[LinkSizes]) -> tuple[str, ...]:
     return tuple(link.name for link in links)
 
 
+def _length_units(length: float, least: float, most: float) -> dict[float, str]:
+    """Return the units in which ``length`` lies between ``least`` and ``most`` [m], mm
+    first; mm if it lies there in none."""
+    fits = {
+        factor: unit
+        for factor, unit in sorted(_LENGTH_UNITS.items(), reverse=True)
+        if least <= length / factor <= most
+    }
+    return fits or {1e3: "mm"}
+
+
 def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
     """Yield centres of mass that are too far from their frames for a robot of ``size``
     [m].
@@ -99,7 +121,9 @@ def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
     if far:
         farthest = max(x.com for x in far)
         how = f"a centre of mass is {farthest:.4g} m from its link's frame"
-        yield _odd("centres of mass", factor=1e3, links=_names(far), how=how, unit="mm")
+        # The farthest centre of mass is at least a tenth of the robot's size away.
+        units = _length_units(farthest, 0.1 * size, size)
+        yield _odd("centres of mass", links=_names(far), how=how, units=units)
 
 
 def _odd_inertias(
@@ -113,13 +137,30 @@ def _odd_inertias(
         return
     radii = [_radius(x) for x in wide]
     # A usual link has a radius of gyration of 0.3 times the size. Inertias grow with
-    # its square: the nearest power of 1000 is by how much they are too large.
-    excess = float(np.median(radii)) / (0.3 * size)
-    factor = min((1e3, 1e6, 1e9), key=lambda f: abs(np.log(excess**2 / f)))
-    factor *= 1e3 if are_masses_in_grams else 1.0
-    unit = _INERTIA_UNITS.get(factor, "another unit")
+    # its square; where masses are in g, a thousand times more.
+    excess = (float(np.median(radii)) / (0.3 * size)) ** 2
+    excess *= 1e3 if are_masses_in_grams else 1.0
     how = f"the mass of a link is spread over {max(radii):.4g} m (radius of gyration)"
-    yield _odd("inertias", factor, links=_names(wide), how=how, unit=unit)
+    units = _inertia_units(excess, are_masses_in_grams)
+    yield _odd("inertias", _names(wide), how, units)
+
+
+def _inertia_units(excess: float, are_masses_in_grams: bool) -> dict[float, str]:
+    """Return the units, the likeliest first, in which inertias are about ``excess`` times
+    too large.
+
+    A file has mostly one unit of mass, for masses and for inertias: units with the mass
+    unit of the file come before the others, the nearest first.
+    """
+    same, other = _KILOGRAM_INERTIAS, _GRAM_INERTIAS
+    if are_masses_in_grams:
+        same, other = other, same
+    fits: dict[float, str] = {}
+    for units in (same, other):
+        for factor in sorted(units, key=lambda f: abs(np.log(excess / f))):
+            if abs(np.log(excess / factor)) <= np.log(_INERTIA_ERROR):
+                fits[factor] = units[factor]
+    return fits
 
 
 def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
@@ -143,6 +184,13 @@ def _looks_like_grams(links: Sequence[LinkSizes]) -> bool:
     return bool(masses) and min(masses) > 100.0 and sum(masses) > 3000.0
 
 
+def _outweighs(link: LinkSizes, links: Sequence[LinkSizes]) -> bool:
+    """Return whether a link weighs more than 100 kg, and _OUTWEIGHS times the median of
+    the others: its mass alone is in g."""
+    others = [x.mass for x in links if x is not link]
+    return bool(others) and link.mass > max(100.0, _OUTWEIGHS * np.median(others))
+
+
 def _radius(link: LinkSizes) -> float:
     """Return the radius of gyration of a link [m]."""
     return float(np.sqrt(max(link.inertia, 0.0) / link.mass))
@@ -150,22 +198,30 @@ def _radius(link: LinkSizes) -> float:
 
 def _odd(
     quantity: str,
-    factor: float,
     links: tuple[str, ...],
     how: str,
-    unit: str,
+    units: Mapping[float, str],
 ) -> OddUnit:
-    """Return an OddUnit with its sentences.
+    """Return an OddUnit with its sentences; its factor is that of the likeliest unit,
+    and nan if no unit fits.
 
-    ``factor``: by which the quantity is too large; ``how``: what shows it; ``unit``: in
-    which it seems to be.
+    ``how``: what shows it; ``units``: in which the quantity may be, by how many of them
+    are one SI unit, the likeliest first.
     """
     where = f" ({', '.join(links)})" if links else ""
-    what = f"the {quantity}{where} look like {unit}, {factor:g} times too large: {how}."
-    return OddUnit(
-        quantity,
-        factor,
-        links,
-        what,
-        remedy=f"divide the {quantity} by {factor:g}",
-    )
+    factor = next(iter(units), float("nan"))
+    if not units:
+        what = f"the {quantity}{where} are in a unit that is not known: {how}."
+        return OddUnit(
+            quantity, factor, links, what, f"check the unit of the {quantity}"
+        )
+    names = " or ".join(units.values())
+    factors = " or ".join(f"{value:g}" for value in units)
+    what = f"the {quantity}{where} look like {names}, {factors} times too large: {how}."
+    remedy = f"divide the {quantity} by {factors}"
+    if len(units) > 1:
+        choices = ", ".join(f"{value:g} for {name}" for value, name in units.items())
+        remedy = (
+            f"look up the unit, then divide the {quantity} by its factor: {choices}"
+        )
+    return OddUnit(quantity, factor, links, what, remedy)

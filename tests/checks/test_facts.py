@@ -198,6 +198,38 @@ def test_units_of_links_are_named_with_their_factor(links, longest, quantity, fa
     assert (quantity, factor) in odd
 
 
+@pytest.mark.parametrize(
+    ("change", "longest", "quantity", "unit"),
+    [
+        ({"inertia": 0.03 * 1e4}, 0.4, "inertias", "kg cm^2"),
+        ({"inertia": 0.03 * 1e6}, 0.4, "inertias", "kg mm^2"),
+        ({"mass": 4e3, "inertia": 0.03 * 1e7}, 0.4, "inertias", "g cm^2"),
+        ({"mass": 4e3, "inertia": 0.03 * 1e9}, 0.4, "inertias", "g mm^2"),
+        ({"com": 20.0}, 0.4, "centres of mass", "cm"),
+        ({}, 40.0, "lengths", "cm"),
+    ],
+)
+def test_units_of_cm_are_among_those_named(change, longest, quantity, unit):
+    """A unit that fits is named; the first is that of the file's masses."""
+    links = [replace(x, **change) for x in LINKS]
+    (odd,) = [x for x in odd_units(links, longest) if x.quantity == quantity]
+    named = odd.what.split(" look like ")[1].split(",")[0].split(" or ")
+    assert named[0] == unit
+
+
+def test_where_two_units_fit_no_single_factor_is_told():
+    """116 may be 0.116 m in mm and 1.16 m in cm."""
+    (odd, *_) = odd_units(LINKS, 116.0)
+    assert "mm or cm" in odd.what
+    assert odd.remedy.startswith("look up the unit")
+
+
+def test_one_mass_in_grams_is_found_among_kilograms():
+    links = [LINKS[0], replace(LINKS[1], mass=2500.0), LINKS[2]]
+    (odd, *_) = odd_units(links, 0.4)
+    assert (odd.quantity, odd.links) == ("masses", ("l1",))
+
+
 @pytest.mark.parametrize("size", [0.03, 0.3, 3.0])
 def test_arms_of_all_sizes_are_in_metres_and_kilograms(size):
     """From a toy to an excavator."""
