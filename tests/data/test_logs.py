@@ -330,3 +330,27 @@ def test_more_columns_of_each_joint_than_three_are_ambiguous(tmp_path, clock):
     assert "q7" not in said
     assert ("a clock and" in said) is bool(clock)
     assert ("--rate HZ" in said) is not bool(clock)
+
+
+def test_the_column_that_counts_episodes_is_the_loggers(tmp_path, monkeypatch):
+    """Two episodes of three rows; their clocks begin at 0 again, a second apart."""
+    from sdp_vs_penalty.data.formats import loggers
+
+    changed = [
+        {**logger, "episode": "take"} if "episode" in logger else logger
+        for logger in loggers.LOGGERS
+    ]
+    monkeypatch.setattr(loggers, "LOGGERS", changed)
+    path = tmp_path / "episodes.csv"
+    rows = [f"{t},{t},{take},{take}" for take in (0, 1) for t in (0.0, 0.1, 0.2)]
+    path.write_text("\n".join(["t,q1,tau1,take", *rows]) + "\n")
+    run = read_run(path)
+    np.testing.assert_allclose(run.t, [0.0, 0.1, 0.2, 1.2, 1.3, 1.4])
+
+
+@pytest.mark.parametrize("word", ["effort", "torque"])
+def test_torques_of_lerobot_have_either_word(word):
+    columns = ["timestamp", "observation.state", f"observation.{word}"]
+    recognition = recognise(columns)
+    assert recognition.rename == dict(zip(("t", "q", "tau"), columns, strict=True))
+    assert recognition.logger == "LeRobot"

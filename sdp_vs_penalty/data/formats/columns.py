@@ -22,6 +22,7 @@ from sdp_vs_penalty.data.formats.recognition import (
     Recognition,
     columns_of_joint_names,
     counted_from_zero,
+    episode_of,
     find_clock,
     has_our_names,
     recognise,
@@ -216,7 +217,7 @@ class Header:
             names,
             order=_order_of(recognition, choice, table, names),
             rate=choice.rate,
-            episode="episode_index" if "episode_index" in names else None,
+            episode=recognition.episode if recognition else episode_of(names),
             joints=recognition.joints if recognition else (),
             recognition=recognition,
         )

@@ -587,6 +587,15 @@ def _inferred_unit(
     return unit_of_angles(values)
 
 
+def episode_of(names: Sequence[str]) -> str | None:
+    """Return the first column that counts runs by the name that a known logger gives it;
+    None where there is none."""
+    from sdp_vs_penalty.data.formats.loggers import LOGGERS
+
+    found = (_first_present(logger.get("episode"), names) for logger in LOGGERS)
+    return next((name for name in found if name is not None), None)
+
+
 def _first_present(patterns: Any, names: Sequence[str]) -> str | None:
     """Return the first of some column names that the file has, as an entry of
     loggers.toml lists them; "sec+nanosec" needs both columns. None where the file has
@@ -665,7 +674,7 @@ def _by_words(
         units=(*_units_of_words(rename, readings), *_left_out(choice)),
         joints=joint_names,
         order=order,
-        episode="episode_index" if "episode_index" in names else None,
+        episode=episode_of(names),
         has_other_joints=_has_other_joints(joints, joint_names),
     )
 
