@@ -41,6 +41,10 @@ _LARGEST_ANGLE = 4.0 * np.pi
 #: Links of one file: humanoids with two hands have 200, and a chain of all must not
 #: exhaust the stack.
 _MOST_LINKS = 500
+#: Formats of robots that are XML too, by their outermost elements.
+_OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF"}
+#: First bytes of a USD file: text or binary.
+_USD_STARTS = (b"#usda", b"PXR-USDC")
 
 #: Of one link the <link> elements that it is made of, with their poses (4, 4) in its
 #: frame.
@@ -359,6 +363,9 @@ def parse_urdf(path: str | Path) -> Any:
     parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
     content = read_bytes(path)
     refuse_stand_in(path, content)
+    if content.startswith(_USD_STARTS):
+        remedy = "name the URDF from which this USD was made, or convert it to URDF"
+        raise InputError("USD, not a URDF", remedy, path)
     if is_xacro(content):
         raise unexpanded(Path(path))
     try:
@@ -441,8 +448,12 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     if root.tag != "robot":
         what = f"the outermost element is <{root.tag}>, a URDF's is <robot>"
         remedy = "correct the file"
-        if root.tag == "sdf":
-            remedy = "name the URDF from which this SDF was made, or convert it to URDF"
+        if root.tag in _OTHER_FORMATS:
+            other = _OTHER_FORMATS[root.tag]
+            what = f"{other}, not a URDF: {what}"
+            remedy = (
+                f"name the URDF from which this {other} was made, or convert it to URDF"
+            )
         raise InputError(what, remedy)
     if len(root.findall("link")) > _MOST_LINKS:
         raise InputError(f"more than {_MOST_LINKS} links", "name the file of one robot")

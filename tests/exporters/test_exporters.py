@@ -19,6 +19,7 @@ from recorded import changed, refusal, said
 
 from sdp_vs_penalty import Estimate, export, load_problem
 from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
@@ -408,3 +409,18 @@ def test_figures_are_what_they_were_in_every_export(ending, tmp_path):
         **lines,
     }
     assert not changed(f"export_{home.FILE.replace('.', '_')}", found)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("robot.xml", "<mujoco><worldbody/></mujoco>", "MJCF"),
+        ("robot.sdf", '<sdf version="1.7"><model name="x"/></sdf>', "SDF"),
+        ("robot.usda", "#usda 1.0\n", "USD"),
+    ],
+)
+def test_another_format_than_urdf_is_named(tmp_path, name, text, words):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=f"{words}, not a URDF.*convert it to URDF"):
+        check_urdf(path)
