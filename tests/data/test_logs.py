@@ -20,7 +20,7 @@ from sdp_vs_penalty.errors import Remark
 JOINTS = ("joint1", "joint2")
 RUN = sample_run()
 #: What a file keeps of the numbers: floats of 32 bits.
-COARSE = {"lerobot.parquet": 2e-6}
+COARSE = {"lerobot.parquet": 2e-6, "lerobot_current.parquet": 2e-6}
 
 
 def read_sample(name: str) -> tuple[object, str]:
@@ -36,7 +36,7 @@ def test_every_logger_of_the_table_has_its_sample():
     assert all(logger["source"] for logger in LOGGERS)
 
 
-@pytest.mark.parametrize("name", sorted(set(SAMPLES) - {"lerobot.parquet"}))
+@pytest.mark.parametrize("name", sorted(set(SAMPLES) - set(COARSE)))
 def test_a_sample_is_what_its_logger_writes(name, tmp_path):
     SAMPLES[name](tmp_path / name, RUN)
     assert (tmp_path / name).read_bytes() == (HOME / name).read_bytes()
@@ -72,9 +72,7 @@ def test_a_logger_is_called_by_its_name(logger):
     assert f"columns recognised ({logger['name']})" in said
 
 
-@pytest.mark.parametrize(
-    "name", sorted(set(SAMPLES) - {"lerobot.parquet", "lists.csv"})
-)
+@pytest.mark.parametrize("name", sorted(set(SAMPLES) - {*COARSE, "lists.csv"}))
 def test_the_printed_command_reads_the_same(name, tmp_path, monkeypatch):
     run, said = read_sample(name)
     (command,) = re.findall("the same by `sdp-vs-penalty (.*?)`", said)
@@ -348,9 +346,10 @@ def test_the_column_that_counts_episodes_is_the_loggers(tmp_path, monkeypatch):
     np.testing.assert_allclose(run.t, [0.0, 0.1, 0.2, 1.2, 1.3, 1.4])
 
 
-@pytest.mark.parametrize("word", ["effort", "torque"])
-def test_torques_of_lerobot_have_either_word(word):
+@pytest.mark.parametrize("word", ["effort", "torque", "current"])
+def test_torques_of_lerobot_have_any_of_its_words(word):
     columns = ["timestamp", "observation.state", f"observation.{word}"]
     recognition = recognise(columns)
     assert recognition.rename == dict(zip(("t", "q", "tau"), columns, strict=True))
-    assert recognition.logger == "LeRobot"
+    assert recognition.logger.startswith("LeRobot")
+    assert any("tau in A" in unit for unit in recognition.units) == (word == "current")

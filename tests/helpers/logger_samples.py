@@ -209,8 +209,13 @@ def plotjuggler(path: Path, run: Measurements) -> None:
     path.write_text("\n".join(rows) + "\n")
 
 
-def lerobot(path: Path, run: Measurements) -> None:
-    """Two episodes, positions in degrees."""
+def lerobot_current(path: Path, run: Measurements) -> None:
+    """As :func:`lerobot`, with the currents of the motors."""
+    lerobot(path, run, "current")
+
+
+def lerobot(path: Path, run: Measurements, word: str = "effort") -> None:
+    """Two episodes, positions in degrees; ``word``: what the torques are called."""
     import pyarrow as arrow
     from pyarrow import parquet
 
@@ -220,7 +225,7 @@ def lerobot(path: Path, run: Measurements) -> None:
     columns = {
         "action": list(degrees),
         "observation.state": list(degrees),
-        "observation.effort": list(run.tau.astype(np.float32)),
+        f"observation.{word}": list(run.tau.astype(np.float32)),
         "timestamp": (run.t - half / 50.0 * episode).astype(np.float32),
         "frame_index": np.arange(len(run.t)) % half,
         "episode_index": episode,
@@ -311,6 +316,7 @@ SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "franka_old.csv": franka_old,
     "plotjuggler.csv": plotjuggler,
     "lerobot.parquet": lerobot,
+    "lerobot_current.parquet": lerobot_current,
     "zero_based.csv": zero_based,
     "iso.csv": iso,
     "lists.csv": lists,

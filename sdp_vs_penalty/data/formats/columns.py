@@ -209,6 +209,11 @@ class Header:
         unused = _unused_columns(groups, names, what)
         if unused and not rename:
             _say_unused(path, unused)
+        # Loggers are read only where a column is left that may count runs.
+        if recognition is not None:
+            episode = recognition.episode
+        else:
+            episode = episode_of(unused) if unused else None
         return cls(
             path,
             groups,
@@ -217,7 +222,7 @@ class Header:
             names,
             order=_order_of(recognition, choice, table, names),
             rate=choice.rate,
-            episode=recognition.episode if recognition else episode_of(names),
+            episode=episode,
             joints=recognition.joints if recognition else (),
             recognition=recognition,
         )

@@ -450,8 +450,11 @@ def _by_logger(
     """
     from sdp_vs_penalty.data.formats.loggers import LOGGERS, columns_of_logger
 
-    for logger in LOGGERS:
-        groups = columns_of_logger(logger, usable)
+    found = [(logger, columns_of_logger(logger, usable)) for logger in LOGGERS]
+    # A logger whose torques are there goes before one of which only positions and
+    # their commands are: two loggers may differ in the name of the torques alone.
+    found.sort(key=lambda entry: "tau" not in (entry[1] or {}))
+    for logger, groups in found:
         clock = _first_present(logger["t"], usable)
         if clock is None or not groups:
             continue
