@@ -361,7 +361,7 @@ def size_of(
 
     The effect declares which of its parameters are its size (the slice ``sized_by``).
     If there are several, such as the amplitudes of sine and cosine, the size is their
-    norm.
+    norm; of elements side by side (``sizes_add_up``), it is their sum.
 
     Parameters
     ----------
@@ -377,14 +377,17 @@ def size_of(
     float
         The size in the parameter's SI unit, with its sign if it is one parameter.
     float
-        Its standard deviation; to first order for a norm, sqrt(u'C u) with the unit
-        vector u along the parameters.
+        Its standard deviation sqrt(u'C u), where u is the gradient of the size: ones
+        for a sum, and to first order the unit vector along the parameters for a norm.
     """
     parameters = beta[effect.sized_by]
     their_covariance = covariance[effect.sized_by, effect.sized_by]
     if len(parameters) == 1:
         variance = max(float(their_covariance[0, 0]), 0.0)
         return float(parameters[0]), variance**0.5
+    if effect.sizes_add_up:
+        variance = max(float(their_covariance.sum()), 0.0)
+        return float(parameters.sum()), variance**0.5
     size = float(np.linalg.norm(parameters))
     if size == 0.0:
         return 0.0, float(np.sqrt(np.trace(their_covariance)))

@@ -330,6 +330,7 @@ class MaxwellSlip(StatefulEffect, JointEffect):
     symbol = "f_m"
     refines: tuple[str, ...] = ("presliding_hysteresis", "coulomb_friction")
     at_rest = "turns"
+    sizes_add_up = True  # once all elements slip
     shapes = {
         "d": ShapeConstant(
             0.002,

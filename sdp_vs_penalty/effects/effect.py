@@ -199,6 +199,8 @@ class Effect(ABC):
     #: Which parameters say how large the effect is: their norm, or the value of a
     #: single one.
     sized_by: ClassVar[slice] = slice(None)
+    #: True where these parameters act side by side, so that their sum is the size.
+    sizes_add_up: ClassVar[bool] = False
     #: The shape constant that is as large as the effect itself, and follows it (a
     #: delay's).
     sized_shape: ClassVar[str] = ""

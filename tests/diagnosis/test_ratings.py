@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis import (
     effect_of,
     largest_sums,
     size_in_model,
+    size_of,
     std_of_both,
 )
 from sdp_vs_penalty.diagnosis.findings import REASONS
@@ -255,3 +256,12 @@ def test_no_confident_size_of_the_real_wrist_may_be_zero(data_folder):
     confident = [f for f in found.effects if f.rating == "confident"]
     assert confident
     assert all(f.std < 0.5 * abs(f.size) for f in confident)
+
+
+def test_springs_side_by_side_are_as_strong_as_their_sum():
+    """Maxwell slip of 1 + 0 + 0.6 N m; the deviations of its parts are 0.1 N m each."""
+    robot = sdp.load_problem("two_link").robot
+    effect = effect_types()["maxwell_slip"](robot, [1], d=0.002)
+    size, std = size_of(effect, np.array([1.0, 0.0, 0.6]), 0.01 * np.eye(3))
+    assert size == pytest.approx(1.6)
+    assert std == pytest.approx(0.1 * 3.0**0.5)

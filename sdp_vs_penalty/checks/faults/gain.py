@@ -1,6 +1,7 @@
 """Torque channels too large or too small."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -102,9 +103,6 @@ def _gain(log: Likelihood, repair: LogTransform, j: int) -> Fault:
     its own."""
     factor = abs(repair.gain[j])
     sign = float(np.sign(repair.gain[j]))
-    size_in_words = f"{factor:.3g} times too small"
-    if factor < 1.0:
-        size_in_words = f"{1.0 / factor:.3g} times too large"
 
     def repair_with_factor(other: float) -> LogTransform:
         return repair.with_entries("gain", (j,), other * sign)
@@ -113,10 +111,20 @@ def _gain(log: Likelihood, repair: LogTransform, j: int) -> Fault:
         kind="torque gain",
         severity="warning",
         joints=(j,),
-        what=f"the torque of {joints_text([j])} is {size_in_words} beside those of its"
+        what=f"the torque of {joints_text([j])} is {_times(factor)} beside those of its"
         " neighbours.",
         remedy=f"multiply tau{j + 1} by {factor:.3g}",
-        removal=FaultSize.of_factor(factor, repair_with_factor, _DECIMALS),
+        removal=replace(
+            FaultSize.of_factor(factor, repair_with_factor, _DECIMALS),
+            in_words=lambda log_factor: _times(float(np.exp(log_factor))),
+        ),
         log_odds_against=odds_against_one_of(log.n),
         figures={"factor": factor},
     )
+
+
+def _times(factor: float) -> str:
+    """Say how wrong a torque is that has to be multiplied by a factor."""
+    if factor < 1.0:
+        return f"{1.0 / factor:.3g} times too large"
+    return f"{factor:.3g} times too small"
