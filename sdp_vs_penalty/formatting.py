@@ -176,6 +176,27 @@ def joints(numbers: Sequence[int]) -> str:
     return f"joint{'s' if len(numbers) > 1 else ''} {words(numbers)}"
 
 
+def place(joint_numbers: Sequence[int]) -> str:
+    """Say where an effect acts: on joints by number, or on the whole robot.
+
+    Parameters
+    ----------
+    joint_numbers : sequence of int
+        Numbers of the joints, from 1; none for the whole robot.
+
+    Returns
+    -------
+    str
+        Words for a title.
+
+    Examples
+    --------
+    >>> place([2, 5]), place([])
+    ('joints 2 and 5', 'whole robot')
+    """
+    return joints(joint_numbers) if joint_numbers else "whole robot"
+
+
 def number(x: float | None, digits: int = 3) -> str:
     """Write a number with a number of significant digits.
 

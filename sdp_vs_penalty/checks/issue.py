@@ -149,10 +149,8 @@ class Issue:
     def to_dict(self) -> dict[str, Any]:
         """Return the issue as plain JSON; joints count from 1."""
         names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
-        plain = {name: getattr(self, name) for name in names}
         return {
-            **plain,
-            "certainty": str(self.certainty),
+            **{name: str(getattr(self, name)) for name in names},
             "can_fix": self.mends,
             "apply": self.apply,
             "equivalents": [*self.equivalents],

@@ -102,8 +102,7 @@ def lockstep_groups(q: Array) -> list[list[int]]:
     list of list of int
         Numbers of the columns of each group.
     """
-    size = np.std(q, axis=0)
-    z = (q - q.mean(axis=0)) / nonzero_or_one(size)
+    z = _standardised(q)
     correlation = z.T @ z / len(z)
     is_proportional = np.abs(correlation) > LOCKSTEP
     groups: list[list[int]] = []
@@ -131,7 +130,11 @@ def motion_rank(q: Array) -> int:
     int
         Rank of the motion.
     """
-    z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
-    power = np.linalg.svd(z, compute_uv=False) ** 2
+    power = np.linalg.svd(_standardised(q), compute_uv=False) ** 2
     shares = np.cumsum(power) / power.sum()
     return int(np.searchsorted(shares, _SHARE_OF_VARIANCE) + 1)
+
+
+def _standardised(q: Array) -> Array:
+    """Return positions q (N, n) about their means, each joint scaled to variance 1."""
+    return np.asarray((q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0)))

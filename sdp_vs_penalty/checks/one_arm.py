@@ -744,7 +744,7 @@ class RunComparison:
             severity="warning",
             where=joints_text(joints) if joints else "the run",
             what=f"{what}, beside the others.",
-            certainty=likely(f"{self._reason}"),
+            certainty=likely(self._reason),
             remedy=remedy,
             figures={
                 "joints": [joint + 1 for joint in joints],

@@ -1043,7 +1043,7 @@ class RepairSearch:
             figures["as_likely"] = [
                 {"kind": x.kind, "joints": [j + 1 for j in x.joints]} for x in rivals
             ]
-        certainty = likely(f"{self._reason(fault, net)}")
+        certainty = likely(self._reason(fault, net))
         if effects:
             equivalents = (*equivalents, *effects)
             figures["rival_effects"] = [*effects]

@@ -227,15 +227,21 @@ class Finding(Rated):
     @property
     def title(self) -> str:
         """The effect and its place, such as "Stribeck friction, joint 3"."""
-        place = formatting.joints(self.joints) if self.joints else "whole robot"
-        return f"{formatting.sentence(effect_name(self.effect))}, {place}"
+        name = formatting.sentence(effect_name(self.effect))
+        return f"{name}, {formatting.place(self.joints)}"
+
+    @property
+    def rivals_in_words(self) -> str:
+        """What fits as well, such as "joint spring on joint 2; base tilt"; "" if
+        nothing does."""
+        return "; ".join(map(effect_in_words, self.indistinguishable_from))
 
     @property
     def line(self) -> str:
         """The finding in one line: title, rating unless it is confident, size, and what
         fits as well."""
         rating = "" if self.rating == "confident" else f" ({self.rating})"
-        rivals = "; ".join(map(effect_in_words, self.indistinguishable_from))
+        rivals = self.rivals_in_words
         fits = f"; fits as well: {rivals}" if rivals else ""
         return f"{self.title}{rating}: {self.size_text}{fits}"
 

@@ -382,10 +382,7 @@ def size_of(
     """
     parameters = beta[effect.sized_by]
     their_covariance = covariance[effect.sized_by, effect.sized_by]
-    if len(parameters) == 1:
-        variance = max(float(their_covariance[0, 0]), 0.0)
-        return float(parameters[0]), variance**0.5
-    if effect.sizes_add_up:
+    if len(parameters) == 1 or effect.sizes_add_up:
         variance = max(float(their_covariance.sum()), 0.0)
         return float(parameters.sum()), variance**0.5
     size = float(np.linalg.norm(parameters))

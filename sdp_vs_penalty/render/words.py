@@ -35,7 +35,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
     dependences,
     sentences,
 )
-from sdp_vs_penalty.effects import effect_in_words, effect_name, effects_in_words
+from sdp_vs_penalty.effects import effect_name, effects_in_words
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
@@ -114,11 +114,6 @@ def plain_name(effect: str) -> str:
     return formatting.sentence(effect_name(effect))
 
 
-def place(joints: Sequence[int]) -> str:
-    """Write joints (numbers from 1) as text; no joints stand for the whole robot."""
-    return formatting.joints(joints) if joints else "whole robot"
-
-
 def describe_finding(
     finding: Finding,
     diagnosis: Diagnosis,
@@ -147,7 +142,7 @@ def describe_finding(
     earlier = diagnosis.effects[: place_in_list - 1]
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
-    rivals = [effect_in_words(text) for text in finding.indistinguishable_from]
+    rivals = finding.rivals_in_words
     run = finding.telling_run(model, place_in_list)
     return FindingWords(
         title=finding.title,
@@ -157,7 +152,7 @@ def describe_finding(
         constants=finding.constants,
         gain=finding.gain_sentence(diagnosis),
         physics=physics,
-        rivals=f"Fits as well: {'; '.join(rivals)}." if rivals else "",
+        rivals=f"Fits as well: {rivals}." if rivals else "",
         splits=finding.splits_sentence,
         doubt=doubt_of(finding),
         test=run,
@@ -401,7 +396,7 @@ def effect_on_joints(effect: Effect) -> str:
     name = effect_name(effect.name)
     if effect.asked_joints is None:
         return name
-    return f"{name} on {place([j + 1 for j in effect.asked_joints])}"
+    return f"{name} on {formatting.place([j + 1 for j in effect.asked_joints])}"
 
 
 def describe_addition(before: Comparison, after: Comparison) -> str:

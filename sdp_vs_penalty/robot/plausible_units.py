@@ -49,10 +49,10 @@ class LinkSizes:
 @dataclass(frozen=True)
 class OddUnit:
     """quantity : lengths, masses, centres of mass or inertias; factor : by which they
-    are too large; links : which; what, remedy : in words."""
+    are too large in the likeliest unit, None if no unit fits; links : which; what, remedy : in words."""
 
     quantity: str
-    factor: float
+    factor: float | None
     links: tuple[str, ...]
     what: str
     remedy: str
@@ -203,13 +203,13 @@ def _odd(
     units: Mapping[float, str],
 ) -> OddUnit:
     """Return an OddUnit with its sentences; its factor is that of the likeliest unit,
-    and nan if no unit fits.
+    and None if no unit fits.
 
     ``how``: what shows it; ``units``: in which the quantity may be, by how many of them
     are one SI unit, the likeliest first.
     """
     where = f" ({', '.join(links)})" if links else ""
-    factor = next(iter(units), float("nan"))
+    factor = next(iter(units), None)
     if not units:
         what = f"the {quantity}{where} are in a unit that is not known: {how}."
         return OddUnit(

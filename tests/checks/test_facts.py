@@ -224,6 +224,14 @@ def test_where_two_units_fit_no_single_factor_is_told():
     assert odd.remedy.startswith("look up the unit")
 
 
+def test_a_unit_that_nobody_knows_has_no_factor():
+    """JSON knows no NaN: a number that is not known is null there."""
+    links = [replace(x, inertia=1e14) for x in LINKS]
+    (odd,) = [x for x in odd_units(links, 0.4) if x.quantity == "inertias"]
+    assert odd.factor is None
+    assert "not known" in odd.what
+
+
 def test_one_mass_in_grams_is_found_among_kilograms():
     links = [LINKS[0], replace(LINKS[1], mass=2500.0), LINKS[2]]
     (odd, *_) = odd_units(links, 0.4)

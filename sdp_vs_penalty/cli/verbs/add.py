@@ -97,11 +97,10 @@ def _say_sizes(effects: Any, model: Any) -> None:
     """Print the size of each finding in the new model, with its interval."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
-    from sdp_vs_penalty.render.words import place, plain_name
 
     for finding in () if isinstance(effects, str) else effects.effects:
         size = size_in_model(finding, model).size_text
-        console.say(f"{plain_name(finding.effect)}, {place(finding.joints)}: {size}")
+        console.say(f"{finding.title}: {size}")
 
 
 def _effects(
