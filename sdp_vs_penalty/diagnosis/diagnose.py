@@ -33,6 +33,7 @@ from sdp_vs_penalty.diagnosis.passing.cause import (
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.search import Search, search
+from sdp_vs_penalty.diagnosis.sign_width import refer_signs_to_current_model
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
 from sdp_vs_penalty.diagnosis.white_rows import (
     WhiteData,
@@ -219,6 +220,7 @@ def diagnose_runs(
         progress,
     )
     finished_search = refer_columns_to_current_model(finished_search, progress)
+    finished_search = refer_signs_to_current_model(finished_search, progress)
     give_back_memory(runs.searched.samples)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)

@@ -17,11 +17,11 @@ from sdp_vs_penalty.diagnosis.late_torque import (
     refer_once,
 )
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
-from sdp_vs_penalty.diagnosis.own_constants import changed_constants
+from sdp_vs_penalty.diagnosis.own_constants import changed_constants, with_constants
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -83,11 +83,7 @@ def explain(
     Explanation
         The model with the effects that remain.
     """
-    model = first
-    if constants:
-        changed = changed_constants(constants, first.model)
-        effects = with_shapes(first.model.effects, changed)
-        model = replace(first, model=replace(first.model, effects=effects))
+    model = with_constants(first, constants)
     refitted = copy(search)
     refitted.terms = [*findings]
     if any(t.form.replaces_own_constant for t in search.terms):

@@ -24,8 +24,9 @@ from sdp_vs_penalty.effects import effect_name, effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import TURNS
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import prior_deviation
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -122,6 +123,23 @@ def changed_constants(
                 )
             )
     return out
+
+
+def with_constants(estimate: Estimate, constants: Sequence[ScoredEffect]) -> Estimate:
+    """Return a model with re-estimated shape constants.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    constants
+        Its own effects on single joints, with other constants.
+    """
+    if not constants:
+        return estimate
+    changed = changed_constants(constants, estimate.model)
+    effects = with_shapes(estimate.model.effects, changed)
+    return replace(estimate, model=replace(estimate.model, effects=effects))
 
 
 def constant_std(

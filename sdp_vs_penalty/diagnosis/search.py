@@ -117,7 +117,7 @@ class Search:
         # that follow from the motion alone, which searches with other models share.
         self._columns_of_model = dict[str, dict[int, Array]]()
         self._columns_of_motion = dict[str, dict[int, Array]]()
-        if like is not None and like.data.noise is data.noise:
+        if like is not None and like._has_columns_of_motion(data):
             self._columns_of_motion = like._columns_of_motion
         #: By a chosen effect's key: the effects on its joints when no exchange was
         #: found for it, and its rivals then.
@@ -146,16 +146,38 @@ class Search:
         price = np.log(self.data.y.size)
         return float(self.fit.own_deviance + n_coefficients * price)
 
+    def with_terms(self, terms: Sequence[ScoredEffect]) -> Search:
+        """Return a copy of the search with other effects chosen, and their fit."""
+        out = copy(self)
+        out.terms = [*terms]
+        out.fit = out.score.fit(out.terms)
+        return out
+
+    def _has_columns_of_motion(self, data: WhiteData) -> bool:
+        """Return whether columns that follow from the motion are the same on other data.
+
+        They are weighted by the noise, and the signs of velocities in them turn round
+        over the model's widths.
+        """
+        own = self.data.estimate.model.sign_width
+        return self.data.noise is data.noise and own == data.estimate.model.sign_width
+
     def take_attempts_of(self, other: Search) -> None:
         """Take over what another search has found to lead nowhere.
 
         These are the barred effects, and the chosen effects for which no exchange was
         found. The latter are tried again only after the effects on their joints have
         changed. Left out of them are effects whose columns depend on the model, which
-        the searches do not share.
+        the searches do not share; so do columns with a sign if the widths of the signs
+        differ.
         """
         self.barred |= other.barred
-        depends_on_model = {t.key for t in other.terms if depends(t.form.effect)}
+        shares_signs = other._has_columns_of_motion(self.data)
+        depends_on_model = {
+            t.key
+            for t in other.terms
+            if depends(t.form.effect) or not (shares_signs or t.form.effect.signless)
+        }
         for key, attempt in other._not_exchanged.items():
             if key not in depends_on_model:
                 self._not_exchanged[key] = attempt

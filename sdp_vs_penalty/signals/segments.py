@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, JointCoverage, Motion
-from sdp_vs_penalty.effects.model import depends
+from sdp_vs_penalty.effects.model import depends, turning
 from sdp_vs_penalty.memory import LONG_RECORDING
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import Pieces
@@ -398,6 +398,23 @@ class SegmentedRuns:
             columns=columns,
             attached=model,
         )
+
+    def with_sign_of(self, effect: Effect) -> SegmentedRuns:
+        """Return the runs with the width over which a friction effect changes its sign.
+
+        The signs of all columns on the effect's joints then turn round over that width.
+        The attached model keeps its torque.
+
+        Parameters
+        ----------
+        effect : Effect
+            Has the width as its constant ``v_s`` [rad/s, m/s].
+        """
+        parts = [
+            (low_pass, turning(motion, effect))
+            for low_pass, motion in self.columns.parts
+        ]
+        return replace(self, columns=ColumnCache(parts, (self.columns.cache[0], {})))
 
     def blocks(
         self,
