@@ -145,6 +145,11 @@ def is_law_of(name: str, other: str) -> bool:
     return name in types[other].refines or other in types[name].refines
 
 
+#: Relative standard deviation of a size from which its torque is said too: a 95 %
+#: interval of 20 % to either side.
+_WIDE = 0.1
+
+
 def format_size(size: float, std: float, unit: str) -> str:
     """Write a size with its 95 % interval, as every place shows it.
 
@@ -180,6 +185,8 @@ class Finding(Rated):
     std_of_rows : that from the scatter over the log alone, all else being exact;
     std_of_law : that from the tolerated error of its law, a part of std;
     size_in_search : the size that the search estimated, where ``size`` is a model's;
+    torque_rms, torque_std : the RMS of its torque in the searched rows, on the joint
+    where it is largest, with its standard deviation, in ``torque_unit``;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
     is weak, if it is; constants : the shape in words, with units; n_splits,
@@ -207,6 +214,9 @@ class Finding(Rated):
     std_of_rows: float = 0.0
     std_of_law: float = 0.0
     size_in_search: float | None = None
+    torque_rms: float | None = None
+    torque_std: float | None = None
+    torque_unit: str = ""
 
     @property
     def splits_sentence(self) -> str:
@@ -221,8 +231,35 @@ class Finding(Rated):
 
     @property
     def size_text(self) -> str:
-        """The size with its 95 % interval, such as "3.123 ± 0.49 N m (95 %)"."""
-        return format_size(self.size, self.std, self.unit)
+        """The size with its 95 % interval, such as "3.123 ± 0.49 N m (95 %)".
+
+        Where the torque is known far better than the size, which follows the shape
+        constants, it is said too.
+        """
+        text = format_size(self.size, self.std, self.unit)
+        return f"{text}, {self.torque_text}" if self._torque_tells_more else text
+
+    @property
+    def torque_text(self) -> str:
+        """The torque that it makes, such as "0.21 ± 0.01 N m RMS in these runs"; ""
+        if that is not known (findings.json of an older version).
+        """
+        if self.torque_rms is None or self.torque_std is None:
+            return ""
+        half = NORMAL_95 * self.torque_std
+        unit = plain_unit(self.torque_unit)
+        return f"{self.torque_rms:.3g} ± {half:.2g} {unit} RMS in these runs"
+
+    @property
+    def _torque_tells_more(self) -> bool:
+        """Whether the size is uncertain, and its relative standard deviation more than
+        twice the torque's.
+        """
+        if not self.torque_rms or self.torque_std is None:
+            return False
+        of_size = self.std / abs(self.size) if self.size else np.inf
+        of_torque = self.torque_std / self.torque_rms
+        return of_size > _WIDE and of_size > 2.0 * of_torque
 
     @property
     def title(self) -> str:

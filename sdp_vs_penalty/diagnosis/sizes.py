@@ -39,15 +39,30 @@ from sdp_vs_penalty.diagnosis.white_rows import (
     ConstantErrors,
     WhiteData,
     model_columns,
+    spread_columns,
 )
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
 from sdp_vs_penalty.regression.evidence import cluster_sums
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 #: Parts of a log over which sizes may scatter, as the check's repairs do.
 PARTS = 8
+
+
+@dataclass(frozen=True)
+class TorqueMade:
+    """Root mean square of the torque that a finding makes in the searched rows.
+
+    joint : where it is largest, from 0; rms, std : in N m, on a prismatic joint N.
+    """
+
+    joint: int
+    rms: float
+    std: float
 
 
 @dataclass(frozen=True)
@@ -58,7 +73,8 @@ class Size:
     errors of shape constants (such as a Stribeck velocity); covariance_given_constants
     (k, k) : their covariance if these constants were exact; covariance_of_rows (k, k) :
     that without the torque in doubt as well, from the scatter over the log alone;
-    covariance_of_law (k, k) : what the tolerated error of the law adds.
+    covariance_of_law (k, k) : what the tolerated error of the law adds;
+    torque : how much torque they make.
     """
 
     beta: Array
@@ -66,6 +82,7 @@ class Size:
     covariance_given_constants: Array
     covariance_of_rows: Array
     covariance_of_law: Array
+    torque: TorqueMade
 
     def std_of_law(self, effect: Effect) -> float:
         """Return the standard deviation of the effect's size by the tolerated error of
@@ -219,7 +236,59 @@ def size_with_interval(
             gram_of_effect,
         ),
         covariance_of_law=tolerated * by_constants,
+        torque=torque_made(
+            search.data.rows,
+            term.form.effect,
+            term.beta,
+            covariance[np.ix_(own, own)],
+        ),
     )
+
+
+def torque_made(
+    rows: SegmentedRuns, effect: Effect, beta: Array, covariance: Array
+) -> TorqueMade:
+    """Compute how much torque a finding makes, and how well that is known.
+
+    With the torque tau = Y(s) beta in M rows, T = sqrt(sum tau^2 / M). To first order
+    its variance is g'C g, with the gradient g = (tau'Y / (M T), tau'D / (M T)), the
+    derivatives D of the torque by the shape constants s, and the covariance C of beta
+    and s. The share eps of the squares that is the law's own tolerated error adds
+    eps T^2. A size such as that of a power law is far less certain than its torque: it
+    is the torque at 1 rad/s, and follows the exponent.
+
+    Parameters
+    ----------
+    rows
+        The searched rows.
+    effect
+        The effect.
+    beta
+        (k,) its parameters, in SI units.
+    covariance
+        (k + c, k + c) their covariance with the errors of its c free shape constants,
+        which are in units of their prior deviations.
+
+    Returns
+    -------
+    TorqueMade
+        On the joint where it is largest.
+    """
+    Y = spread_columns(rows, effect)
+    torque = Y @ beta  # (n joints, M rows)
+    mean_squares = np.mean(torque**2, axis=1)
+    joint = int(np.argmax(mean_squares))
+    rms = float(np.sqrt(mean_squares[joint]))
+    if rms == 0.0:
+        return TorqueMade(joint, rms, 0.0)
+    columns = Y[joint]
+    if free_constants(effect):
+        by_constants = spread_columns(rows, ShapeSensitivity(effect, beta))
+        columns = np.hstack([columns, by_constants[joint]])
+    gradient = torque[joint] @ columns / (len(columns) * rms)
+    variance = float(gradient @ covariance @ gradient)
+    of_law = share_of_one_misfit(effect) * rms**2
+    return TorqueMade(joint, rms, float(np.sqrt(max(variance, 0.0) + of_law)))
 
 
 def _sandwich(inverse: Array, factors: Sequence[Array], gram: Array) -> Array:

@@ -31,7 +31,7 @@ from sdp_vs_penalty.diagnosis.findings import REASONS
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search, search
-from sdp_vs_penalty.diagnosis.sizes import Size
+from sdp_vs_penalty.diagnosis.sizes import Size, TorqueMade
 from sdp_vs_penalty.effects import (
     JointResonance,
     JointSpring,
@@ -297,9 +297,9 @@ def test_a_finding_says_that_it_helps_only_beside_those_after_it(
 ):
     effect = JointSpring(problem.robot, [0])
     covariance = np.eye(len(effect.parameters))
-    size = Size(
-        np.ones(len(covariance)), covariance, covariance, covariance, covariance
-    )
+    covariances = (covariance,) * 4
+    torque = TorqueMade(joint=0, rms=1.0, std=0.1)
+    size = Size(np.ones(len(covariance)), *covariances, torque)
     form = SimpleNamespace(effect=effect)
     judged: Any = SimpleNamespace(
         term=SimpleNamespace(form=form, rivals=(), evidence=30.0),
