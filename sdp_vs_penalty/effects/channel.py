@@ -13,6 +13,7 @@ from sdp_vs_penalty.effects.effect import (
     JointEffect,
     Motion,
 )
+from sdp_vs_penalty.effects.partner import WithPartner, neighbours
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -83,6 +84,58 @@ class TorqueGain(JointEffect):
                 " ratio or unit"
             )
         return super().looks_like(size, coverage)
+
+
+class TorqueCrosstalk(WithPartner):
+    equation = "g_x tau_hat_i"
+    explanation = (
+        "The reading of joint j holds a share g_x of the torque of joint i: a motor"
+        " that drives through the gear of its neighbour (a wrist whose coupling the"
+        " model does not know), or a torque sensor that feels the next one's load. i"
+        " counts from 1; 0 means the previous joint (the next one for joint 1)."
+    )
+    reference = (
+        "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 1"
+        " (coupled gears)"
+    )
+    symbol = "g_x"
+    units = ("-", "-")
+    usual = (_LARGEST, _LARGEST)
+    several = True
+    needs_torque = True
+    forward = "channel"
+    shapes = {"i": ShapeConstant(0.0, signed=True)}
+
+    @classmethod
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
+        """List the shape constants with which a search begins: both neighbours."""
+        return [{"i": float(i + 1)} for i in neighbours(robot, joint)]
+
+    def parameter_name(self, joint: int) -> str:
+        """Name the parameter after joint and partner: "g_x5_6"."""
+        return f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}"
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        """Return the current model's torque (N,) [N m, N] of the partner."""
+        return motion.model_torque[:, self.partner(joint)]
+
+    def invert_channel(
+        self,
+        theta: Array,
+        t: Array,
+        torque: Array,
+    ) -> Array:
+        """Take the partners' shares out of the readings (N, n): of a mixture (1 + G)
+        tau the true torque tau."""
+        n = torque.shape[1]
+        mixture = np.eye(n)
+        for share, j in zip(theta, self.joints, strict=True):
+            mixture[j, self.partner(j)] += share
+        return np.asarray(np.linalg.solve(mixture, torque.T).T)
 
 
 class DelayedTorque(Effect):

@@ -318,6 +318,10 @@ SENTENCES = {
     "torque_filter": (
         "all torques have passed a filter of {time} that the positions have not"
     ),
+    "torque_crosstalk": (
+        "the torque reading of {joint} holds {share} of the torque of {other}"
+        "{sign:|, with the sign reversed}"
+    ),
     "torque_gain": "the torque reading of {joint} is {share} too {sign:large|small}",
     "torque_offset": "the torque reading of {joint} is {signed} where it should be zero",
     "torque_ripple": (

@@ -15,19 +15,19 @@ from sdp_vs_penalty.effects.effect import (
     Array,
     Block,
     Effect,
-    JointEffect,
     Motion,
     Parameter,
     smooth_sign,
 )
 from sdp_vs_penalty.effects.links import RotorInertia
+from sdp_vs_penalty.effects.partner import WithPartner, neighbours
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.effects.velocity_friction import StribeckFriction
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
 
-class JointCoupling(JointEffect):
+class JointCoupling(WithPartner):
     equation = (
         "f_c times dq_i | sign(dq_i) | sign(dq_j + dq_i) | sign(dq_j - dq_i), for form"
         " = 1 | 2 | 3 | 4"
@@ -47,46 +47,6 @@ class JointCoupling(JointEffect):
         "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
     }
 
-    def __init__(
-        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
-    ) -> None:
-        """Check that each joint is coupled to another one.
-
-        The shape constant i is the joint (from 1) whose motion acts; 0 stands for each
-        joint's neighbour. Without ``joints`` the effect acts on all joints but joint i.
-        """
-        super().__init__(robot, joints, **shape)
-        i = self.shape["i"]
-        if i != int(i) or not 0 <= i <= robot.n:
-            raise InputError(
-                f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}",
-                "name another joint",
-            )
-        if joints is None:
-            self.joints = tuple(j for j in self.joints if j + 1 != i and robot.n > 1)
-        elif any(j + 1 == i for j in self.joints) or robot.n < 2:
-            raise InputError(
-                f"effect {self.name}: a joint cannot be coupled to itself",
-                "name another joint as i",
-            )
-
-    def partner(self, joint: int) -> int:
-        """Return the joint whose motion acts on another joint.
-
-        Parameters
-        ----------
-        joint
-            The joint from 0 that is acted on.
-
-        Returns
-        -------
-        int
-            The partner from 0.
-        """
-        if self.shape["i"] > 0.0:
-            return int(self.shape["i"]) - 1
-        return joint - 1 if joint > 0 else 1
-
     @classmethod
     def starts(
         cls,
@@ -95,14 +55,13 @@ class JointCoupling(JointEffect):
     ) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins: both neighbours, in all
         four forms."""
-        neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < robot.n]
         forms = cls.shapes["form"].choices
         return [
             {
                 "i": float(i + 1),
                 "form": form,
             }
-            for i in neighbours
+            for i in neighbours(robot, joint)
             for form in forms
         ]
 

@@ -838,6 +838,27 @@ def _gain(world: World, joint: int, rng: Generator) -> Hidden:
     return replace(make(world, joint, rng), channel=True)
 
 
+def _crosstalk(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a torque channel of a joint (from 0) that holds +-size times the torque of
+    a neighbour of the joint."""
+    if world.arm.n < 2:
+        raise InputError(
+            "effect torque_crosstalk needs a robot with two joints or more",
+            "leave it out",
+        )
+    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < world.arm.n]
+    partner = int(rng.choice(neighbours))
+
+    side = float(rng.choice([-1.0, 1.0]))
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        """Return the torque (N,) [N m, N] at size 1."""
+        return side * world.torque(motion)[:, partner]
+
+    made = at_joint(joint, law, side, i=float(partner + 1))
+    return replace(made, channel=True)
+
+
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """Make a delay of torque channels against the positions: the added torque is tau(t
     - size) - tau(t), and the size is the delay [s].
@@ -1182,13 +1203,15 @@ _stiction = partial(
 )
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
-#: Springs, of joints and of gears, that no class of the challenge draws.
+#: Springs, of joints and of gears, and mixed channels, that no class of the challenge
+#: draws.
 SPRINGS: Mapping[str, Maker] = {
     "stiffening_spring": plain(lambda world, joint, motion: motion.q[:, joint] ** 3),
     "end_stop": _end_stop,
     "elastic_coupling": _belt,
     "joint_resonance": _resonance,
     "gear_error": _gear_error,
+    "torque_crosstalk": _crosstalk,
 }
 #: What a diagnosis meets as a nuisance.
 NUISANCE: Mapping[str, Maker] = {

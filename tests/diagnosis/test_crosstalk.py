@@ -1,0 +1,66 @@
+"""A torque channel that holds a share of another joint's torque, on a planar arm in
+closed form."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from planar_arm import URDF, friction, links_torque, noise, swings
+
+from sdp_vs_penalty import Measurements, add, compare, diagnose, identify
+from sdp_vs_penalty.diagnosis import Diagnosis
+from sdp_vs_penalty.effects.channel import TorqueCrosstalk
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+
+#: Share of each joint's torque (columns) in each channel (rows).
+WRIST = np.array([[1.0, 0.0], [0.12, 1.0]])
+WRONG_GAIN = np.diag([1.0, 1.12])
+
+
+def logged(channels: np.ndarray, seed: int) -> Measurements:
+    """A log of torque channels that mix the joints' torques."""
+    t, q, dq, ddq = swings(seed)
+    torque = links_torque(q, dq, ddq) + friction(dq)
+    return Measurements(t, q, torque @ channels.T + noise(seed, q.shape))
+
+
+def diagnosed(folder: Path, channels: np.ndarray) -> tuple[Estimate, Diagnosis]:
+    arm = folder / "planar.urdf"
+    arm.write_text(URDF)
+    train, test = logged(channels, seed=1), logged(channels, seed=2)
+    model = identify(arm, train, check=False)
+    return model, diagnose(model, train, test, check=False)
+
+
+def test_a_wrist_that_drives_through_its_neighbours_gear_is_named(tmp_path):
+    model, found = diagnosed(tmp_path, WRIST)
+    (crosstalk,) = found.sure
+    assert crosstalk.text == "torque_crosstalk:2@i=1"
+    assert crosstalk.size == pytest.approx(WRIST[1, 0], rel=0.05)
+    assert abs(crosstalk.size - WRIST[1, 0]) < 2.0 * crosstalk.std
+    assert "12 % of the torque of joint 1" in crosstalk.on_the_arm
+    bigger = add(model, [crosstalk], logged(WRIST, seed=1))
+    before, after = compare({"before": model, "after": bigger}, logged(WRIST, seed=3))
+    assert after.rmse[1] < 0.3 * before.rmse[1]
+
+
+def test_a_wrong_gain_is_no_crosstalk(tmp_path):
+    _, found = diagnosed(tmp_path, WRONG_GAIN)
+    assert "torque_crosstalk" not in {f.effect for f in found.sure}
+    assert "torque_gain:2" in {f.text for f in found.effects}
+
+
+def test_a_simulation_takes_the_shares_out_of_the_readings(two_link):
+    crosstalk = TorqueCrosstalk(two_link.robot, [0, 1])
+    shares = np.array([0.2, -0.1])
+    mixture = np.array([[1.0, shares[0]], [shares[1], 1.0]])
+    torque = np.random.default_rng(0).normal(size=(5, 2))
+    readings = torque @ mixture.T
+    undone = crosstalk.invert_channel(shares, np.arange(5.0), readings)
+    np.testing.assert_allclose(undone, torque)
+
+
+def test_a_joint_is_no_partner_of_itself(two_link):
+    with pytest.raises(InputError, match="coupled to itself"):
+        TorqueCrosstalk(two_link.robot, [1], i=2.0)
