@@ -17,7 +17,7 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
+from sdp_vs_penalty.robot.plausible_units import LinkSizes, limits_in_degrees, odd_units
 from sdp_vs_penalty.robot.urdf import (
     errors_located_in,
     load_urdf,
@@ -25,8 +25,6 @@ from sdp_vs_penalty.robot.urdf import (
     read_inertial,
 )
 
-#: Moments of inertia up to this are zero [kg m^2]: simulators refuse such bodies.
-_ZERO = 1e-12
 #: How far a link reaches that no joint moves, such as the base [m].
 _REACH_OF_BASE = 3.0
 
@@ -81,7 +79,7 @@ class LinkCheck:
         triangle = float(moments[0] + moments[1] - moments[2])
         if theta.any() and inertial.mass <= 0.0:
             triangle = np.nan
-        verdict = _verdict_on(inertial, moments, bool(theta.any()))
+        verdict = inertia.why_impossible(theta) or "consistent"
         nearest = None
         gyration = 0.0
         if verdict == "consistent":
@@ -152,32 +150,6 @@ class LinkCheck:
                 "distance": self.distance,
             }
         return out
-
-
-def _verdict_on(
-    inertial: Inertial,
-    moments: Array,
-    has_parameters: bool,
-) -> str:
-    """Say why a link cannot exist, or "consistent".
-
-    moments : (3,) principal moments about the centre of mass, in increasing order
-    [kg m^2]; has_parameters : whether the file gives any number that is not zero.
-    Rounding errors of a moment are relative to those about the link's origin.
-    """
-    if inertial.mass < 0.0:
-        return "negative mass"
-    if inertial.mass == 0.0 and has_parameters:
-        return "moment of inertia without mass"
-    to_origin = 2.0 * inertial.mass * float(np.sum(inertial.com**2))
-    tolerance = -inertia.ROUNDING * (abs(float(moments.sum())) + to_origin)
-    if moments[0] < tolerance:
-        return "negative moment of inertia"
-    if moments[0] + moments[1] - moments[2] < tolerance:
-        return "triangle inequality violated"
-    if inertial.mass > 0.0 and moments[0] <= _ZERO:
-        return "zero moment of inertia"
-    return "consistent"
 
 
 def check_urdf(path: str | Path) -> list[LinkCheck]:
@@ -332,7 +304,9 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
         if np.isfinite(c.inertial_given.about_com).all()
     ]
     odd = odd_units(sizes, longest)
-    return [f"Units: {x.what} {x.remedy[0].upper()}{x.remedy[1:]}." for x in odd]
+    remarks = [f"Units: {x.what} {x.remedy[0].upper()}{x.remedy[1:]}." for x in odd]
+    in_degrees = limits_in_degrees(robot.joints)
+    return [*remarks, f"Units: {in_degrees}."] if in_degrees else remarks
 
 
 def massless_links(path: str | Path) -> list[str]:

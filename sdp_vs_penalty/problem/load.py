@@ -9,7 +9,7 @@ import os
 import re
 import tomllib
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,7 @@ from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, o
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.geometry import Geometry, link_geometry
+from sdp_vs_penalty.robot.inertia import why_impossible
 from sdp_vs_penalty.robot.joint import (
     parse_held,
     parse_mechanism,
@@ -39,6 +40,7 @@ from sdp_vs_penalty.robot.model_files import (
     expanded_robot,
     is_mjcf,
 )
+from sdp_vs_penalty.robot.plausible_units import limits_in_degrees
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -521,6 +523,8 @@ def _from_robot_file(
     box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * masses)
     bodies = link_bodies(robot, box[:, 1:4], links, geometry)
     nominal, sources = plausible_links(robot, links, bodies)
+    for remark in _remarks_on(robot, links):
+        warnings.warn(f"{path}: {remark}", Remark, stacklevel=3)
     return Problem(
         name=robot.name,
         title=f"{robot.name} from {path.name}",
@@ -531,6 +535,34 @@ def _from_robot_file(
         nominal_from=sources,
         nominal_values=values,
     )
+
+
+def _remarks_on(robot: Robot, links: Array) -> Iterator[str]:
+    """Yield what is odd about a robot's file and changes no estimate: links that cannot
+    exist, limits in degrees.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    links : (links, 10) array
+        Standard parameters as the file has them.
+    """
+    names_by_reason: dict[tuple[str, str], list[str]] = {}
+    for k, link in zip(robot.link_joints, links, strict=True):
+        why = why_impossible(link)
+        if why:
+            stands_in = "the nearest possible one" if link[0] > 0.0 else "a guess"
+            names = names_by_reason.setdefault((why, stands_in), [])
+            names.append(robot.tree[k].name)
+    for (why, stands_in), names in names_by_reason.items():
+        yield (
+            f"{why} of the link behind {', '.join(names)}: no such body exists, and"
+            f" {stands_in} stands for it (details: `check-urdf`)"
+        )
+    in_degrees = limits_in_degrees(robot.joints)
+    if in_degrees:
+        yield in_degrees
 
 
 def lowest_masses(nominal: Array) -> Array:

@@ -272,6 +272,43 @@ def consistency_margin(theta: ArrayLike) -> Array:
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
 
+#: Moments of inertia up to this are zero [kg m^2]: simulators refuse such bodies.
+_ZERO_MOMENT = 1e-12
+
+
+def why_impossible(theta: ArrayLike) -> str:
+    """Say why no body has a link's inertial parameters.
+
+    Parameters
+    ----------
+    theta : (10,) array_like
+        Standard parameters [kg, kg m, kg m^2]; all zeros stand for no inertial.
+
+    Returns
+    -------
+    str
+        Such as "negative mass" or "triangle inequality violated"; "" for a body that
+        can exist. Rounding errors of a moment are relative to those about the link's
+        origin.
+    """
+    given = np.asarray(theta, float)
+    mass = float(given[0])
+    if mass < 0.0:
+        return "negative mass"
+    if mass == 0.0:
+        return "moment of inertia without mass" if given.any() else ""
+    com = given[1:4] / mass
+    of_centre = mass * (com @ com * np.eye(3) - np.outer(com, com))  # Steiner
+    moments = np.linalg.eigvalsh(inertia_matrix(given[4:]) - of_centre)
+    to_origin = 2.0 * mass * float(com @ com)
+    tolerance = -ROUNDING * (abs(float(moments.sum())) + to_origin)
+    if moments[0] < tolerance:
+        return "negative moment of inertia"
+    if moments[0] + moments[1] - moments[2] < tolerance:
+        return "triangle inequality violated"
+    return "zero moment of inertia" if moments[0] <= _ZERO_MOMENT else ""
+
+
 def thickness(theta: ArrayLike) -> Array:
     """Return the largest radius r with Sigma_c >= m r^2 1; negative if inconsistent.
 

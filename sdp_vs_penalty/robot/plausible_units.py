@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.robot.joint import Joint
+
 #: Longest distance between two joints [m], heaviest link [kg].
 _LONGEST = 20.0
 _HEAVIEST = 3000.0
@@ -31,6 +33,11 @@ _SHORTEST_ARM = 0.1
 _LONGEST_ARM = 3.0
 #: A usual link's inertia is known to this factor either way from the robot's size.
 _INERTIA_ERROR = 30.0
+#: A range or a speed of a revolute joint beyond the first number [rad, rad/s] is none in
+#: radians: two turns to either side, five a second. Up to the second it is one in
+#: degrees; what is larger stands for "no limit".
+_RANGE_IN_DEGREES = 12.6, 1440.0
+_SPEED_IN_DEGREES = 31.5, 1440.0
 #: Lightest arm whose dynamics a drive could show [kg].
 _LIGHTEST = 1e-3
 
@@ -95,6 +102,48 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
     yield from _odd_centres(known, size)
     yield from _odd_inertias(known, size, bool(in_grams))
     yield from _odd_total(known)
+
+
+def limits_in_degrees(joints: Sequence[Joint]) -> str:
+    """Say that the limits of a robot's revolute joints are in degrees.
+
+    Parameters
+    ----------
+    joints : sequence of Joint
+        The joints.
+
+    Returns
+    -------
+    str
+        A sentence with the joints' names and what to do; "" where half or more of the
+        revolute joints have limits that can be in radians. A joint without a limit
+        takes no part.
+    """
+    turning = [joint for joint in joints if joint.kind == "revolute"]
+    ranges = {joint.name: max(-joint.lower, joint.upper) for joint in turning}
+    speeds = {joint.name: joint.velocity for joint in turning}
+    what = {
+        "positions": _in_degrees(ranges, *_RANGE_IN_DEGREES),
+        "velocities": _in_degrees(speeds, *_SPEED_IN_DEGREES),
+    }
+    found = [
+        f"{quantity} ({', '.join(names)})" for quantity, names in what.items() if names
+    ]
+    if not found:
+        return ""
+    return (
+        f"limits of {' and '.join(found)} look like degrees: write radians (degrees"
+        " times pi / 180)"
+    )
+
+
+def _in_degrees(limits: Mapping[str, float], least: float, most: float) -> list[str]:
+    """Return the names of the joints whose limit lies between ``least`` and ``most``; none
+    if these are not more than half of those with a limit up to ``most``.
+    """
+    finite = {name: limit for name, limit in limits.items() if limit <= most}
+    found = [name for name, limit in finite.items() if limit > least]
+    return found if 2 * len(found) > len(finite) else []
 
 
 def _names(links: Sequence[LinkSizes]) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ def verb(
     verdict, *remarks = inertials.sentences(checks, massless)
     units = inertials.unit_remarks(urdf, checks)
     if units:
-        verdict = f"{verdict[:-1]}; units are not m and kg."
+        verdict = f"{verdict[:-1]}; units are not m, kg and rad."
     console.say(verdict, style="bold")
     for remark in units:
         console.paragraph(remark)

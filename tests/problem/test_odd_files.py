@@ -1,0 +1,70 @@
+"""What is said of a robot's file that no body or joint can have, and changes no
+estimate."""
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import THREE, write_urdf
+
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.errors import Remark
+from sdp_vs_penalty.exporters.inertials import check_urdf, unit_remarks
+
+#: Of a ball of 2 kg about its centre [kg m^2].
+MOMENTS = (0.005, 0.0, 0.005, 0.0, 0.0, 0.005)
+
+
+def remarks_on(file: Path) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_problem(file)
+    return [str(w.message) for w in caught if issubclass(w.category, Remark)]
+
+
+def arm(folder: Path, mass: float = 2.0, moments=MOMENTS, limits=(0.2, 2.5, 2.0)):
+    axes = [*THREE]
+    axes[1] = replace(axes[1], mass=mass, moments=moments)
+    return write_urdf(folder / "arm.urdf", "arm", axes, limits)
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments", "why", "stands_in"),
+    [
+        (-2.0, MOMENTS, "negative mass", "a guess"),
+        (0.0, MOMENTS, "moment of inertia without mass", "a guess"),
+        (2.0, (-0.005, 0, 0.005, 0, 0, 0.005), "negative moment", "the nearest"),
+        (2.0, (0.005, 0, 0.005, 0, 0, 0.05), "triangle inequality", "the nearest"),
+    ],
+)
+def test_a_link_that_cannot_exist_is_said(mass, moments, why, stands_in, tmp_path):
+    file = arm(tmp_path, mass, moments)
+    (remark,) = remarks_on(file)
+    assert f"{file}: {why}" in remark
+    assert "joint2" in remark
+    assert stands_in in remark
+    assert [c.link for c in check_urdf(file) if not c.consistent] == ["link2"]
+
+
+@pytest.mark.parametrize(
+    ("limits", "named"),
+    [
+        ((0.2, 175.0, 2.0), "limits of positions (joint"),
+        ((0.2, 2.5, 180.0), "limits of velocities (joint"),
+        ((0.2, 6.3, 8.0), ""),  # one turn to either side, in radians
+        ((0.2, 1e16, 1e16), ""),  # no limit
+    ],
+)
+def test_limits_in_degrees_are_said_by_each_command(limits, named, tmp_path):
+    file = arm(tmp_path, limits=limits)
+    said = [*remarks_on(file), *unit_remarks(file, check_urdf(file))]
+    assert len(said) == (2 if named else 0)
+    assert all(named in remark and "radians" in remark for remark in said)
+
+
+def test_a_robot_as_people_build_it_is_not_remarked_on(tmp_path):
+    file = arm(tmp_path)
+    assert remarks_on(file) == []
+    assert np.all(load_problem(file).nominal_links[:, 0] > 0.0)
