@@ -87,7 +87,7 @@ def test_other_columns_are_left_out_with_a_remark(more, said, tmp_path):
             ["q has 4 rows, t has 5"],
         ),
         (
-            {"t": np.arange(5.0), "q": np.zeros((5, 1, 1)), "tau": np.zeros(5)},
+            {"t": np.arange(5.0), "q": np.zeros((5, 2, 2)), "tau": np.zeros(5)},
             ["3 dimensions"],
         ),
         (

@@ -606,3 +606,43 @@ def test_a_broken_json_line_is_refused(line, tmp_path):
     path = tmp_path / "run.jsonl"
     path.write_text(f'{{"t": 0.0, "q": [1, 2], "tau": [1, 2]}}\n{line}\n')
     refusal(lambda: silently(path))
+
+
+@pytest.mark.parametrize(
+    ("q", "tau"),
+    [
+        ("j{}", "trq{}"),  # Staubli
+        ("AxisAct_A{}", "TorqueAct_A{}"),  # KUKA
+        ("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]"),
+        ("rax_{}", "torque_{}"),  # ABB
+    ],
+)
+def test_joints_alone_beside_torques_are_positions(q, tau, tmp_path):
+    """Controllers log them in degrees; what reaches no two turns is in radians."""
+    names = [pattern.format(k) for pattern in (q, tau) for k in (1, 2, 3)]
+    degrees = table(tmp_path / "deg.csv", ["time", *names], T, np.degrees(Q), TAU)
+    assert "q in deg, it reaches" in remarks(degrees)
+    require_the_run(silently(degrees))
+    radians = table(tmp_path / "rad.csv", ["time", *names], T, Q, TAU)
+    assert "q in rad, it reaches" in remarks(radians)
+    require_the_run(silently(radians))
+
+
+def test_joints_alone_are_no_positions_beside_positions(tmp_path):
+    names = [f"{word}{k}" for word in ("j", "position", "trq") for k in (1, 2, 3)]
+    path = table(tmp_path / "run.csv", ["time", *names], T, DQ, Q, TAU)
+    require_the_run(silently(path))
+
+
+@pytest.mark.parametrize("mark", ["^", ":"])
+def test_tables_with_rare_separators_are_read(mark, plain):
+    plain.write_text(plain.read_text().replace(",", mark))
+    require_the_run(silently(plain))
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_axes_of_one_entry_are_left_out(axis, tmp_path):
+    path = tmp_path / "run.npz"
+    q, tau = (np.expand_dims(x, axis) for x in (Q, TAU))
+    np.savez(path, t=T, q=q, tau=tau)
+    require_the_run(silently(path))

@@ -241,6 +241,29 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
     )
 
 
+def read_bare_joint(name: str) -> Reading | None:
+    """Read a name that says nothing but a joint's number, "j1" or "AxisAct_A1", as a
+    position.
+
+    Parameters
+    ----------
+    name : str
+        Name of the column.
+
+    Returns
+    -------
+    Reading | None
+        Ranks behind all names with a word of positions. None for other names.
+    """
+    tokens = split_tokens(name)
+    numbers = [token for token in tokens if token.isdigit()]
+    words = [token for token in tokens if token.isalpha()]
+    if len(numbers) != 1 or not is_word_for_joint(words):
+        return None
+    rank = len(WORDS["q"]) + 1
+    return Reading("q", rank, joint=None, number=int(numbers[0]), other_words=())
+
+
 def _is_telling(unit: NamedUnit) -> bool:
     """Tell whether a unit belongs to one quantity alone, as "deg/s" to velocities; a
     length in "m" can be anything."""

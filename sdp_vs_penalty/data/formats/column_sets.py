@@ -44,6 +44,11 @@ class ColumnSet:
         return frozenset(self.columns)
 
     @property
+    def is_bare(self) -> bool:
+        """Whether the names say nothing but the joints' numbers, "j1"."""
+        return self.rank > len(WORDS[self.quantity])
+
+    @property
     def preference(self) -> tuple[int, int, int, int]:
         """Sort key among the sets of one quantity; the smallest wins.
 

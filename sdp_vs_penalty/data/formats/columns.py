@@ -450,9 +450,14 @@ class Header:
         """Return the channels (N, n) of one group, from n columns (N,) or from one
         block.
 
-        A block (n, N) is turned. ``count`` is N, the number of time stamps.
+        A block (n, N) is turned, and axes of length 1 are left out, as Simulink logs
+        (n, 1, N). ``count`` is N, the number of time stamps.
         """
         block = parts[0]
+        if block.ndim > 2:
+            has_one_joint = block.size == count
+            block = block.reshape(count, 1) if has_one_joint else np.squeeze(block)
+            parts = [block, *parts[1:]]
         if block.ndim > 2:
             what = f"{group} has {block.ndim} dimensions"
             raise InputError(what, "give it 2: samples and joints", self.what)

@@ -671,7 +671,7 @@ def _by_words(
         for our_name, their_name in rename.items()
         if their_name in readings and readings[their_name].factor != 1.0
     }
-    return Recognition(
+    recognition = Recognition(
         rename,
         scale,
         units=(*_units_of_words(rename, readings), *_left_out(choice)),
@@ -680,6 +680,12 @@ def _by_words(
         episode=episode_of(names),
         has_other_joints=_has_other_joints(joints, joint_names),
     )
+    if table is None or not positions.is_bare:
+        return recognition
+    # Nothing says the unit of "j1" either: ABB, KUKA and Staubli log degrees.
+    unit_and_reason = _inferred_unit(ANGLE, list(positions.columns.values()), table)
+    with_unit = recognition.with_units({"q": unit_and_reason})
+    return replace(with_unit, inferred={"q": ANGLE})
 
 
 def _read_and_choose(
@@ -699,6 +705,10 @@ def _read_and_choose(
     from sdp_vs_penalty.data.formats.column_sets import choose_sets
 
     n_joints = len(joints) if joints else None
+    bare = _bare_joints(usable)
+    if bare and choose_sets(_readings(usable, None), n_joints) is None:
+        readings = _readings(usable, None) | bare
+        return readings, choose_sets(readings, n_joints)
     with_joints = _readings(usable, JointNames(joints) if joints else None)
     choice = choose_sets(with_joints, n_joints)
     if choice is not None and len(choice.sets["q"].columns) == n_joints:
@@ -744,6 +754,14 @@ def _readings(
     from sdp_vs_penalty.data.formats.column_names import read_name
 
     readings = {name: read_name(name, joint_names) for name in names}
+    return {name: r for name, r in readings.items() if r is not None}
+
+
+def _bare_joints(names: Sequence[str]) -> dict[str, Reading]:
+    """Read the columns whose names say nothing but a joint's number as positions."""
+    from sdp_vs_penalty.data.formats.column_names import read_bare_joint
+
+    readings = {name: read_bare_joint(name) for name in names}
     return {name: r for name, r in readings.items() if r is not None}
 
 

@@ -27,7 +27,7 @@ from sdp_vs_penalty.files import refuse_stand_in
 #: Characters that are worked on at a time; a file with a longer line is no table.
 PIECE = 1 << 20
 #: The separators that are tried, in this order; None: any number of blanks.
-DELIMITERS = (";", "\t", "|", ",", None)
+DELIMITERS = (";", "\t", "|", ",", None, "^", ":")
 #: A quoted cell has at most so many lines.
 _LONGEST_CELL = 40
 #: How the first line of a text begins that is no table, what it is, and what to do.
