@@ -15,6 +15,7 @@ import io
 import json
 import os
 import stat
+import tempfile
 import time
 import tomllib
 import types
@@ -621,14 +622,8 @@ def writing(path: str | Path, lasting: bool = True) -> Iterator[BinaryIO]:
         with suppress(FileNotFoundError):
             there = path.stat()  # of what a link leads to
         if there is not None and stat.S_ISDIR(there.st_mode):
-            raise InputError("cannot be written (it is a folder)", "name a file", path)
-        # By inode, so that no link hides it.
-        if there is not None and (there.st_dev, there.st_ino) in (_inputs.get() or ()):
-            raise InputError(
-                "is also an input of this command",
-                "name another file to write",
-                path,
-            )
+            raise _is_folder(path)
+        _refuse_input(path, there)
         if there is None or stat.S_ISREG(there.st_mode):
             with _replacing(Path(os.path.realpath(path)), lasting) as file:
                 yield file
@@ -651,6 +646,67 @@ def _unwritable(error: Exception, path: Path) -> InputError:
         "choose another place, or free this one",
         path,
     )
+
+
+def require_writable(path: str | Path, may_be_folder: bool = False) -> None:
+    """Raise InputError if :func:`writing` would refuse a path; nothing is written.
+
+    It is asked before long work. A folder that does not exist yet would be made, so the
+    nearest folder above it that exists must take new files.
+
+    Parameters
+    ----------
+    path : path
+        The file to write, or a folder to write into.
+    may_be_folder : bool
+        Whether an existing folder is meant as the place of several files.
+
+    Raises
+    ------
+    InputError
+        The path is an input of this command, is a folder where a file is needed, or
+        cannot be written.
+    """
+    path = Path(path)
+    try:
+        there = None
+        with suppress(FileNotFoundError):
+            there = path.stat()
+        _refuse_input(path, there)
+        folder = path
+        if there is not None and not stat.S_ISDIR(there.st_mode):
+            if not stat.S_ISREG(there.st_mode):
+                return  # a device or a pipe
+            folder = Path(os.path.realpath(path)).parent
+        elif there is not None and not may_be_folder:
+            raise _is_folder(path)
+        while not folder.exists():
+            folder = folder.parent
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise _unwritable(error, path) from error
+
+
+def _refuse_input(path: Path, there: os.stat_result | None) -> None:
+    """Raise InputError if a file to write is an input of this command.
+
+    there : state of the file that the path leads to; None if there is none. Files are
+    compared by inode, so that no link hides an input.
+    """
+    if there is not None and (there.st_dev, there.st_ino) in (_inputs.get() or ()):
+        raise InputError(
+            "is also an input of this command",
+            "name another file to write",
+            path,
+        )
+
+
+def _is_folder(path: Path) -> InputError:
+    """Return the InputError for a folder where a file is to be written."""
+    return InputError("cannot be written (it is a folder)", "name a file", path)
 
 
 def write_bytes(path: str | Path, content: bytes, lasting: bool = True) -> None:

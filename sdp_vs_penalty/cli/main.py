@@ -1,7 +1,8 @@
 """The command line. A verb is imported when it is used: --help of the program loads
 none of them.
 
-The files that a verb is given are protected before it runs.
+Before a verb runs, the files that it is given are protected, and the files that it is
+to write are known to be writable.
 """
 
 import atexit
@@ -29,7 +30,7 @@ from sdp_vs_penalty.errors import (
     printable,
     require_known,
 )
-from sdp_vs_penalty.files import opened, protecting
+from sdp_vs_penalty.files import opened, protecting, require_writable
 from sdp_vs_penalty.version import __version__
 
 #: Every file of verbs/, by what it is for, with the first sentence of its docstring.
@@ -220,6 +221,7 @@ def _run(words: Sequence[str]) -> None:
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
+    _require_writable(parser, arguments)
     is_quiet = arguments.pop("quiet")
     has_own_json = "json_" in parser.options
     json_file = None if has_own_json else arguments.pop("json_")
@@ -305,6 +307,18 @@ def _require_different(outputs: Mapping[str, Any]) -> None:
                         "name another one; nothing was written",
                         path,
                     )
+
+
+def _require_writable(parser: Parser, arguments: Mapping[str, Any]) -> None:
+    """Raise InputError if an output of a command cannot be written, before the work.
+
+    An output may be an existing folder where the help of its option says "folder".
+    """
+    for name in OUTPUTS & set(arguments):
+        option = parser.options.get(name)  # None for the --json of every verb
+        may_be_folder = option is not None and "folder" in str(option.help).lower()
+        for path in _paths(arguments[name]):
+            require_writable(path, may_be_folder)
 
 
 def _complain(message: object) -> None:

@@ -14,6 +14,7 @@ from servo_log import log, write_slide
 from small_runs import small_run, write_run
 
 from sdp_vs_penalty import Problem, identify
+from sdp_vs_penalty.cli import main
 from sdp_vs_penalty.data import save
 from tests.cli.test_printed_commands import TWELVE, told
 
@@ -63,3 +64,47 @@ def test_a_command_is_refused(line, folder, monkeypatch, capsys):
     assert said.startswith("sdp-vs-penalty: ")
     assert same_refusal("commands", line, said.rstrip("\n"))
     assert {path: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+
+
+#: Of each verb that works for long: a command whose output is the file {out}.
+LONG_COMMANDS = (
+    "identify two_link --data run1.csv --out {out}",
+    "identify two_link --data run1.csv --out new.json --proof {out}",
+    "diagnose model.json --data run1.csv --json {out}",
+    "add model.json joint_spring:1 --data run1.csv --out {out}",
+    "report model.json --data run1.csv --out {out}",
+    "compare model.json --data run1.csv --json {out}",
+    "check two_link --data run1.csv --json {out}",
+    "simulate two_link --out {out}/runs",
+    "convert run1.csv --out {out}",
+)
+
+
+@pytest.mark.parametrize("line", LONG_COMMANDS)
+def test_an_output_that_cannot_be_written_is_found_before_the_work(
+    line, folder, monkeypatch, capsys
+):
+    """The place lies within a file. No verb is started, so nothing is in vain."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(main, "_transcribed", lambda *_: pytest.fail("work began"))
+    assert run_cli(*shlex.split(line.format(out="kept.json/a.html"))) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "cannot be written (Not a directory)" in said
+
+
+@pytest.mark.parametrize("line", [x for x in LONG_COMMANDS if "runs" not in x])
+def test_a_folder_in_place_of_a_file_is_found_before_the_work(
+    line, folder, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(main, "_transcribed", lambda *_: pytest.fail("work began"))
+    assert run_cli(*shlex.split(line.format(out=tmp_path))) == 2
+    assert "it is a folder" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_missing_is_made(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    out = tmp_path / "new" / "deep" / "run.csv"
+    assert run_cli("convert", "run1.csv", "--out", str(out)) == 0
+    assert out.exists()
