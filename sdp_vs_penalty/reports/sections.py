@@ -398,7 +398,9 @@ def _motion_figures(following: Following, name: str) -> list[Any]:
 def failures(data: ReportData) -> Context:
     """Return the context of the section on causes: which cause explains how much error.
 
-    A heat map for the first and for the last model, and a sentence for each joint.
+    A heat map for the first and for the last model, and a sentence for each joint. The
+    errors are those of the comparison, which the whole report shows: the analysis of
+    causes leaves rows out, and its errors differ in the third digit.
     """
     shares = pieces.found_shares(data.diagnosis, data.last.robot.n)
     maps = []
@@ -406,15 +408,17 @@ def failures(data: ReportData) -> Context:
         rows = pieces.heat_rows([f.to_dict() for f in failing], shares)
         maps.append(pieces.heat_map(name, rows, len(failing)))
         shares = {}  # the diagnosis is of the first model: the last one gets no findings
-    last = data.failures[data.name]
+    errors = data.comparisons[-1].rmse
     lines = [
         (
             f.joint,
             words.describe_failure(f, unit),
-            formatting.number(f.rmse),
+            formatting.number(float(error)),
             formatting.number(f.noise_floor),
         )
-        for f, unit in zip(last, data.units, strict=True)
+        for f, unit, error in zip(
+            data.failures[data.name], data.units, errors, strict=True
+        )
     ]
     heads = ("joint", f"where {data.name} errs", "error", "noise floor")
     return {

@@ -18,9 +18,10 @@ from recorded import changed, said
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, report
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare, formatting, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.render import bars
 from sdp_vs_penalty.render.arms import link_ellipsoid
 from sdp_vs_penalty.reports import JudgedRun
@@ -82,6 +83,25 @@ def test_one_file_with_every_section_and_no_request(made):
     assert "<script>alert(1)" not in html
     assert "&lt;script&gt;alert(1)" in html
     assert "<b>x</b>" not in html
+
+
+def test_the_error_of_a_joint_is_one_number_in_the_whole_report(made):
+    """The table of causes shows the errors of the comparison, by which joints are
+    judged, and not those of the rows in which causes were searched."""
+    models, run, _ = made
+    compared = compare(models, run)
+    failures = {
+        c.name: Failures(
+            [replace(f, rmse=2.0 * f.rmse) for f in where_it_fails(c.estimate, run)],
+            c.estimate.robot.torque_units,
+        )
+        for c in compared
+    }
+    html = make_report(models, run, failures=failures)
+    causes = re.findall(r'<section[^>]* id="failures".*?</section>', html, re.DOTALL)[0]
+    numbers = re.findall(r'<td class="number">(.*?)</td>', causes)
+    shown = numbers[::2]  # an error and a noise floor for each joint
+    assert shown == [formatting.number(float(error)) for error in compared[-1].rmse]
 
 
 def sections(html: str) -> dict[str, Any]:
