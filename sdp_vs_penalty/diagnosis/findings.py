@@ -960,6 +960,18 @@ class Diagnosis(Record, JsonRecord):
         return "Use the model, or record motion that excites more."
 
     @property
+    def weak_companions(self) -> list[str]:
+        """What :meth:`selected` with ``confident`` takes although it is weak, a line
+        each with the reasons, such as "joint spring on joint 2 is weak (its size is
+        uncertain by > 20 %)".
+        """
+        return [
+            f"{named_on_joints([f])} is weak ({'; '.join(f.remarks)})"
+            for f in self.sure
+            if f.rating == "weak"
+        ]
+
+    @property
     def sure_text(self) -> str:
         """Words for the findings in :attr:`sure`, such as "the confident findings and
         the near-ties".

@@ -159,9 +159,16 @@ def describe_finding(
     )
 
 
-def weak_title(n_weak: int) -> str:
-    """Return the heading above the weak findings, which are folded."""
-    return f"Not worth adding yet: {formatting.count(n_weak, 'weak finding')}"
+def weak_title(n_weak: int, n_added: int = 0) -> str:
+    """Return the heading above the weak findings, which are folded.
+
+    n_added : how many of them the model that is shown has.
+    """
+    count = formatting.count(n_weak, "weak finding")
+    if n_added == 0:
+        return f"Not worth adding yet: {count}"
+    added = "added" if n_added == n_weak else f"{n_added} of them added"
+    return f"{count}, {added}"
 
 
 def doubt_of(rated: Finding | Retune) -> str:

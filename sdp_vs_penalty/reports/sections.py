@@ -14,7 +14,11 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
+from sdp_vs_penalty.diagnosis.open_findings import (
+    findings_not_added,
+    has_open_finding,
+    still_missing,
+)
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects import effects_in_words
@@ -431,7 +435,8 @@ def findings(data: ReportData) -> Context:
     """Return the context of the section on what the diagnosis found.
 
     It holds every sentence ("words"), what the last model still lacks ("missing"), a card
-    with a picture for each finding ("cards", "weak_cards"), of one model alone each
+    for each finding, with a picture where its torque is certain ("cards"), or folded
+    where it is not ("weak_cards"), of one model alone each
     joint's error on held-out data before and after adding all findings ("bars"), and a
     figure for each measured curve of missing torque ("curves"). Without a diagnosis
     "words" is None.
@@ -467,12 +472,16 @@ def findings(data: ReportData) -> Context:
             diagnosis.effects, described.findings, strict=True
         )
     ]
-    weak = [card for card in cards if card["words"].rating == "weak"]
+    is_certain = [finding.torque_is_certain for finding in diagnosis.effects]
+    weak = [f for f in diagnosis.effects if not f.torque_is_certain]
+    not_added = findings_not_added(replace(diagnosis, effects=tuple(weak)), data.last)
     return {
         "words": described,
-        "cards": [card for card in cards if card["words"].rating != "weak"],
-        "weak_cards": weak,
-        "weak_title": words.weak_title(len(weak)),
+        "cards": [c for c, certain in zip(cards, is_certain, strict=True) if certain],
+        "weak_cards": [
+            c for c, certain in zip(cards, is_certain, strict=True) if not certain
+        ],
+        "weak_title": words.weak_title(len(weak), len(weak) - len(not_added)),
         "missing": missing,
         "name": data.name,
         "bars": bars,
@@ -484,9 +493,9 @@ def _picture_of_finding(data: ReportData, finding: Finding) -> Any:
     """Draw the error of a finding's joint against its cause, before and after adding
     effects.
 
-    "" for a weak finding.
+    "" for a finding whose torque is not certain.
     """
-    if finding.rating == "weak":
+    if not finding.torque_is_certain:
         return ""
     first = data.comparisons[0]
     last = data.comparisons[-1]

@@ -21,12 +21,14 @@ from unchecked import identify
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, formatting, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
+from sdp_vs_penalty.diagnosis.findings import REASONS
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.render import bars
 from sdp_vs_penalty.render.arms import link_ellipsoid
 from sdp_vs_penalty.reports import JudgedRun
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import experiment
+from tests.cli.test_printed_commands import told
 
 pytest.importorskip("plotly")
 
@@ -102,6 +104,23 @@ def test_the_error_of_a_joint_is_one_number_in_the_whole_report(made):
     numbers = re.findall(r'<td class="number">(.*?)</td>', causes)
     shown = numbers[::2]  # an error and a noise floor for each joint
     assert shown == [formatting.number(float(error)) for error in compared[-1].rmse]
+
+
+@pytest.mark.parametrize(
+    ("effect", "title"),
+    [
+        ("viscous_friction", "1 weak finding, added"),
+        ("joint_spring", "Not worth adding yet: 1 weak finding"),
+    ],
+)
+def test_a_weak_finding_is_either_added_or_not_worth_it(effect, title, made, two_link):
+    models, run, _ = made
+    found = told(two_link, [f"{effect}:1"])
+    doubt = {"confidence": "weak", "remarks": (REASONS["small"],)}
+    weak = replace(found, effects=(replace(found.effects[0], **doubt),))
+    html = make_report(models, run, findings=weak)
+    assert title in html
+    assert ("Not worth adding" in html) != ("are in the model" in html)
 
 
 def sections(html: str) -> dict[str, Any]:

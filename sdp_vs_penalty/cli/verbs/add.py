@@ -28,7 +28,7 @@ def verb(
     --out model2.json: File to write the model to.
     effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
     --from findings.json: Effects found by `diagnose --json`.
-    --confident: Confident findings, and those of which only name or size is open.
+    --confident: Findings whose torque is certain: confident, near-tie, or weak in name or size only.
     --only 1,3: Numbers of the findings to add.
     """
     from sdp_vs_penalty.checks.gate import consented
@@ -67,6 +67,8 @@ def verb(
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
     console.paragraph(f"added: {'; '.join(effect_in_words(e.brief) for e in added)}")
+    if confident and not isinstance(effects, str):
+        _say_what_is_weak(effects)
     if not isinstance(effects, str) and effects.frozen:
         _say_what_a_held_model_keeps(effects, added)
     _say_sizes(effects, bigger)
@@ -75,6 +77,18 @@ def verb(
     mounting = [] if gravity is None else ["--gravity", gravity]
     options = [*judge, *mounting, "--out", "report.html"]
     console.next_step(["report", model, out, "--data", *options])
+
+
+def _say_what_is_weak(diagnosis: Any) -> None:
+    """Print which weak findings --confident has taken, why they are weak, and how to
+    leave them out.
+    """
+    from sdp_vs_penalty.cli import console
+
+    for line in diagnosis.weak_companions:
+        console.paragraph(f"added, since its torque is certain: {line}")
+    if diagnosis.weak_companions:
+        console.paragraph("To leave such findings out, name the others with --only.")
 
 
 def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
@@ -94,11 +108,14 @@ def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
 
 
 def _say_sizes(effects: Any, model: Any) -> None:
-    """Print the size of each finding in the new model, with its interval."""
+    """Print the size of each added finding in the new model, with its interval.
+
+    A finding that a measured curve replaces is not in the model.
+    """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
 
-    for finding in () if isinstance(effects, str) else effects.effects:
+    for finding in () if isinstance(effects, str) else effects.beside_curves:
         size = size_in_model(finding, model).size_text
         console.say(f"{finding.title}: {size}")
 

@@ -7,6 +7,13 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.findings import Diagnosis
 
 
+#: Said where the command to add takes some of the findings.
+CURVES_LEFT_OUT = (
+    "The next command adds what is sure. The measured curves were measured beside the"
+    " weak findings too, so it leaves both out; without --confident it adds everything."
+)
+
+
 def verb(
     model: Path,
     data: list[Path],
@@ -74,6 +81,8 @@ def verb(
     console.save_json(json_, result.to_dict())
     if what:
         out = ["--out", _free_name(model)]
+        if json_ is not None and _leaves_curves_out(result):
+            console.paragraph(CURVES_LEFT_OUT)
         console.next_step(["add", model, *what, *words, *out])
 
 
@@ -93,12 +102,18 @@ def _what_to_add(result: Diagnosis, json_: Path | None) -> list[str]:
         return []
     if json_ is None:
         return [",".join(f.text for f in result.sure)] if result.sure else []
-    # Curves were measured beside all findings.
-    return [
-        "--from",
-        str(json_),
-        *["--confident"] * (not result.curves),
-    ]
+    # Curves were measured beside all findings, and are added with all of them only.
+    takes_all = bool(result.curves) and not _leaves_curves_out(result)
+    return ["--from", str(json_), *["--confident"] * (not takes_all)]
+
+
+def _leaves_curves_out(result: Diagnosis) -> bool:
+    """Return whether the command to add names sure findings without measured curves.
+
+    That is so where weak findings would be added beside the curves.
+    """
+    are_certain = [f.torque_is_certain for f in result.beside_curves]
+    return bool(result.curves) and bool(result.sure) and not all(are_certain)
 
 
 def _free_name(model: Path) -> Path:

@@ -1,0 +1,131 @@
+"""Which findings a command adds, and what it says of the weak ones among them."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import run_cli
+from small_runs import small_run, write_run
+
+from sdp_vs_penalty import Problem, identify
+from sdp_vs_penalty.diagnosis import Curve, Diagnosis
+from sdp_vs_penalty.diagnosis.findings import REASONS
+from sdp_vs_penalty.effects import MeasuredCurve
+from tests.cli.test_printed_commands import told
+
+Run = Callable[..., str]
+UNCERTAIN = REASONS["uncertain"]
+SMALL = REASONS["small"]
+
+
+@pytest.fixture
+def run(
+    two_link: Problem,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Run:
+    """Run a command beside run.csv and model.json; what it printed, on one line."""
+    monkeypatch.chdir(tmp_path)
+    write_run(tmp_path / "run.csv", two_link)
+    identify(two_link, small_run(two_link), "ols").save("model.json")
+
+    def call(*words: str) -> str:
+        assert run_cli(*words) == 0
+        return " ".join(capsys.readouterr().out.split())
+
+    return call
+
+
+def springs(problem: Problem, *doubts: str) -> Diagnosis:
+    """A joint spring found on each joint in turn: confident for "", else weak for this
+    reason."""
+    names = [f"joint_spring:{j}" for j, _ in enumerate(doubts, start=1)]
+    found = told(problem, names)
+    effects = tuple(
+        replace(f, confidence="weak", remarks=(doubt,)) if doubt else f
+        for f, doubt in zip(found.effects, doubts, strict=True)
+    )
+    return replace(found, effects=effects)
+
+
+def curve(joint: int) -> Curve:
+    """A curve of missing torque over the joint's position."""
+    x = np.linspace(-0.5, 0.5, 9)
+    y = x**2
+    return Curve(joint, (f"q{joint}",), x, y, y - 0.1, y + 0.1, 0.9, None, 0.2, 0.1)
+
+
+def with_curve(found: Diagnosis, joint: int) -> Diagnosis:
+    """With a curve on a joint (from 1), which replaces the finding there."""
+    effects = tuple(
+        replace(f, indistinguishable_from=(MeasuredCurve.name,))
+        if f.joints == (joint,)
+        else f
+        for f in found.effects
+    )
+    return replace(found, effects=effects, curves=(curve(joint),))
+
+
+def add(run: Run, found: Diagnosis, *options: str) -> str:
+    """Add the findings of a file to the model, and return what is printed."""
+    Path("findings.json").write_text(json.dumps(found.to_dict()))
+    words = (
+        "--from",
+        "findings.json",
+        *options,
+        "--data",
+        "run.csv",
+        "--out",
+        "m.json",
+    )
+    return run("add", "model.json", *words)
+
+
+@pytest.mark.parametrize("doubts", [("", UNCERTAIN), (SMALL, UNCERTAIN)])
+def test_confident_says_which_weak_findings_it_takes_and_why(doubts, run, two_link):
+    """Beside a sure finding, and where there is none."""
+    said = add(run, springs(two_link, *doubts), "--confident")
+    assert (
+        "added, since its torque is certain: joint spring on joint 2 is weak"
+        f" ({UNCERTAIN})"
+    ) in said
+    assert "--only" in said
+    assert SMALL not in said
+
+
+def test_confident_says_nothing_of_weak_findings_where_all_are_sure(run, two_link):
+    assert "weak" not in add(run, springs(two_link, "", ""), "--confident")
+
+
+def test_sizes_are_printed_of_what_was_added(run, two_link):
+    """A finding that a measured curve replaces is not in the model: it has no size."""
+    found = with_curve(springs(two_link, "", SMALL), 2)
+    said = add(run, found)
+    assert "Joint spring, joint 1: " in said
+    assert "Joint spring, joint 2: " not in said
+
+
+@pytest.mark.parametrize(
+    ("doubts", "joint_of_curve", "is_confident"),
+    [
+        (("", SMALL), None, True),
+        (("", SMALL), 1, True),  # the weak one would come with the curve
+        (("", SMALL), 2, False),  # the curve replaces the weak one
+        (("", ""), 1, False),
+    ],
+)
+def test_the_next_command_adds_what_is_sure(
+    doubts, joint_of_curve, is_confident, run, two_link, monkeypatch
+):
+    found = springs(two_link, *doubts)
+    if joint_of_curve is not None:
+        found = with_curve(found, joint_of_curve)
+    monkeypatch.setattr("sdp_vs_penalty.api.diagnose", lambda *_, **__: found)
+    said = run("diagnose", "model.json", "--data", "run.csv", "--json", "found.json")
+    assert ("--from found.json --confident" in said) == is_confident
+    leaves_curves_out = is_confident and joint_of_curve is not None
+    assert ("measured beside the weak findings" in said) == leaves_curves_out
