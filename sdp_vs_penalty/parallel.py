@@ -5,6 +5,7 @@ An item is a run or an instance; what comes back is small, such as the triangula
 factors of a whole recording.
 """
 
+import importlib
 import logging
 import os
 import signal
@@ -143,6 +144,9 @@ def _here(
     process died is repeated; after more than _RETRIES deaths InputError is raised.
     """
     context: Any = get_context("fork" if sys.platform == "linux" else "spawn")
+    if sys.platform == "linux":
+        # Most work needs it. SciPy would import it on first use: in every process anew.
+        importlib.import_module("scipy.optimize")
     process_by_pipe = dict[Any, Any]()
     item_by_pipe = dict[Any, tuple[int, Item]]()  # of processes that work
     n_deaths = 0
