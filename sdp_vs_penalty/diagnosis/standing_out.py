@@ -70,8 +70,9 @@ def _squares_explained(data: WhiteData, forms: Sequence[Effect]) -> Array:
 def _own_columns(data: WhiteData, forms: Sequence[Effect]) -> Array:
     """Return the filtered columns (M, k K) of K forms with k coefficients each, on
     their own joint."""
-    parts = []
-    for segment in data.rows.segments:
-        columns = [form.own_columns(segment.motion) for form in forms]
-        parts.append(segment.low_pass @ np.hstack(columns))
+    kind = type(forms[0])
+    parts = [
+        segment.low_pass @ kind.own_columns(forms, segment.motion)
+        for segment in data.rows.segments
+    ]
     return np.concatenate(parts)

@@ -18,7 +18,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -459,17 +459,28 @@ class Effect(ABC):
             out[:, block.joint] += block.columns @ theta[block.parameters]
         return out
 
-    def own_columns(self, motion: Motion) -> Array:
-        """Compute the columns (N, k) of the effect's first joint's own torque, which
-        effects on several joints may have for less than those of all.
+    @classmethod
+    def own_columns(cls, forms: Sequence[Self], motion: Motion) -> Array:
+        """Compute the columns (N, k K) that K forms of this effect on one joint have in
+        that joint's own torque, form by form.
+
+        An effect on several joints may have them for less than those of all.
 
         Parameters
         ----------
+        forms
+            The effect on the same joint with several values of its shape constants.
         motion
             The motion at N instants.
         """
-        own = [b.columns for b in self.blocks(motion) if b.joint == self.joints[0]]
-        return np.hstack(own)
+        return np.hstack(
+            [
+                block.columns
+                for form in forms
+                for block in form.blocks(motion)
+                if block.joint == form.joints[0]
+            ]
+        )
 
     @property
     def waves(self) -> float | None:

@@ -4,6 +4,7 @@ the model says."""
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy
@@ -414,18 +415,11 @@ class GearError(LinkDeviation):
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, 2 k) per radian or metre of the cosine and the sine
         of each of the effect's k joints."""
-        columns = [self._waves_on(slice(None), motion, j) for j in self.joints]
-        return np.concatenate(columns, axis=2)
+        return np.concatenate([self._waves(motion, j) for j in self.joints], axis=2)
 
-    def own_columns(self, motion: Motion) -> Array:
-        """Compute the torque (N, 2) on the effect's first joint alone, per unit of the
-        cosine and the sine."""
-        joint = self.joints[0]
-        return self._waves_on(slice(joint, joint + 1), motion, joint)[:, 0]
-
-    def _waves_on(self, joints: slice, motion: Motion, joint: int) -> Array:
-        """Compute the torque (N, m, 2) on m ``joints`` per unit of the cosine and the
-        sine of one joint's gear (from 0).
+    def _waves(self, motion: Motion, joint: int) -> Array:
+        """Compute the torque (N, n, 2) per unit of the cosine and the sine of one
+        joint's gear (from 0).
 
         With x = cos(k q) the link moves by x' = -k sin(k q) dq and x'' = -k^2 cos(k q)
         dq^2 - k sin(k q) ddq; with the sine likewise. The gear's ratio changes along the
@@ -433,16 +427,42 @@ class GearError(LinkDeviation):
         (1 + dx/dq) times its link's torque.
         """
         k = self.shape["k"]
-        by_q, by_dq, by_ddq = (x[:, joints] for x in motion.derivatives(joint))
+        by_q, by_dq, by_ddq = motion.derivatives(joint)
         q, dq, ddq = (x[:, [joint]] for x in (motion.q, motion.dq, motion.ddq))
-        is_own = np.arange(self.robot.n)[joints] == joint
         of_wave = by_q - (k * dq) ** 2 * by_ddq
         of_slope = k * (dq * by_dq + ddq * by_ddq)
-        of_slope[:, is_own] += k * motion.link_torque[:, [joint]]
+        of_slope[:, joint] += k * motion.link_torque[:, joint]
         cosine, sine = np.cos(k * q), np.sin(k * q)
         torque_of_cosine = cosine * of_wave - sine * of_slope
         torque_of_sine = sine * of_wave + cosine * of_slope
         return np.stack([torque_of_cosine, torque_of_sine], axis=2)
+
+    @classmethod
+    def own_columns(cls, forms: Sequence[Self], motion: Motion) -> Array:
+        """Compute the torque (N, 2 K) on the gear's own joint alone, per unit of the
+        cosine and the sine of K wave numbers k.
+
+        They are real and imaginary part of exp(i k q) (a - k^2 b + i k c), with what
+        acts on the wave, on its curvature and on its slope. Each exp(i k q) is the last
+        one times exp(i q (k - last k)): a product costs a tenth of a cosine.
+        """
+        joint = forms[0].joints[0]
+        by_q, by_dq, by_ddq = (x[:, joint] for x in motion.derivatives(joint))
+        q, dq, ddq = (x[:, joint] for x in (motion.q, motion.dq, motion.ddq))
+        of_curvature = dq**2 * by_ddq
+        of_slope = dq * by_dq + ddq * by_ddq + motion.link_torque[:, joint]
+        columns = np.empty((len(q), len(forms)), complex)
+        last_k, step = 0.0, 0.0
+        wave = turned = np.ones(len(q), complex)
+        for place, form in enumerate(forms):
+            k = form.shape["k"]
+            if k - last_k != step:
+                step = k - last_k
+                turned = np.exp(1j * step * q)
+            wave = wave * turned
+            last_k = k
+            columns[:, place] = wave * (by_q - k**2 * of_curvature + 1j * k * of_slope)
+        return columns.view(float)
 
 
 #: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with
