@@ -11,7 +11,7 @@ from typing import Any
 
 from sdp_vs_penalty.api.identification import WITHOUT_CHECK
 from sdp_vs_penalty.checks.gate import needs_check, raise_on_errors
-from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
@@ -99,7 +99,7 @@ def diagnose(
     """
     model = as_estimate(estimate, "diagnose(estimate=...)")
     recording = as_measurements(
-        measurements,
+        training_runs(measurements),
         names=model.robot.joint_names,
         what="diagnose(measurements=...)",
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.data.files import Source
+from sdp_vs_penalty.data.files import Source, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare_filtered
 from sdp_vs_penalty.effects.effect import Effect
@@ -144,7 +144,7 @@ def identify(
     )
     estimate, _ = identify_and_judge(
         problem,
-        measurements,
+        training_runs(measurements),
         method,
         options,
         progress=progress,

@@ -3,6 +3,7 @@ is refused."""
 
 import glob
 import os
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -33,6 +34,9 @@ from sdp_vs_penalty.errors import (
     other_robot,
 )
 from sdp_vs_penalty.files import reading
+
+#: "test" where a word of a run's name begins: "test", "run_test3", "armTest".
+_TEST_WORD = re.compile(r"(?<![A-Za-z])(?i:test)|(?<=[a-z])Test")
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence
 #: of runs.
@@ -217,7 +221,7 @@ def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
 
 
 def for_testing(name: str | Path) -> bool:
-    """Tell whether a run is kept for testing: its name contains "test".
+    """Tell whether a run is kept for testing: a word of its name begins with "test".
 
     Parameters
     ----------
@@ -227,9 +231,47 @@ def for_testing(name: str | Path) -> bool:
     Returns
     -------
     bool
-        True for "test" in any spelling.
+        True for "test" in any spelling, such as "Test2" or "arm_testing"; False for
+        "latest".
     """
-    return "test" in Path(name).stem.lower()
+    return bool(_TEST_WORD.search(Path(name).stem))
+
+
+def training_runs(source: Source) -> Source:
+    """Replace folders among the sources of runs by the runs to train on.
+
+    A run that is kept for testing (:func:`for_testing`) is left out of a folder, unless
+    all of its runs are; a Remark says which runs are used. A file or a pattern names its
+    runs itself, and stays as it is.
+
+    Parameters
+    ----------
+    source : Source
+        As :func:`as_measurements` takes it.
+
+    Returns
+    -------
+    Source
+        The same, with files in the place of folders.
+    """
+    if isinstance(source, list | tuple):
+        parts = [training_runs(part) for part in source]
+        return [x for part in parts for x in (part if type(part) is list else [part])]
+    if not isinstance(source, str | Path) or not os.path.isdir(source):
+        return source
+    files = run_files(source)
+    if files == [Path(source)]:  # one run, with a file for each quantity
+        return source
+    train = [file for file in files if not for_testing(file)] or files
+    said = f"{source}: trained on {formatting.words([file.name for file in train])}"
+    if left := [file.name for file in files if file not in train]:
+        pronoun = "it" if len(left) == 1 else "them"
+        said += (
+            f"; {formatting.words(left)} left out for testing, name {pronoun} to train on"
+            f" {pronoun}"
+        )
+    warnings.warn(Remark(said), stacklevel=2)
+    return train
 
 
 def run_files(path: str | Path) -> list[Path]:

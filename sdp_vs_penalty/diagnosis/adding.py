@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
@@ -104,7 +104,7 @@ def add(
     """
     estimate = as_estimate(estimate, "add(estimate=...)")
     measurements = as_measurements(
-        measurements,
+        training_runs(measurements),
         names=estimate.robot.joint_names,
         what="add(measurements=...)",
     )

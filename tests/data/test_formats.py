@@ -12,11 +12,20 @@ import pytest
 from commands import python, run_cli
 from recorded import refusal
 from scipy.io import savemat
-from small_runs import small_run, write_bag
+from small_runs import small_run, write_bag, write_run
 
-from sdp_vs_penalty import Measurements, convert, load_estimate, load_measurements
+from sdp_vs_penalty import (
+    Measurements,
+    add,
+    convert,
+    identify,
+    load_estimate,
+    load_measurements,
+)
 from sdp_vs_penalty.data import concatenate, read_run, recognised, save
+from sdp_vs_penalty.data.files import run_files, training_runs
 from sdp_vs_penalty.data.formats import suffixes
+from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.exporters.sdp import write_posed
 
 SUFFIXES = suffixes("write")
@@ -480,3 +489,54 @@ def test_torque_may_be_missing(tmp_path):
         lambda: concatenate([with_torque, back]), "no torque, but other runs have one"
     )
     refusal(lambda: back.require_torque("a test"), "holds commands alone")
+
+
+@pytest.mark.parametrize(
+    ("names", "train", "left"),
+    [
+        (("run1.csv", "run2.csv", "test.csv"), ("run1.csv", "run2.csv"), "test.csv"),
+        (("armTest.csv", "latest.csv"), ("latest.csv",), "armTest.csv"),
+        (("a_test1.csv", "test2.csv"), ("a_test1.csv", "test2.csv"), ""),
+        (("run1.csv",), ("run1.csv",), ""),
+    ],
+)
+def test_a_folder_trains_on_no_run_for_testing_and_says_so(
+    names, train, left, two_link, tmp_path
+):
+    for seed, name in enumerate(names):
+        write_run(tmp_path / name, two_link, seconds=1.0, seed=seed)
+    with pytest.warns(Remark) as said:
+        files = training_runs([tmp_path])
+    assert [file.name for file in files] == list(train)
+    text = str(said[0].message)
+    assert f"trained on {' and '.join(train)}" in text
+    assert (f"{left} left out for testing" in text) == bool(left)
+    assert [file.name for file in run_files(tmp_path)] == sorted(names)  # to judge on
+
+
+def test_named_files_are_all_trained_on(two_link, tmp_path):
+    files = [
+        write_run(tmp_path / name, two_link, seconds=1.0)
+        for name in ("a.csv", "test.csv")
+    ]
+    assert training_runs(files) == files
+    assert training_runs(str(tmp_path / "*.csv")) == str(tmp_path / "*.csv")
+
+
+def test_every_verb_that_trains_leaves_a_folders_test_run_out(two_link, tmp_path):
+    runs = tmp_path / "runs"
+    for seed, name in enumerate(("run1.csv", "test.csv")):
+        write_run(runs / name, two_link, seed=seed)
+    first, second = tmp_path / "first.json", tmp_path / "second.json"
+    data = ("--data", runs)
+    assert (
+        run_cli("identify", "two_link", "--method", "ols", *data, "--out", first) == 0
+    )
+    assert run_cli("add", first, "joint_spring:1", *data, "--out", second) == 0
+    for file in (first, second):
+        assert load_estimate(file).provenance["data"] == [str(runs / "run1.csv")]
+    with pytest.warns(Remark, match="left out for testing"):
+        model = identify(two_link, runs, "ols")
+    assert model.provenance["runs"] == ["run1.csv"]
+    with pytest.warns(Remark, match="left out for testing"):
+        assert add(model, "joint_spring:1", runs).provenance["runs"] == ["run1.csv"]

@@ -34,11 +34,13 @@ def verb(
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for, words
+    from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.effects import effect_in_words
 
     effects = _effects(effect, from_, confident, only)
+    data = training_runs(data)
     estimate = model_from_options(model, gravity)
     with console.progress("reading the measurements") as progress:
         runs = runs_for(estimate, data, window, test, test_window)

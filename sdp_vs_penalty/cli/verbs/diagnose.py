@@ -38,8 +38,10 @@ def verb(
     from sdp_vs_penalty.api import diagnose as find_missing_effects
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing, runs
+    from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.problem.check_command import CheckCommand
 
+    data = training_runs(data)
     estimate = runs.model_from_options(model, gravity)
     with console.progress("reading the measurements") as progress:
         runs_given = runs.runs_for(estimate, data, window, test, test_window)

@@ -37,12 +37,14 @@ def verb(
     """
     from sdp_vs_penalty.api import identify_and_judge
     from sdp_vs_penalty.cli import console, printing, runs
+    from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation import PoseOptions
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.check_command import CheckCommand
 
+    data = training_runs(data)
     estimator = with_solver(method, solver)
     with console.progress("reading the measurements") as progress:
         robot, (runs_given, fitted_runs), hold = runs.read_and_hold(
