@@ -38,6 +38,7 @@ from challenge.judge import (
 )
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns, diagnose_runs
+from sdp_vs_penalty.diagnosis.doubts import REASONS
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -362,13 +363,13 @@ def doubt_lines(records: Sequence[Record]) -> list[str]:
     doubted = Counter[tuple[str, bool]]()
     doubted_alone = Counter[tuple[str, bool]]()
     for finding, is_hidden in judged:
-        remarks = finding.get("remarks", [])
-        doubted.update((remark, is_hidden) for remark in remarks)
-        if len(remarks) == 1:
-            doubted_alone[remarks[0], is_hidden] += 1
+        reasons = [doubt["reason"] for doubt in finding.get("doubts", [])]
+        doubted.update((reason, is_hidden) for reason in reasons)
+        if len(reasons) == 1:
+            doubted_alone[reasons[0], is_hidden] += 1
     rows = [
         [
-            reason,
+            REASONS[reason],
             *(str(doubted[reason, is_hidden]) for is_hidden in (True, False)),
             *(str(doubted_alone[reason, is_hidden]) for is_hidden in (True, False)),
         ]

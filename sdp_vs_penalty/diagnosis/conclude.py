@@ -4,7 +4,7 @@ verdict, unexplained torque and events.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -21,10 +21,10 @@ from sdp_vs_penalty.diagnosis.confidence import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.events import Event, find_events
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
 from sdp_vs_penalty.diagnosis.findings import (
-    REASONS,
     Diagnosis,
     Finding,
     Remaining,
@@ -315,13 +315,13 @@ def unproven_stand_ins(
 
 def _weakened(finding: Finding, reason: str) -> Finding:
     """Return a finding as weak, with one more doubt (a key of REASONS)."""
-    remarks = *finding.remarks, REASONS[reason]
-    return replace(finding, confidence="weak", remarks=remarks)
+    doubts = *finding.doubts, Doubt(reason)
+    return replace(finding, confidence="weak", doubts=doubts)
 
 
 def describe_finding(
     judged: Judged,
-    doubts: Mapping[str, str],
+    doubts: Sequence[Doubt],
     step: Array,
 ) -> Finding:
     """Make the report of a finding.
@@ -331,7 +331,7 @@ def describe_finding(
     judged
         The finding with all that it is judged by.
     doubts
-        Sentences by the name of the doubt; without any the finding is confident.
+        Reasons for doubt; without any the finding is confident.
     step
         (2, n) RMS errors on data left out [N m or N] with the findings before it, row 0
         without the finding, row 1 with it.
@@ -348,7 +348,8 @@ def describe_finding(
     _, std_of_rows = size_of(effect, known.beta, known.covariance_of_rows)
     names = [_rival_name(effect, r.form.effect) for r in term.rivals]
     rivals = dict.fromkeys([*names, *judged.resembles])  # each name once, in order
-    equivalents = (*rivals, CURVE) if "curve" in doubts else tuple(rivals)
+    beside_curve = any(doubt.reason == "curve" for doubt in doubts)
+    equivalents = (*rivals, CURVE) if beside_curve else tuple(rivals)
     parameters = zip(effect.parameters, known.beta, strict=True)
     text = sentence(effect, size, std, tuple(rivals))
     if not np.array_equal(judged.errors, step):
@@ -374,7 +375,7 @@ def describe_finding(
         explanation=text,
         text=effect.text,
         gain=term.evidence,
-        remarks=tuple(doubts.values()),
+        doubts=tuple(doubts),
         constants=effect.constants,
     )
 

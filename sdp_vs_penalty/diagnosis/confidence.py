@@ -21,7 +21,8 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.direction import has_no_direction
-from sdp_vs_penalty.diagnosis.findings import REASONS, Invisible
+from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.diagnosis.held_out import harm, lowers
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
@@ -226,7 +227,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
 }
 
 
-def reasons_for_doubt(x: Judged) -> dict[str, str]:
+def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     """List the reasons to doubt a finding; a finding without any is confident.
 
     Reasons about the finding itself: another effect fits as well; its size is
@@ -243,11 +244,14 @@ def reasons_for_doubt(x: Judged) -> dict[str, str]:
 
     Returns
     -------
-    dict of str to str
-        A sentence for each reason, by the name of the reason (the keys of REASONS).
+    tuple of Doubt
+        Empty for a confident finding.
     """
-    sentences = {**REASONS, "looks_like": x.looks_like}
-    return {name: sentences[name] for name, holds in DOUBTS.items() if holds(x)}
+    return tuple(
+        Doubt(reason, cause=x.looks_like if reason == "looks_like" else "")
+        for reason, holds in DOUBTS.items()
+        if holds(x)
+    )
 
 
 #: Doubts that a stand-in may have and still be named.
@@ -269,8 +273,8 @@ def is_unproven_stand_in(x: Judged) -> bool:
     """
     if not x.effect.is_stand_in:
         return False
-    further_doubts = reasons_for_doubt(x).keys() - _DOUBTS_OF_STAND_INS
-    return bool(further_doubts or x.term.rivals)
+    reasons = {doubt.reason for doubt in reasons_for_doubt(x)}
+    return bool(reasons - _DOUBTS_OF_STAND_INS or x.term.rivals)
 
 
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:

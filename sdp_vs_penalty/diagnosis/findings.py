@@ -13,6 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
+from sdp_vs_penalty.diagnosis.doubts import Doubt, doubts_of_sentences
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, passing_sentence
@@ -41,56 +42,12 @@ if TYPE_CHECKING:
 
 
 #: Of findings.json.
-FINDINGS_FORMAT = 1
+FINDINGS_FORMAT = 2
 #: What is said where no motion repeats: the residual was taken for noise, which it then
 #: equals.
 NOISE_UNKNOWN = (
     "is not known: no motion repeats, so noise and model error cannot be separated."
 )
-#: What is said of a weak finding, by the name of the reason; a finding with none is
-#: confident.
-REASONS: Mapping[str, str] = {
-    "rivals": "another effect fits as well",
-    "uncertain": "its size is uncertain by > 20 %",
-    "insignificant": "its size is not told from zero",
-    "small": "its gain is small",
-    "small_here": "its gain is small here, though it lowers the error on data left out",
-    "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
-    "raises": "on data left out its joints' errors rise more than they fall with it",
-    "alone": "what is sure raises a held-out error with it",
-    "more_left": "more error is left on its joints than it explains",
-    "shared": "other findings share most of its torque: only their sum is known",
-    "implausible": "its size is not plausible",
-    "held": "its joint hardly moves: dry friction that does not slide holds any torque",
-    "looks_like": "another cause makes a similar torque",
-    "stand_in": "its law may stand in for another one, which other motion follows",
-    "both_ways": "a swing that also runs ahead of its cause fits as well, which no gear"
-    " does: errors of the positions make it",
-    "series": "three or more of its kind on one joint may be one curve without a name",
-    "few_splits": "fewer than two thirds of this run's splits show it",
-    "curve": "a measured curve explains the joint better",
-    "at_end": "it lies at the end of the range in which it was looked for",
-}
-
-
-#: Reasons that leave open whether a torque is there. All others leave open which of
-#: several effects makes how much of it: on 28 arms of another author's simulator
-#: findings without these reasons keep .976 of the mean log gain of all findings on fresh
-#: motion (95 %: .960 to .988), and confident findings alone .59.
-TORQUE_IS_OPEN = (
-    "small",
-    "not_held_out",
-    "raises",
-    "few_splits",
-    "alone",
-    "implausible",
-    "held",
-    "stand_in",
-    "both_ways",
-    "curve",
-    "at_end",
-)
-
 #: How far a finding is to be believed; see :attr:`Told.rating`.
 Rating = Literal["confident", "near-tie", "weak"]
 
@@ -99,37 +56,54 @@ class Rated(JsonRecord):
     """Something that is reported with its confidence: a finding or a re-estimated
     constant.
 
-    remarks : sentences, each a reason for doubt.
+    doubts : the reasons for doubt; without any it is confident.
     """
 
     confidence: str
-    remarks: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The reasons for doubt, a sentence each."""
+        return tuple(doubt.sentence for doubt in self.doubts)
 
     @property
     def rating(self) -> Rating:
         """ "confident", "near-tie" or "weak".
 
-        A finding whose only remark is that another effect fits as well is a near-tie:
+        A finding whose only doubt is that another effect fits as well is a near-tie:
         its torque is there, and only the effect's name is open. All other doubts make
         it weak.
         """
         if self.confidence == "confident":
             return "confident"
-        only_rivals = list(self.remarks) == [REASONS["rivals"]]
+        only_rivals = [doubt.reason for doubt in self.doubts] == ["rivals"]
         return "near-tie" if only_rivals else "weak"
 
     @property
     def torque_is_certain(self) -> bool:
         """Whether the torque is certainly present, though its name or size may be open.
 
-        True for a confident finding. Also true for a weak one if none of its remarks is
-        a reason in TORQUE_IS_OPEN: its doubts then concern only which of several
+        True for a confident finding. Also true for a weak one if none of its doubts
+        leaves the torque open (TORQUE_IS_OPEN): they then concern only which of several
         effects makes how much of the torque.
         """
         if self.confidence == "confident":
             return True
-        doubts_of_torque = {REASONS[name] for name in TORQUE_IS_OPEN}
-        return bool(self.remarks) and doubts_of_torque.isdisjoint(self.remarks)
+        leave_open = [doubt.leaves_torque_open for doubt in self.doubts]
+        return bool(leave_open) and not any(leave_open)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain JSON, with a sentence for each doubt as "remarks"."""
+        return super().to_dict() | {"remarks": list(self.remarks)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Restore it from JSON; files of the first format have sentences only."""
+        if "doubts" not in data:
+            doubts = doubts_of_sentences(data.get("remarks") or ())
+            data = {**data, "doubts": [doubt.to_dict() for doubt in doubts]}
+        return super().from_dict(data)
 
 
 def is_law_of(name: str, other: str) -> bool:
@@ -188,7 +162,7 @@ class Finding(Rated):
     torque_rms, torque_std : the RMS of its torque in the searched rows, on the joint
     where it is largest, with its standard deviation, in ``torque_unit``;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
-    along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
+    along the ladder; text : how :func:`add` takes the effect; doubts : why the finding
     is weak, if it is; constants : the shape in words, with units; n_splits,
     n_splits_showing : splits of one run that were compared, and those that show it.
     """
@@ -207,7 +181,7 @@ class Finding(Rated):
     explanation: str
     text: str
     gain: float
-    remarks: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     constants: str = ""
     n_splits: int = 0
     n_splits_showing: int = 0
@@ -1112,7 +1086,7 @@ class Retune(Rated):
     joint.
 
     rmse_before, rmse_after : error of the joint on data left out, with the model's
-    value and with the new one [N m or N]; remarks : reasons for doubt.
+    value and with the new one [N m or N]; doubts : reasons for doubt.
     """
 
     estimate: ShapeEstimate
@@ -1120,7 +1094,7 @@ class Retune(Rated):
     rmse_before: float
     rmse_after: float
     explanation: str
-    remarks: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def effect(self) -> str:

@@ -15,7 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.findings import REASONS, Retune
+from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.findings import Retune
 from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import STEPS
@@ -222,16 +223,16 @@ def retune(
         f"joint {s.joint + 1}: {effect_name(s.effect)} has {s.shape} = {new}, not {old};"
         f" error on data left out {errors[0]:.3g} to {errors[1]:.3g} {unit}"
     )
-    remarks = []
+    doubts = []
     if s.at_end:
-        remarks.append(REASONS["at_end"])
+        doubts.append(Doubt("at_end"))
     if is_harmful:
-        remarks.append(REASONS["alone"])
+        doubts.append(Doubt("alone"))
     return Retune(
         estimate=replace(s, std=std),
-        confidence="weak" if remarks else "confident",
+        confidence="weak" if doubts else "confident",
         rmse_before=errors[0],
         rmse_after=errors[1],
         explanation=explanation,
-        remarks=tuple(remarks),
+        doubts=tuple(doubts),
     )

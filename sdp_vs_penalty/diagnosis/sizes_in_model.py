@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.conclude import sentence
-from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sizes import is_insignificant, is_uncertain, size_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -44,7 +45,7 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     """Replace a finding's size, interval and constants by those that a model has.
 
     A confident finding becomes weak if its size there is less than five standard
-    deviations from zero. Its remark says whether the size is uncertain, or may be zero.
+    deviations from zero. Its doubt says whether the size is uncertain, or may be zero.
     The tolerated error of its law is no such doubt: another law changes the number, but
     hardly the torque.
 
@@ -69,21 +70,21 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     if not np.all(np.isfinite(covariance)):
         return finding
     size, std = size_of(effect, theta, covariance)
-    remarks = finding.remarks
+    doubts = finding.doubts
     std_without_law = max(std**2 - finding.std_of_law**2, 0.0) ** 0.5
     if finding.confidence == "confident":
         if is_insignificant(size, std_without_law):
-            remarks = (REASONS["insignificant"],)
+            doubts = (Doubt("insignificant"),)
         elif is_uncertain(size, std_without_law):
-            remarks = (REASONS["uncertain"],)
+            doubts = (Doubt("uncertain"),)
     return replace(
         finding,
-        confidence="weak" if remarks else "confident",
+        confidence="weak" if doubts else "confident",
         shape=dict(effect.shape),
         constants=effect.constants,
         size=size,
         std=std,
-        remarks=remarks,
+        doubts=doubts,
         parameters={
             p.name: float(value)
             for p, value in zip(effect.parameters, theta, strict=True)

@@ -11,7 +11,8 @@ import numpy as np
 from sdp_vs_penalty.data.files import windowed
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -340,5 +341,5 @@ def _with_splits(
     return replace(
         counted,
         confidence="weak",
-        remarks=(*finding.remarks, REASONS["few_splits"]),
+        doubts=(*finding.doubts, Doubt("few_splits")),
     )

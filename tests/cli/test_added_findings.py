@@ -12,13 +12,12 @@ from small_runs import small_run, write_run
 
 from sdp_vs_penalty import Problem, identify
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
-from sdp_vs_penalty.diagnosis.findings import REASONS
+from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
 from sdp_vs_penalty.effects import MeasuredCurve
 from tests.cli.test_printed_commands import told
 
 Run = Callable[..., str]
-UNCERTAIN = REASONS["uncertain"]
-SMALL = REASONS["small"]
+UNCERTAIN, SMALL = "uncertain", "small"
 
 
 @pytest.fixture
@@ -46,7 +45,7 @@ def springs(problem: Problem, *doubts: str) -> Diagnosis:
     names = [f"joint_spring:{j}" for j, _ in enumerate(doubts, start=1)]
     found = told(problem, names)
     effects = tuple(
-        replace(f, confidence="weak", remarks=(doubt,)) if doubt else f
+        replace(f, confidence="weak", doubts=(Doubt(doubt),)) if doubt else f
         for f, doubt in zip(found.effects, doubts, strict=True)
     )
     return replace(found, effects=effects)
@@ -91,10 +90,10 @@ def test_confident_says_which_weak_findings_it_takes_and_why(doubts, run, two_li
     said = add(run, springs(two_link, *doubts), "--confident")
     assert (
         "added, since its torque is certain: joint spring on joint 2 is weak"
-        f" ({UNCERTAIN})"
+        f" ({REASONS[UNCERTAIN]})"
     ) in said
     assert "--only" in said
-    assert SMALL not in said
+    assert REASONS[SMALL] not in said
 
 
 def test_confident_says_nothing_of_weak_findings_where_all_are_sure(run, two_link):

@@ -20,6 +20,7 @@ from sdp_vs_penalty import Problem, load_estimate, load_measurements, load_probl
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, Invisible
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import hidden_runs
@@ -303,7 +304,7 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(
             replace(
                 f,
                 confidence="weak",
-                remarks=("its gain is small",),
+                doubts=(Doubt("small"),),
             )
             for f in rest
         ),

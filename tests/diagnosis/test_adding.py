@@ -13,6 +13,7 @@ from small_runs import small_run
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -185,7 +186,7 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
 
 def test_changed_constants_are_chosen_by_confidence(found):
     sure = next(r for r in found.retuned if r.confidence == "confident")
-    weak = replace(sure, confidence="weak", remarks=("its gain is small",))
+    weak = replace(sure, confidence="weak", doubts=(Doubt("small"),))
     both = replace(found, retuned=(sure, weak))
     assert both.selected().retuned == both.retuned
     assert both.selected(confident=True).retuned == (sure,)

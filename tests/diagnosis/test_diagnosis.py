@@ -32,6 +32,7 @@ from sdp_vs_penalty.diagnosis import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as search
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -273,7 +274,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
         confidence="confident",
     )
     assert first.undecided is None
-    weak = replace(first, confidence="weak", remarks=("its gain is small",))
+    weak = replace(first, confidence="weak", doubts=(Doubt("small"),))
     assert weak.undecided == first.text
     for effects, said in (
         ((first, weak), "the confident findings"),

@@ -18,11 +18,9 @@ from sdp_vs_penalty.diagnosis import (
     size_of,
     std_of_both,
 )
-from sdp_vs_penalty.diagnosis.findings import REASONS
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.signals import REPETITION
-
-ANOTHER_FITS = "another effect fits as well"
 
 
 def finding(effect: str, joint: int, *rivals: str, **changes: Any) -> Finding:
@@ -42,7 +40,7 @@ def finding(effect: str, joint: int, *rivals: str, **changes: Any) -> Finding:
         "explanation": "",
         "text": f"{effect}:{joint}",
         "gain": 50.0,
-        "remarks": (ANOTHER_FITS,) if rivals else (),
+        "doubts": (Doubt("rivals"),) if rivals else (),
     }
     return Finding(**known | changes)
 
@@ -93,7 +91,7 @@ def test_the_headline_names_effects_whose_law_is_open():
 
 
 def test_a_printed_diagnosis_names_findings_that_are_not_sure():
-    doubt = {"confidence": "weak", "remarks": (REASONS["small"],)}
+    doubt = {"confidence": "weak", "doubts": (Doubt("small"),)}
     weak = [finding("backlash", joint, **doubt) for joint in (1, 3, 5)]
     found = diagnosis(
         finding("presliding_hysteresis", 4),

@@ -322,4 +322,4 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         covariance_given_constants=None,
     )
     judged = Judged(search, left, own, size, errors, curves)
-    assert set(reasons_for_doubt(judged)) == doubts
+    assert {doubt.reason for doubt in reasons_for_doubt(judged)} == doubts

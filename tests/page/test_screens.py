@@ -19,6 +19,7 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.diagnosis import Curve, Retune
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.estimators import estimator_types
@@ -231,8 +232,8 @@ def test_what_was_answered_is_of_the_model_that_was_asked(story):
 def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     """Each step in turn; what was found for sure is added."""
     (one,) = story.session.history[0].findings.effects
-    doubt = ("its gain is small",)
-    weak = replace(one, confidence="weak", text="x", remarks=doubt)
+    doubt = (Doubt("small"),)
+    weak = replace(one, confidence="weak", text="x", doubts=doubt)
     found = replace(
         story.session.history[0].findings,
         effects=(one, weak),
@@ -415,7 +416,7 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     weak = {
         "indistinguishable_from": ("torque_ripple",),
         "confidence": "weak",
-        "remarks": ("its gain is small",),
+        "doubts": (Doubt("small"),),
     }
     rival = replace(one, text="presliding_hysteresis:1@d=0.1", **weak)
     sure = replace(

@@ -9,6 +9,7 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.diagnosis import Finding
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.page import splits
 
 FOUND = Finding(
@@ -51,7 +52,7 @@ def test_fewer_make_it_weak(n_showing):
 
 
 def test_a_near_tie_is_not_counted():
-    tie = replace(FOUND, confidence="weak", remarks=("another effect fits as well",))
+    tie = replace(FOUND, confidence="weak", doubts=(Doubt("rivals"),))
     assert splits._with_splits(tie, [set()] * 6) == tie
 
 

@@ -21,7 +21,7 @@ from unchecked import identify
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, formatting, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
-from sdp_vs_penalty.diagnosis.findings import REASONS
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.render import bars
 from sdp_vs_penalty.render.arms import link_ellipsoid
@@ -116,7 +116,7 @@ def test_the_error_of_a_joint_is_one_number_in_the_whole_report(made):
 def test_a_weak_finding_is_either_added_or_not_worth_it(effect, title, made, two_link):
     models, run, _ = made
     found = told(two_link, [f"{effect}:1"])
-    doubt = {"confidence": "weak", "remarks": (REASONS["small"],)}
+    doubt = {"confidence": "weak", "doubts": (Doubt("small"),)}
     weak = replace(found, effects=(replace(found.effects[0], **doubt),))
     html = make_report(models, run, findings=weak)
     assert title in html

@@ -133,8 +133,9 @@ def test_every_case_and_rule_is_a_row_of_answers():
 
 
 def test_a_reason_for_doubt_is_counted_by_what_is_hidden():
-    weak = finding() | {"confidence": "weak", "remarks": ["its gain is small"]}
-    false = finding("base_tilt") | {"confidence": "weak"} | {"remarks": ["small", "so"]}
+    weak = finding() | {"confidence": "weak", "doubts": [{"reason": "small"}]}
+    two = {"doubts": [{"reason": "uncertain"}, {"reason": "held"}]}
+    false = finding("base_tilt") | {"confidence": "weak"} | two
     lines = doubt_lines([record([weak, false])])
     assert "| its gain is small | 1 | 0 | 1 | 0 |" in lines
 
