@@ -19,7 +19,11 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
+from sdp_vs_penalty.files import (
+    WRITERS_PATIENCE,
+    folder_lock,
+    write_text,
+)
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.results.record import Shown, Summary
@@ -88,11 +92,11 @@ class HiddenRuns(Shown):
         Raises
         ------
         InputError
-            If the folder holds runs that this method did not write.
+            If the folder holds runs of another simulation or program.
         """
         folder = Path(folder)
         truth = json.dumps(self.truth, indent=1)
-        refuse_foreign(folder)
+        refuse_foreign(folder, self.truth)
         with folder_lock(folder, patience=WRITERS_PATIENCE):
             # First: it marks the folder as ours, also where this is interrupted.
             write_text(folder / "truth.json", f"{truth}\n")
@@ -111,21 +115,42 @@ class HiddenRuns(Shown):
         ]
 
 
-def refuse_foreign(folder: Path) -> None:
-    """Raise InputError if a folder holds runs that :meth:`HiddenRuns.save` did not
-    write.
+def refuse_foreign(folder: Path, truth: Mapping[str, Any]) -> None:
+    """Raise InputError if a folder holds runs that another simulation, or another
+    program, wrote.
 
-    Its own folders are recognised by truth.json.
+    The same simulation may write its folder again, which does not change it. It is
+    recognised by truth.json.
 
     Parameters
     ----------
     folder : Path
         Folder that runs are to be written into.
+    truth : mapping
+        Content of truth.json, or the part of it that is known before the simulation.
     """
     existing = [name for name in RUN_FILES if (folder / name).exists()]
-    is_foreign = not (folder / "truth.json").exists()
-    if existing and is_foreign:
+    file = folder / "truth.json"
+    if not existing:
+        return
+    if not file.exists():
         raise InputError(f"{existing[0]} exists already", "name another folder", folder)
+    # Not by `read_json`: the file would count as an input, which no output replaces.
+    content: dict[str, Any] = {}
+    with suppress(ValueError, OSError):
+        content = dict(json.loads(file.read_text("utf-8")))
+    # As JSON, since its texts and numbers are those of the file.
+    expected = json.loads(json.dumps(dict(truth)))
+    if {key: content.get(key) for key in expected} == expected:
+        return
+    known = ", ".join(
+        f"{key} {content.get(key)}" for key in ("problem", "seed", "level")
+    )
+    raise InputError(
+        f"holds the runs of another simulation ({known})",
+        "name another folder, or remove this one",
+        folder,
+    )
 
 
 def simulate(

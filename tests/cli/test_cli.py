@@ -69,7 +69,7 @@ def test_help_answers_at_once():
 
 
 def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path, monkeypatch):
-    """A folder that it wrote itself, with its truth.json, is written again."""
+    """Nor runs of another simulation. The same simulation may be repeated."""
     monkeypatch.setattr(hidden_runs, "DURATION", 4.0)
     own = tmp_path / "own"
     folder = tmp_path / "made"
@@ -84,6 +84,12 @@ def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path, monkeypa
     for _ in range(2):
         assert run(*hide, folder)[0] == 0
     assert len(list(folder.iterdir())) == 5
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    for change in (("--seed", "1"), ("--level", "weak"), ("--hide", "joint_spring:2")):
+        code, _, err = run(*hide, folder, *change)
+        assert code == 2
+        assert_one_sentence(err, "another simulation (problem two_link, seed 0")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
 def test_the_programs_own_words(run):

@@ -23,8 +23,8 @@ def verb(
 
     source PROBLEM|model.json: Built-in name, folder with a problem.toml, or URDF file. With --follow: a
         model.
-    --out DIR|OUT.csv: Folder for run1..3.csv, test.csv, truth.json; with --follow the file of a free
-        run.
+    --out DIR|OUT.csv: Folder for run1..3.csv, test.csv, truth.json; runs of another simulation are never
+        replaced. With --follow the file of a free run.
     --hide EFFECT[:joints]: Effect to hide; repeatable. Default: none.
     --level: Size: strong, medium, weak, or the hidden torque's RMS over the raw noise.
     --follow RUN.csv ...: Runs along which the model is run forward.
@@ -45,7 +45,8 @@ def verb(
         raise InputError(
             "simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv"
         )
-    refuse_foreign(out)  # before the minutes that a simulation may take
+    # Before the minutes that a simulation may take; `save` compares the rest.
+    refuse_foreign(out, {"seed": seed})
     robot = problem_from_options(source, hold=hold) if hold else source
     hidden = simulate(robot, hide or (), level, seed)
     hidden.save(out)
