@@ -28,7 +28,7 @@ from sdp_vs_penalty.estimation.verdict import (
     noise_level,
     over_noise,
 )
-from sdp_vs_penalty.formatting import finite
+from sdp_vs_penalty.formatting import finite, plain_unit
 from sdp_vs_penalty.regression.evidence import jackknifed
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
@@ -537,13 +537,39 @@ class Comparisons(list[Comparison]):
         return plot_errors(axes, errors, self[0].noise_floor)
 
     def __repr__(self) -> str:
-        """Return the single comparison's text, or the headlines of the first four
-        models, which fit a terminal.
+        """Return the single comparison's text, or the first five lines of what is
+        printed, which fit a terminal.
         """
         if len(self) == 1:
             return repr(self[0])
-        headlines = [f"  {c.name}: {c.verdict.headline}" for c in self[:4]]
-        return "\n".join(["Comparisons", *headlines])
+        return "\n".join(str(self).splitlines()[:5])
+
+    def __str__(self) -> str:
+        """Return the single comparison's text, or each model's headline, and the errors
+        of all models on each joint that is the worst of one of them.
+        """
+        if len(self) == 1:
+            return str(self[0])
+        headlines = [f"{c.name}: {c.verdict.headline}" for c in self]
+        joints = sorted({c.worst_joint for c in self})
+        errors = [f"joint {joint}: {self._errors_on(joint)}" for joint in joints]
+        lines = [f"  {line}" for line in (*headlines, *errors)]
+        return "\n".join(["Comparisons", *lines])
+
+    def _errors_on(self, joint: int) -> str:
+        """Write the errors of all models on one joint (from 1), in order, and in
+        multiples of the noise if it is known.
+        """
+        first = self[0]
+        noise = None
+        if first.noise_floor is not None and first.error_over_noise is not None:
+            noise = float(first.noise_floor[joint - 1])
+        return formatting.errors_with_noise(
+            [float(c.rmse[joint - 1]) for c in self],
+            noise,
+            plain_unit(first.estimate.robot.torque_units[joint - 1]),
+            between=" -> ",
+        )
 
     def _repr_html_(self) -> str:
         """Show headlines and the table of errors in a notebook."""

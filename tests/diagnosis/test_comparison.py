@@ -12,6 +12,7 @@ from recorded import refusal
 from sdp_vs_penalty import Estimate, Problem, identify, load_estimate, where_it_fails
 from sdp_vs_penalty.data import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import compare, predicted
+from sdp_vs_penalty.diagnosis.comparison import Comparisons
 from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 
 
@@ -210,3 +211,21 @@ def test_a_relative_errors_interval_grows_with_what_differs():
     errors = np.ones(20)
     errors[0] = 30.0
     assert upper_relative_error(errors, np.full(20, 100.0)) > 20.0
+
+
+def test_models_are_printed_with_the_errors_of_the_same_joints(two_link, estimate):
+    """Each headline names its own worst joint, which cannot be compared."""
+    found = compare({"a": estimate, "b": estimate}, run_of(two_link, 1))
+    noise = np.array([0.1, 0.1])
+    first = replace(found[0], rmse=np.array([0.3, 0.1]), noise_floor=noise)
+    second = replace(found[1], rmse=np.array([0.1, 0.2]), noise_floor=noise)
+    both = Comparisons([first, second])
+    lines = [line.strip() for line in str(both).splitlines()]
+    assert lines[3:] == [
+        "joint 1: 0.3 -> 0.1 N m, 3 -> 1 times the noise",
+        "joint 2: 0.1 -> 0.2 N m, 1 -> 2 times the noise",
+    ]
+    assert repr(both) == str(both)
+    many = Comparisons([first, second, first, second])
+    assert len(repr(many).splitlines()) == 5
+    assert "joint 2: 0.1 -> 0.2 -> 0.1 -> 0.2 N m" in str(many)
