@@ -265,9 +265,11 @@ def _findings(
 
     Findings that are not shown are named in one line.
     """
-    from sdp_vs_penalty.render.words import finding_table
+    from sdp_vs_penalty.render.words import errors_that_rise, finding_table
 
     console.table(finding_table(result, shown, units))
+    if rises := errors_that_rise(shown):
+        paragraph(rises)
     for number, finding in enumerate(words.findings[: len(shown)], start=1):
         rating = "" if finding.rating == "confident" else f" ({finding.rating})"
         paragraph(

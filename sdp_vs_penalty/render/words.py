@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import (
@@ -26,6 +29,7 @@ from sdp_vs_penalty.diagnosis.causes import (
     WAVES,
 )
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune, event_lines
 from sdp_vs_penalty.diagnosis.where_it_fails import (
     NEAR,
@@ -304,6 +308,32 @@ def finding_table(
             f"Error [{kinds}] of each joint on data not used for fitting, below"
             f" {number(diagnosis.band_hz)} Hz"
         ),
+    )
+
+
+def errors_that_rise(findings: Sequence[Finding]) -> str:
+    """Say which findings raise a joint's error on data left out by 1 % or more, beside
+    those before them, and why they stay; "" if none does.
+
+    A finding is dropped for what it does to the errors of all joints together, beside
+    all other findings (:func:`~sdp_vs_penalty.diagnosis.explanation.drop_harmful`).
+    """
+    if not findings:
+        return ""
+    errors = [findings[0].held_out_rmse_before]
+    errors += [finding.held_out_rmse_after for finding in findings]
+    rising = [
+        number
+        for number, (before, after) in enumerate(pairwise(errors), start=1)
+        if np.any(after > (1.0 + MINOR) * before)
+    ]
+    if not rising:
+        return ""
+    names = formatting.words(rising)
+    return (
+        f"A joint's error rises with {'finding' if len(rising) == 1 else 'findings'}"
+        f" {names}. Findings stay by their evidence in the training runs, unless they"
+        " raise the errors of all joints together."
     )
 
 

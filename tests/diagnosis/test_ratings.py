@@ -20,6 +20,7 @@ from sdp_vs_penalty.diagnosis import (
 )
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.render.words import errors_that_rise
 from sdp_vs_penalty.signals import REPETITION
 
 
@@ -263,3 +264,16 @@ def test_springs_side_by_side_are_as_strong_as_their_sum():
     size, std = size_of(effect, np.array([1.0, 0.0, 0.6]), 0.01 * np.eye(3))
     assert size == pytest.approx(1.6)
     assert std == pytest.approx(0.1 * 3.0**0.5)
+
+
+def test_it_is_said_which_finding_raises_a_joints_error():
+    """Findings are dropped for what they do to all joints together."""
+    falls, rises = np.full(7, 1.0), np.full(7, 0.5)
+    rises[5] = 1.02
+    first = finding("joint_spring", 1, held_out_rmse_after=falls)
+    second = finding("joint_spring", 2, held_out_rmse_after=rises)
+    assert errors_that_rise([first]) == ""
+    assert errors_that_rise([]) == ""
+    said = errors_that_rise([first, second])
+    assert said.startswith("A joint's error rises with finding 2. ")
+    assert "evidence in the training runs" in said
