@@ -15,7 +15,7 @@ white noise, all stated below.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -99,6 +99,13 @@ class Sensor:
             return ones
         return np.hstack([ones, -np.asarray(self.torque_ar, float)])
 
+    @cached_property
+    def noise_gains(self) -> Array:
+        """(n,) standard deviation of the white noise whose filtered samples have the
+        standard deviation ``torque_std`` [N m]."""
+        shares = [innovation_share(poles) for poles in self.poles]
+        return np.asarray(self.torque_std * np.sqrt(shares))
+
     def noise(
         self,
         count: int,
@@ -106,8 +113,8 @@ class Sensor:
     ) -> Array:
         """Draw samples of the torque noise at the controller's rate.
 
-        White noise passes the filter gain / poles (an autoregressive process); the gain
-        makes the standard deviation of the result ``torque_std``.
+        White noise passes the filter gain / poles (an autoregressive process), with the
+        gain of :attr:`noise_gains`.
 
         Parameters
         ----------
@@ -124,10 +131,9 @@ class Sensor:
         """
         settling = 500
         white = rng.normal(size=(settling + count, len(self.torque_std)))
-        joints = zip(white.T, self.torque_std, self.poles, strict=True)
+        joints = zip(white.T, self.noise_gains, self.poles, strict=True)
         columns = []
-        for white_noise, std, poles in joints:
-            gain = std * np.sqrt(innovation_share(poles))
+        for white_noise, gain, poles in joints:
             coloured = autoregressive(poles, gain * white_noise)
             columns.append(coloured[settling:])
         return np.column_stack(columns)
