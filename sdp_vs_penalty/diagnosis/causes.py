@@ -20,6 +20,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.reversals import since_reversal
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.standstill import STILL
 
@@ -148,42 +149,6 @@ def hat_functions(x: Array, knots: Array | None = None) -> Array:
     return np.column_stack(functions)
 
 
-def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
-    """Return the time from the nearest velocity reversal, and the direction after it.
-
-    Parameters
-    ----------
-    velocity
-        (M,) of the joint.
-    rows
-        The rows, with their times and segments.
-
-    Returns
-    -------
-    (M,) array
-        Seconds, negative before the reversal; infinite in a segment without one.
-    (M,) array
-        Sign of the velocity after that reversal.
-    """
-    row_numbers = np.arange(len(velocity))
-    segment = rows.segment
-    sign_changes = np.sign(velocity[1:]) != np.sign(velocity[:-1])
-    is_same_segment = segment[1:] == segment[:-1]
-    last_rows = np.flatnonzero(sign_changes & is_same_segment)  # before each reversal
-    if not len(last_rows):
-        return np.full(len(velocity), np.inf), np.zeros(len(velocity))
-    instants = 0.5 * (rows.t[last_rows] + rows.t[last_rows + 1])
-    # (2, M) numbers of the reversals before and after each row.
-    neighbours = np.searchsorted(last_rows, row_numbers) + np.array([[-1], [0]])
-    neighbours = np.clip(neighbours, 0, len(last_rows) - 1)
-    is_in_segment = segment[last_rows[neighbours]] == segment
-    seconds = np.where(is_in_segment, rows.t - instants[neighbours], np.inf)
-    nearest = np.argmin(np.abs(seconds), axis=0)
-    reversal = neighbours[nearest, row_numbers]
-    direction = np.sign(velocity[last_rows[reversal] + 1])
-    return seconds[nearest, row_numbers], direction
-
-
 def travel_since_reversal(q: Array, velocity: Array, rows: SegmentedRuns) -> Array:
     """Return the distance (M,) of a joint from its position at the last reversal [rad
     or m].
@@ -216,7 +181,7 @@ def _reversal_columns(states: States, joint_error: JointError) -> Array:
     of the distance travelled since the last reversal times the direction (hysteresis).
     """
     velocity = states.dq[:, joint_error.joint]
-    since, direction = from_reversal(velocity, states.rows)
+    since, direction = since_reversal(states.t, velocity, states.rows.segment)
     near = np.abs(since) < FOLLOWS
     in_time = near[:, None] * hat_functions(
         since, np.linspace(-FOLLOWS, FOLLOWS, _HATS)

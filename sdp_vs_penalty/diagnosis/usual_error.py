@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.causes import (
     Refit,
     States,
-    from_reversal,
     travel_since_reversal,
 )
 from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.reversals import since_reversal
 
 #: Travels over which friction turns round in usual gears [rad or m]: it approaches its
 #: level as exp(-travel / length).
@@ -54,7 +54,7 @@ def turning_columns(states: States, joint: int) -> Array:
     velocity = states.dq[:, joint]
     direction = smooth_sign(velocity)
     travel = travel_since_reversal(q, velocity, states.rows)
-    since, direction_after = from_reversal(velocity, states.rows)
+    since, direction_after = since_reversal(states.t, velocity, states.rows.segment)
     columns = [np.exp(-travel / length) * direction for length in _TURNING_LENGTHS]
     for instant in _TURNING_INSTANTS:
         distance = np.abs(since - instant)

@@ -45,7 +45,6 @@ from sdp_vs_penalty.diagnosis.causes import (
     Refit,
     SplitError,
     States,
-    from_reversal,
     other_joint_quantity,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
@@ -68,6 +67,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.reversals import since_reversal
 from sdp_vs_penalty.signals.segments import SegmentedRuns, window_subsample
 from sdp_vs_penalty.signals.standstill import STILL
 
@@ -796,7 +796,7 @@ def _reversal_lift(
     keep
         (M,) flags the rows that count.
     """
-    seconds, _ = from_reversal(velocity, rows)
+    seconds, _ = since_reversal(rows.t, velocity, rows.segment)
     is_near = np.abs(seconds) <= NEAR
     error_near = error[keep & is_near]
     error_elsewhere = error[keep & ~is_near]
@@ -1055,7 +1055,7 @@ def _causes_of_rows(
         STANDSTILL: still > STILL,
     }
     if not is_known:
-        seconds, _ = from_reversal(velocity, rows)
+        seconds, _ = since_reversal(rows.t, velocity, rows.segment)
         rows_of_cause[REVERSAL] = np.abs(seconds) <= NEAR
     # Later causes overwrite earlier ones where both are seen.
     for name, its_rows in rows_of_cause.items():

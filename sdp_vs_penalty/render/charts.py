@@ -42,6 +42,7 @@ from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.reversals import since_reversal
 
 #: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
 POINTS = 800
@@ -630,36 +631,6 @@ def _axis_of_torque_change(t: Array, torque: Array, cause: str, unit: str) -> Ca
         return CauseAxis(rate, ones, f"rate of the modelled torque [{unit}/s]")
     label = f"second derivative of the modelled torque [{unit}/s^2]"
     return CauseAxis(np.gradient(rate, t), ones, label)
-
-
-def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
-    """Return the time since a joint's nearest reversal, and the direction of motion
-    after it.
-
-    Parameters
-    ----------
-    t : (M,) array
-        Time stamps [s].
-    velocity : (M,) array
-        Joint velocity [rad/s or m/s].
-
-    Returns
-    -------
-    tuple of (M,) arrays
-        Seconds since the nearest reversal, negative before it, and the direction (-1 or
-        1) after it; infinity and zero if the joint never reverses.
-    """
-    direction = np.sign(velocity)
-    # The joint reverses between row turns[k] and the next one.
-    turns = np.flatnonzero(direction[1:] != direction[:-1])
-    if not len(turns):
-        return np.full(len(t), np.inf), np.zeros(len(t))
-    instants = 0.5 * (t[turns] + t[turns + 1])
-    after = np.searchsorted(instants, t).clip(0, len(instants) - 1)
-    before = (after - 1).clip(0)
-    is_nearer = np.abs(t - instants[before]) < np.abs(t - instants[after])
-    nearest = np.where(is_nearer, before, after)
-    return t - instants[nearest], direction[turns[nearest] + 1]
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:

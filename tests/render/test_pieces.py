@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.render import bars, heat_map
-from sdp_vs_penalty.render.charts import mean_curve, since_reversal, spread_rows
+from sdp_vs_penalty.render.charts import mean_curve, spread_rows
+from sdp_vs_penalty.signals.reversals import since_reversal
 
 UNITS = ["N*m"] * 4
 
