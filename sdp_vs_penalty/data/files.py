@@ -364,6 +364,8 @@ def read_run(
     topic: str | None = None,
     rename: Mapping[str, str] | None = None,
     rate: float | None = None,
+    scale: Mapping[str, str] | None = None,
+    options: Sequence[str] = (),
 ) -> Measurements:
     """Read one run as it is in its file.
 
@@ -384,6 +386,9 @@ def read_run(
         The file's column names by ours (t, q1, tau1 ...).
     rate : float | None
         Sampling rate that replaces the file's clock [Hz].
+    scale, options
+        Factors by our names, and further words, of the `convert` command that is
+        running. They are not applied, but stand in the command that repeats it.
 
     Returns
     -------
@@ -399,7 +404,7 @@ def read_run(
     if rate is not None and not 0.0 < rate < np.inf:
         what = f"rate {rate!r} is not a frequency above 0 Hz"
         raise InputError(what, "give the samples a second, like --rate 1000")
-    choice = Choice(names, topic, rename, rate)
+    choice = Choice(names, topic, rename, rate, scale, options)
     path = Path(path)
     if _is_joined(path):
         from sdp_vs_penalty.data.formats.joined import files_of_run, read_joined

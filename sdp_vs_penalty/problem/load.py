@@ -653,6 +653,27 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
     return _within_masses(replace(problem, box=box, total_mass=total))
 
 
+def convert_options(
+    problem: str | Path | Problem | None,
+    topic: str | None,
+    motors: str | Sequence[str] | bool,
+    hold: str | None = None,
+) -> list[str]:
+    """Return the words of a `convert` command for the options of these arguments.
+
+    They are as :func:`convert` takes them; hold : text of --hold. A Problem has no word.
+    """
+    formulas = motors if isinstance(motors, str | bool) else ",".join(motors)
+    pairs = {
+        "--problem": problem if isinstance(problem, str | Path) else None,
+        "--hold": hold,
+        "--topic": topic,
+        "--motors": None if isinstance(formulas, bool) else formulas,
+    }
+    words = [word for pair in pairs.items() if pair[1] for word in map(str, pair)]
+    return [*words, *["--motor-side"] * (motors is True)]
+
+
 def convert(
     source: str | Path,
     out: str | Path | None = None,
@@ -664,6 +685,7 @@ def convert(
     motors: str | Sequence[str] | bool = False,
     rate: float | None = None,
     scale: Mapping[str, str] | None = None,
+    options: Sequence[str] | None = None,
 ) -> Measurements:
     """Read measurements of another program, and write them in another format.
 
@@ -695,6 +717,9 @@ def convert(
     scale : mapping of str to str, optional
         What t, q, dq, tau are multiplied by: a unit (deg, ms, mNm), a number, or
         numbers joint by joint separated by colons, as drive gains are.
+    options : sequence of str, optional
+        Words of the printed command beside those for columns, units, joints and rate.
+        Default: of the problem's path, the topic and the motors.
 
     Returns
     -------
@@ -722,8 +747,17 @@ def convert(
             " q1,30 q2"
         )
         raise InputError("no transmission is known", remedy, "convert(motors=True)")
+    if options is None:
+        options = convert_options(problem, topic, motors)
     run = read_run(
-        source, joints=None, names=joints, topic=topic, rename=rename, rate=rate
+        source,
+        joints=None,
+        names=joints,
+        topic=topic,
+        rename=rename,
+        rate=rate,
+        scale=scale,
+        options=options,
     )
     if scale:
         run = scaled(run, scale)

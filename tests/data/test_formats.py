@@ -3,6 +3,7 @@ to the last bit, and broken ones are refused in a sentence."""
 
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -540,3 +541,41 @@ def test_every_verb_that_trains_leaves_a_folders_test_run_out(two_link, tmp_path
     assert model.provenance["runs"] == ["run1.csv"]
     with pytest.warns(Remark, match="left out for testing"):
         assert add(model, "joint_spring:1", runs).provenance["runs"] == ["run1.csv"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--problem", "two_link"),
+        ("--scale", "tau=mNm"),
+        ("--motors", "50 q1,30 q2", "--scale", "tau=0.5"),
+    ],
+)
+def test_the_command_that_repeats_a_conversion_makes_the_same_file(
+    options, two_link, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    write_run(tmp_path / "ours.csv", two_link)
+    head, rows = (tmp_path / "ours.csv").read_text().split("\n", 1)
+    theirs = re.sub(r"\btau", "torque_", re.sub(r"\bq", "pos_", head))
+    (tmp_path / "log.csv").write_text(f"{theirs}\n{rows}")
+    assert run_cli("convert", "log.csv", *options, "--out", "first.csv") == 0
+    command = re.findall(r"the same by `(.*?)`", capsys.readouterr().err)[0]
+    assert run_cli(*shlex.split(command)[1:]) == 0
+    assert (tmp_path / "run.csv").read_bytes() == (tmp_path / "first.csv").read_bytes()
+    for option in options[::2]:
+        assert command.count(option) == 1
+
+
+def test_a_unit_on_top_of_a_recognised_one_has_no_command(two_link, tmp_path):
+    """A channel has one factor in a command: two would need their product."""
+    run = small_run(two_link)
+    save(replace(run, q=np.degrees(run.q)), tmp_path / "ours.csv")
+    head, rows = (tmp_path / "ours.csv").read_text().split("\n", 1)
+    theirs = re.sub(r"\btau", "torque_", re.sub(r"\bq(\d)", r"pos_deg_\1", head))
+    (tmp_path / "log.csv").write_text(f"{theirs}\n{rows}")
+    with pytest.warns(Remark, match="the same by"):
+        convert(tmp_path / "log.csv")
+    with pytest.warns(Remark, match="columns recognised") as said:
+        convert(tmp_path / "log.csv", scale={"q": "0.5"})
+    assert "the same by" not in str(said[0].message)

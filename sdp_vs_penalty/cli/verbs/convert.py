@@ -39,13 +39,14 @@ def verb(
     from sdp_vs_penalty import formatting
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.data.formats.columns import columns_of
-    from sdp_vs_penalty.problem.load import convert
+    from sdp_vs_penalty.problem.load import convert, convert_options
     from sdp_vs_penalty.problem.problem import Problem
 
     robot: str | Problem | None = problem
     if problem is not None and hold is not None:
         robot = problem_from_options(problem, hold=hold)
     names = joints.split(",") if joints else None
+    sides = motor_side if motors is None else motors
     run = convert(
         source,
         out,
@@ -53,9 +54,10 @@ def verb(
         joints=names,
         topic=topic,
         rename=pairs("--rename", rename),
-        motors=motor_side if motors is None else motors,
+        motors=sides,
         rate=rate,
         scale=pairs("--scale", scale),
+        options=convert_options(problem, topic, sides, hold),
     )
     velocity = "" if run.dq is None else ", velocities"
     # As they are written, so that a wrong column or unit is seen.

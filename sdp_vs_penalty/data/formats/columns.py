@@ -67,12 +67,16 @@ class Choice:
     topic : of a bag with several
     rename : {our name: the file's name} of columns or variables, for tables
     rate : samples a second [Hz], in place of the file's clock
+    scale, options : factors by our names, and further words, of the `convert` command
+        that is running, for the command that repeats it
     """
 
     joints: Sequence[str] | None = None
     topic: str | None = None
     rename: Mapping[str, str] | None = None
     rate: float | None = None
+    scale: Mapping[str, str] | None = None
+    options: Sequence[str] = ()
 
 
 @contextmanager
@@ -135,6 +139,7 @@ class Header:
     episode : name of the column that counts runs
     joints : names of the joints, where the file says them
     recognition : what was guessed; None where names are ours or were chosen
+    choice : what the user asked for
     """
 
     path: Path
@@ -147,6 +152,7 @@ class Header:
     episode: str | None = None
     joints: tuple[str, ...] = ()
     recognition: Recognition | None = None
+    choice: Choice = Choice()
 
     @classmethod
     def of(
@@ -225,6 +231,7 @@ class Header:
             episode=episode,
             joints=recognition.joints if recognition else (),
             recognition=recognition,
+            choice=choice,
         )
 
     @property
@@ -351,6 +358,8 @@ class Header:
                 self.path,
                 self.names,
                 self.rate,
+                self.choice.scale,
+                self.choice.options,
             )
             rows = rows_shown(run, self.recognition)
             warnings.warn(ColumnsRemark(sentence, rows), stacklevel=2)

@@ -172,6 +172,8 @@ class Recognition:
         path: Path,
         names: Sequence[str],
         rate: float | None = None,
+        scale: Mapping[str, str] | None = None,
+        options: Sequence[str] = (),
     ) -> str:
         """Format the `convert` command that states this reading of the columns
         explicitly.
@@ -184,19 +186,32 @@ class Recognition:
             Names of the file's columns.
         rate : float | None
             Sampling rate that replaces the file's clock [Hz].
+        scale : Mapping[str, str] | None
+            Units and factors that the user gave, by our names.
+        options : Sequence[str]
+            Further words of the command that is running.
 
         Returns
         -------
         str
-            A command for the shell.
+            A command for the shell; "" if there is none, because the user scales a
+            channel whose unit was recognised, too: one factor is written a channel.
         """
         words = ["--rename", rename_words(self.rename, names)]
-        if self.scale:
-            words += ["--scale", scale_words(self.scale, self.rename)]
+        given = scale or {}
+        if {group_of(name.rstrip("*")) for name in given} & set(
+            map(group_of, self.scale)
+        ):
+            return ""
+        factors = [scale_words(self.scale, self.rename)] if self.scale else []
+        factors += [f"{name}={factor}" for name, factor in given.items()]
+        if factors:
+            words += ["--scale", ",".join(factors)]
         if self.order is not None:
             words += ["--joints", ",".join(self.joints)]
         if rate is not None:
             words += ["--rate", f"{rate:.12g}"]
+        words += options
         return formatting.convert_command(path, *words)
 
     def sentence(
@@ -204,6 +219,8 @@ class Recognition:
         path: Path,
         names: Sequence[str],
         rate: float | None = None,
+        scale: Mapping[str, str] | None = None,
+        options: Sequence[str] = (),
     ) -> str:
         """Format the remark on the recognised columns: which column was taken for which
         channel, in which unit and why, and the command that states the same.
@@ -216,6 +233,8 @@ class Recognition:
             Names of the file's columns.
         rate : float | None
             Sampling rate that replaces the file's clock [Hz].
+        scale, options
+            As :meth:`command` takes them.
 
         Returns
         -------
@@ -228,9 +247,11 @@ class Recognition:
         joints = f"; joints {', '.join(self.joints)}" if self.joints else ""
         if self.joints and self.has_other_joints:
             joints += " in the file's order, for the robot's have other names"
+        command = self.command(path, names, rate, scale, options)
+        repeated = f"; the same by `{command}`" if command else ""
         return (
-            f"{path}: columns recognised ({self.logger}): {columns}{units}{joints};"
-            f" the same by `{self.command(path, names, rate)}`"
+            f"{path}: columns recognised ({self.logger}): {columns}{units}{joints}"
+            f"{repeated}"
         )
 
 
