@@ -546,7 +546,7 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
     table : DataFrame
         Result of :func:`ranking`.
     where : str
-        The problems in words, such as "of 7 links at 1e-06".
+        The problems in words, such as "on 7 links at 1e-06".
 
     Returns
     -------
@@ -556,24 +556,28 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
     if table.empty:
         return []
     wrong = table["silently wrong"]
+    # The first of those never silently wrong: whoever is not is never recommended, since
+    # the last sentence says to check it.
+    best = table[wrong == 0].iloc[0] if np.any(wrong == 0) else table.iloc[0]
     # Nearly as often right as the best one, and never silently wrong.
-    is_reliable = (table["right"] >= 0.9 * table["right"].max()) & (wrong == 0)
+    is_reliable = (table["right"] >= 0.9 * best["right"]) & (wrong == 0)
     reliable = table[is_reliable].sort_values("seconds", kind="stable")
-    best = table.iloc[0]
     worst = table.loc[wrong.idxmax()]
     quick = best if reliable.empty else reliable.iloc[0]
     sentences = [
         (
-            f"Take {best['solver']}: right on {best['right']} of {best['problems']}"
-            f" problems {where}, {best['silently wrong']} times silently wrong,"
+            f"{where[:1].upper()}{where[1:]}, take {best['solver']}: right on"
+            f" {best['right']} of {best['problems']} problems,"
+            f" {best['silently wrong']} times silently wrong,"
             f" {_milliseconds(best['seconds'])} ms (median)."
         ),
-        (
-            "The fastest of those never silently wrong and right at least nine tenths"
-            f" as often is {quick['solver']}: {quick['right']} of {quick['problems']},"
-            f" {_milliseconds(quick['seconds'])} ms."
-        ),
     ]
+    if quick["solver"] != best["solver"]:
+        sentences.append(
+            f"Where time matters more, take {quick['solver']}, never silently wrong"
+            f" either: right on {quick['right']} of {quick['problems']},"
+            f" {_milliseconds(quick['seconds'])} ms."
+        )
     if worst["silently wrong"]:
         of = f"{worst['silently wrong']} of {worst['run']}"
         sentences.append(
@@ -598,7 +602,7 @@ def answer(runs: pandas.DataFrame) -> str:
     links = 7
     accuracy = 1e-6
     table = ranking(runs, accuracy, links)
-    if not (advice_words := advice(table, f"of {links} links at {accuracy:.0e}")):
+    if not (advice_words := advice(table, f"on {links} links at {accuracy:.0e}")):
         return ""
     shown = {
         "solver": table["solver"],

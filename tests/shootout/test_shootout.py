@@ -408,6 +408,30 @@ def test_summary_of_known_runs(tmp_path):
         assert drawn.read_text().startswith("<?xml")
 
 
+def ranked(*rows: tuple[str, int, int, float]) -> pandas.DataFrame:
+    """A ranking of solvers on ten problems: name, right, silently wrong, seconds."""
+    heads = ["solver", "right", "silently wrong", "seconds"]
+    return pandas.DataFrame(rows, columns=heads).assign(problems=10, run=10)
+
+
+def test_advice_does_not_contradict_itself():
+    """Nobody is taken and to be checked; two that are taken have a reason each."""
+    same = summary.advice(
+        ranked(("good", 10, 0, 0.1), ("slow", 10, 0, 0.2)), "at 1e-06"
+    )
+    assert same == [
+        "At 1e-06, take good: right on 10 of 10 problems, 0 times silently wrong, 100 ms"
+        " (median)."
+    ]
+    liar, good, quick = ("liar", 10, 1, 0.1), ("good", 9, 0, 0.2), ("quick", 9, 0, 0.1)
+    said = summary.advice(ranked(liar, good, quick), "at 1e-06")
+    assert [sentence.split(":")[0] for sentence in said] == [
+        "At 1e-06, take good",
+        "Where time matters more, take quick, never silently wrong either",
+        "Check every answer of liar",
+    ]
+
+
 def setup(out: Path, **changes: object) -> runner.Shootout:
     chosen: dict[str, object] = {
         "solvers": ["clarabel", "lmi-sdp"],
