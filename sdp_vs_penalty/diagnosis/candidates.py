@@ -20,11 +20,12 @@ from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import STANDS, Effect
 from sdp_vs_penalty.effects.model import Model, depends
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
-def list_candidates(data: WhiteData) -> Library:
+def list_candidates(data: WhiteData, progress: Progress = no_progress) -> Library:
     """List all candidates of a search: effects on joints, and other values of own
     constants.
 
@@ -39,6 +40,8 @@ def list_candidates(data: WhiteData) -> Library:
     data
         White rows (weighted so that the noise is independent with variance 1) with the
         model.
+    progress
+        Is called with the number of the candidate at which each effect begins.
 
     Returns
     -------
@@ -49,7 +52,12 @@ def list_candidates(data: WhiteData) -> Library:
     """
     # Candidates with the white columns of each joint, by what a batch has in common.
     groups = dict[Hashable, list[tuple[Candidate, dict[int, Array]]]]()
-    for form in (*effect_candidates(data), *own_constant_candidates(data)):
+    forms = [*effect_candidates(data), *own_constant_candidates(data)]
+    said = ""
+    for number, form in enumerate(forms, start=1):
+        if form.effect.name != said:
+            said = form.effect.name
+            progress(f"columns of candidate {number} of {len(forms)}")
         white = white_candidate(data, form)  # columns by joint (from 0)
         if white:  # it changes the torque of some joint
             own_key = form.key if form.replaces_own_constant else None
@@ -59,9 +67,9 @@ def list_candidates(data: WhiteData) -> Library:
     batches = []
     for key in [*groups]:
         members = groups.pop(key)  # its columns are needed once
-        forms, columns = zip(*members, strict=True)
+        forms_of_batch, columns = zip(*members, strict=True)
         joints = tuple(sorted(columns[0]))
-        batches.append(Batch.of(joints, forms, columns))
+        batches.append(Batch.of(joints, forms_of_batch, columns))
     # A law is an effect on a joint with the same discrete constants: its candidates
     # differ in continuous constants only.
     form_by_law = {f.discrete_choice: f for b in batches for f in b.forms}

@@ -111,7 +111,9 @@ def diagnose(
         Findings and verdict.
     """
     progress("filtering the runs")
-    runs = DiagnosisRuns(model, measurements, test, noise_from, frozen)
+    runs = DiagnosisRuns(
+        model, measurements, test, noise_from, frozen, progress=progress
+    )
     diagnosis = diagnose_beside_passing(
         runs,
         partial(
@@ -210,7 +212,7 @@ def diagnose_runs(
     Diagnosis
         Findings and verdict.
     """
-    progress("noise, and columns of all candidates")
+    progress("measuring the noise")
     candidates = runs.candidates
     give_back_memory(runs.searched.samples)
     finished_search = search(
@@ -290,7 +292,8 @@ class DiagnosisRuns:
     test : the run for errors on data left out, or None; noise_from : the runs whose
     repetition shows the noise, or None for the measurements; frozen : whether the
     model's parameters stay fixed; left_out, left_out_of_test : spans of time that are
-    not searched, and not judged on.
+    not searched, and not judged on; progress : hears how many candidates have their
+    columns.
     """
 
     model: Estimate
@@ -300,6 +303,7 @@ class DiagnosisRuns:
     frozen: bool = False
     left_out: tuple[Span, ...] = ()
     left_out_of_test: tuple[Span, ...] = ()
+    progress: Progress = no_progress
 
     def __post_init__(self) -> None:
         """Raise InputError if a recording has not as many joints as the model."""
@@ -364,7 +368,7 @@ class DiagnosisRuns:
     @cached_property
     def candidates(self) -> Library:
         """All candidates of the search."""
-        return list_candidates(self.white_data)
+        return list_candidates(self.white_data, self.progress)
 
     @property
     def rows(self) -> SegmentedRuns:

@@ -1,5 +1,6 @@
 """The score against plain least squares, and what it promises."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -730,3 +731,18 @@ def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
     search = SimpleNamespace(is_impossible=lambda t: t.key[0] == "impossible")
     candidates = [mine, near, *others]
     assert Search.equivalence_set(search, mine, candidates) == (near,)
+
+
+def test_the_columns_of_candidates_are_counted(two_link):
+    """The count, from which the time left is told, rises to at most its total."""
+    run = small_run(two_link, seed=2)
+    estimate = identify(two_link, run, "ols", check=False)
+    settings = estimate.preprocessing.resolve(run)
+    data = whiten_rows(diagnosis_rows(run, estimate, settings), estimate)
+    said = list[str]()
+    list_candidates(data, said.append)
+    counts = [tuple(map(int, re.findall(r"(\d+) of (\d+)", x)[0])) for x in said]
+    assert counts == sorted(counts)
+    assert counts[0][0] == 1
+    assert 1 < counts[-1][0] <= counts[-1][1]
+    assert len({total for _, total in counts}) == 1
