@@ -122,7 +122,7 @@ class Report(Record):
         problems = formatting.count(len(self.errors_and_warnings), "problem")
         if self.unexplained is not None:
             share = self.facts()["unexplained_percent"].text
-            torque = f"the arm's dynamics leave {share} of the torque unexplained"
+            torque = f"the arm's dynamics leave {share} of the torque unexplained (RMS)"
         elif not self.repaired_all.torque_logged:
             torque = "no torque was logged"
         elif self.meaningless:  # errors of facts: no row can be believed

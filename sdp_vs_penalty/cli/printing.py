@@ -58,7 +58,11 @@ def estimate(
     if links is not None:
         console.table(links)
     if fit is not None:
-        comparison([fit], result.robot.torque_units, "Error on these measurements")
+        comparison(
+            [fit],
+            result.robot.torque_units,
+            "Error (RMS) of the modelled torque on these measurements",
+        )
 
 
 def gains(result: Estimate) -> None:
@@ -152,7 +156,7 @@ def certificate(result: Estimate) -> None:
 def comparison(
     results: Sequence[Comparison],
     units: Sequence[str],
-    title: str = "Error (RMS)",
+    title: str = "Error (RMS) of the modelled torque",
     names: Sequence[str] = (),
 ) -> None:
     """Print each joint's error next to its noise floor, a row for each joint.

@@ -305,7 +305,7 @@ def finding_table(
         headings=("with", *(str(j) for j, _ in enumerate(units, start=1))),
         rows=[(name, *map(number, errors)) for name, errors in rows],
         title=(
-            f"Error [{kinds}] of each joint on data not used for fitting, below"
+            f"Error (RMS) [{kinds}] of each joint on data not used for fitting, below"
             f" {number(diagnosis.band_hz)} Hz"
         ),
     )

@@ -128,3 +128,16 @@ def test_the_next_command_adds_what_is_sure(
     assert ("--from found.json --confident" in said) == is_confident
     leaves_curves_out = is_confident and joint_of_curve is not None
     assert ("measured beside the weak findings" in said) == leaves_curves_out
+
+
+def test_printed_errors_are_explained(run):
+    """A table and the check's sentence say that they mean RMS torques."""
+    data = ("--data", "run.csv")
+    identified = run(
+        "identify", "two_link", "--method", "ols", *data, "--out", "m.json"
+    )
+    assert (
+        "Error (RMS) of the modelled torque on these measurements below" in identified
+    )
+    assert "Error (RMS) of the modelled torque below" in run("compare", "m.json", *data)
+    assert "of the torque unexplained (RMS)" in run("check", "two_link", *data)

@@ -152,7 +152,7 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
         tmp_path,
     )
     assert code == 0
-    assert "Take " in said
+    assert ", take clarabel: " in said
     for name in ("runs.csv", "summary.md", "summary.csv"):
         assert str(tmp_path / name) in said
         assert (tmp_path / name).is_file()
