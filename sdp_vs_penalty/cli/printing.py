@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -196,9 +197,15 @@ def where_it_fails(failures: Failures, model: str) -> None:
         paragraph(line)
 
 
-def failure_tables(failures: Failures) -> None:
-    """Print all figures of the analysis of where a model's error is large."""
-    console.table(tables.failure_table(failures))
+def failure_tables(failures: Failures, judged: Comparison) -> None:
+    """Print all figures of the analysis of where a model's error is large.
+
+    The errors are those of the comparison, as everywhere else: the analysis leaves rows
+    out, and its errors differ in the third digit.
+    """
+    errors = map(float, judged.rmse)
+    shown = [replace(f, rmse=x) for f, x in zip(failures, errors, strict=True)]
+    console.table(tables.failure_table(shown))
 
 
 def diagnosis(

@@ -1,9 +1,12 @@
 """Which findings a command adds, and what it says of the weak ones among them."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -141,3 +144,21 @@ def test_printed_errors_are_explained(run):
     )
     assert "Error (RMS) of the modelled torque below" in run("compare", "m.json", *data)
     assert "of the torque unexplained (RMS)" in run("check", "two_link", *data)
+
+
+def test_all_tables_show_one_error_a_joint(run, monkeypatch):
+    """That of the comparison; the analysis of causes leaves rows out."""
+    home = import_module("sdp_vs_penalty.diagnosis.where_it_fails")
+    search = home.where_it_fails
+
+    def doubled(*given: Any, **options: Any) -> Any:
+        found = search(*given, **options)
+        return home.Failures(
+            [replace(f, rmse=2.0 * f.rmse) for f in found], found.units
+        )
+
+    monkeypatch.setattr(home, "where_it_fails", doubled)
+    said = run("compare", "model.json", "--data", "run.csv", "--verbose")
+    first, second = re.findall(r"error \[N m or N\] (\S+) (\S+)", said)[0]
+    assert f" 1 [N m] {first} " in said
+    assert f" 2 [N m] {second} " in said
