@@ -5,8 +5,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.data.files import load_measurements, windowed
+from sdp_vs_penalty.data.files import load_measurements, run_files, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
@@ -227,6 +228,9 @@ def runs_for(
 ) -> Runs:
     """Load the runs to fit, and the run to test on, and check that they suit the model.
 
+    Verbs that fit replace a folder by its runs to train on first. A folder that is left
+    is judged on as a whole, and its runs are named on stderr.
+
     Parameters
     ----------
     estimate : Estimate
@@ -244,6 +248,11 @@ def runs_for(
     if test is None and test_window is not None:
         remedy = "name the run that it is a part of with --test"
         raise InputError(f"--test-window {test_window!r}", remedy)
+
+    for folder in filter(Path.is_dir, data):
+        files = [file.name for file in run_files(folder)]
+        if len(files) > 1:
+            console.warn(f"{folder}: judged on {formatting.words(files)}")
 
     def loaded(*paths: Path) -> Measurements:
         runs = load_measurements(*paths, names=robot.joint_names)

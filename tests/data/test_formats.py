@@ -524,7 +524,9 @@ def test_named_files_are_all_trained_on(two_link, tmp_path):
     assert training_runs(str(tmp_path / "*.csv")) == str(tmp_path / "*.csv")
 
 
-def test_every_verb_that_trains_leaves_a_folders_test_run_out(two_link, tmp_path):
+def test_every_verb_that_trains_leaves_a_folders_test_run_out(
+    two_link, tmp_path, capsys
+):
     runs = tmp_path / "runs"
     for seed, name in enumerate(("run1.csv", "test.csv")):
         write_run(runs / name, two_link, seed=seed)
@@ -536,6 +538,9 @@ def test_every_verb_that_trains_leaves_a_folders_test_run_out(two_link, tmp_path
     assert run_cli("add", first, "joint_spring:1", *data, "--out", second) == 0
     for file in (first, second):
         assert load_estimate(file).provenance["data"] == [str(runs / "run1.csv")]
+    capsys.readouterr()
+    assert run_cli("compare", first, *data) == 0
+    assert "runs: judged on run1.csv and test.csv" in capsys.readouterr().err
     with pytest.warns(Remark, match="left out for testing"):
         model = identify(two_link, runs, "ols")
     assert model.provenance["runs"] == ["run1.csv"]
