@@ -190,6 +190,27 @@ def kuka_rsi(path: Path, run: Measurements) -> None:
     _write(path, head, [1e3 * run.t, *blocks])
 
 
+def kuka_variables(path: Path, run: Measurements) -> None:
+    """Degrees and Nm, by the names of the controller's variables."""
+    names = ("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]")
+    head = ["time", *(name.format(k) for name in names for k in (1, 2))]
+    _write(path, head, [run.t, *_blocks(np.degrees(run.q), run.tau)])
+
+
+def kuka_rsi_torque(path: Path, run: Measurements) -> None:
+    """Degrees, a clock in milliseconds, and torques in Nm."""
+    names = ("AIPos.A{}", "$TORQUE_AXIS_ACT[{}]")
+    head = ["IPOC", *(name.format(k) for name in names for k in (1, 2))]
+    _write(path, head, [1e3 * run.t, *_blocks(np.degrees(run.q), run.tau)])
+
+
+def abb_rapid(path: Path, run: Measurements) -> None:
+    """Degrees and Nm, by the names of a robjoint."""
+    names = ("rax_{}", "torque_{}")
+    head = ["time", *(name.format(k) for name in names for k in (1, 2))]
+    _write(path, head, [run.t, *_blocks(np.degrees(run.q), run.tau)])
+
+
 def plotjuggler(path: Path, run: Measurements) -> None:
     """Sparse: every row belongs to one of two topics."""
     head = ["__time"]
@@ -313,6 +334,9 @@ SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "mujoco.csv": mujoco,
     "franka.csv": franka,
     "kuka_rsi.csv": kuka_rsi,
+    "kuka_rsi_torque.csv": kuka_rsi_torque,
+    "kuka_variables.csv": kuka_variables,
+    "abb_rapid.csv": abb_rapid,
     "franka_old.csv": franka_old,
     "plotjuggler.csv": plotjuggler,
     "lerobot.parquet": lerobot,
