@@ -33,7 +33,8 @@ def export(
     force : bool
         Export a link whose mass lies farther out than its body reaches all the same.
     flange : tuple of float
-        Where the flange lies in the last joint's frame [m], for a payload.
+        Where the flange lies in the frame of the last link's parameters [m], for a
+        payload: the link of a URDF; behind the last joint of a DH table.
     measurements : path, arrays, DataFrame, Measurements, list of these, optional
         Runs on which a file is judged that cannot hold all effects: a copy of the model
         without them is compared with these runs, and that verdict stands in the file.

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,31 @@ from sdp_vs_penalty.data.store import (
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
+
+
+def _as_numbers(name: str, value: Any) -> Array:
+    """Return a channel that is a list or a pandas object as an array of floats.
+
+    Parameters
+    ----------
+    name
+        Of the channel, for the message.
+    value
+        Rows of numbers.
+
+    Raises
+    ------
+    InputError
+        For dates, texts and rows of different lengths.
+    """
+    try:
+        if np.asarray(value).dtype.kind in "fiub":
+            return np.asarray(value, float)
+        what = "dates or texts"
+    except ValueError:
+        what = "rows of different lengths"
+    unit = "seconds since the first sample" if name == "t" else "a row a sample"
+    raise InputError(f"{name} holds {what}, not numbers", f"give it as {unit}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,6 +91,15 @@ class Measurements(Shown):
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
     joint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Take lists and pandas objects as arrays; raise InputError for what is no
+        number."""
+        for name in ("t", "q", "tau", "dq", "temperature"):
+            value = getattr(self, name)
+            is_numbers = isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
+            if value is not None and not is_numbers:
+                object.__setattr__(self, name, _as_numbers(name, value))
 
     @classmethod
     def of(

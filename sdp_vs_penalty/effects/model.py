@@ -93,7 +93,8 @@ class Model:
             if p.name in names_so_far:
                 raise InputError(
                     f"parameter {p.name} appears twice",
-                    f"list effect {p.effect} only once per joint",
+                    f"list effect {p.effect} only once per joint; what the model has"
+                    " already need not be added",
                 )
             names_so_far.add(p.name)
         if not self.parameters:

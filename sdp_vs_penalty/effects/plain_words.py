@@ -288,7 +288,8 @@ SENTENCES = {
         " shaft, a pressed cable or a worn gear"
     ),
     "power_law_friction": (
-        "friction of {joint} grows with its speed to the power {alpha} ({size})"
+        "friction of {joint} {sign:grows|falls} with its speed to the power {alpha}"
+        " ({size})"
     ),
     "presliding_hysteresis": (
         "after each reversal {joint} gives way like a spring for about {travel} before"

@@ -448,11 +448,13 @@ def _prediction(
         known = "the model does not record its own motion"
         if percent:
             known = f"{percent} of this motion is new"
-        sentence = (
-            f"Scored on training data ({known}); run `compare` on a new recording"
-        )
+        begin = "Scored on"
         if grade == "do not use":
-            sentence = f"{beyond:.3g} % error even on training data. {sentence}"
+            begin = f"{beyond:.3g} % error even on"
+        sentence = (
+            f"{begin} motion like that of training ({known}); run `compare` on a new"
+            " recording"
+        )
         return Line(PREDICTION, grade, sentence + end)
     # Case 2: new motion. "good" needs a small error and enough motion to know it.
     length = "" if seconds is None else f": {seconds:.3g} s"

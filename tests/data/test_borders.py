@@ -175,7 +175,7 @@ def load_findings(content: object, folder):
 
 
 def test_findings_name_their_format(findings, tmp_path):
-    assert findings["format"] == 1
+    assert findings["format"] == 2
     assert load_findings(findings, tmp_path).to_dict() == findings
 
 
@@ -186,7 +186,7 @@ def test_findings_of_the_first_versions_are_read(findings, tmp_path):
 
 @pytest.mark.parametrize(
     ("number", "words"),
-    [(2, "a newer version"), (0, "an earlier version"), ("1", "'1'"), (True, "True")],
+    [(3, "a newer version"), (0, "an earlier version"), ("1", "'1'"), (True, "True")],
 )
 def test_findings_of_another_format_are_refused(number, words, findings, tmp_path):
     with pytest.raises(sdp.InputError, match=words):

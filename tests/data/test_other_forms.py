@@ -613,8 +613,7 @@ def test_a_broken_json_line_is_refused(line, tmp_path):
     [
         ("j{}", "trq{}"),  # Staubli
         ("AxisAct_A{}", "TorqueAct_A{}"),  # KUKA
-        ("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]"),
-        ("rax_{}", "torque_{}"),  # ABB
+        ("robax_{}", "torque_{}"),  # ABB
     ],
 )
 def test_joints_alone_beside_torques_are_positions(q, tau, tmp_path):

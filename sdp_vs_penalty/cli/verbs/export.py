@@ -26,7 +26,7 @@ def verb(
     --data RUN.csv ...: Runs to judge what the file holds of the model; default: those that the
         model was judged on.
     --urdf robot.urdf: Your own URDF, of which only inertials, damping and friction are replaced.
-    --flange x,y,z: Flange in the last joint's frame [m], for a payload; default: 0,0,0.
+    --flange x,y,z: Flange in the last link's frame [m], for a payload; default: 0,0,0.
     --force: Links whose mass lies outside of their bodies, too.
     """
     from sdp_vs_penalty.cli import console

@@ -53,7 +53,7 @@ def take_away(view: View) -> None:
     )
     tiles("Files to download", FILES | findings_file)
     if "payload" in session.history[-1].effects:
-        hint = "Flange in the last joint's frame [m]: x,y,z"
+        hint = "Flange in the last link's frame [m]: x,y,z"
         draw.text_field(
             hint,
             "",
