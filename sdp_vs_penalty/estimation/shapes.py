@@ -29,11 +29,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.linalg import (
     UNSEEN,
@@ -829,6 +831,37 @@ def with_shapes(
             constants = {k: values[effect.name, j, k] for j, k in keys if j == joint}
             out.append(effect.with_shape([joint], **constants))
     return tuple(out)
+
+
+def changed_constants_in_words(before: Model, after: Model) -> list[str]:
+    """Say which shape constants two models have differently, a line each.
+
+    Parameters
+    ----------
+    before, after : Model
+        Models of one robot. Effects that only one of them has are left out, and those
+        of which a joint may have several.
+
+    Returns
+    -------
+    list of str
+        Such as "Coulomb friction, joint 4: v_s = 0.001484 rad/s, 0.01 rad/s before".
+    """
+    shapes_before = {(e.name, j): e.shape for e in before.effects for j in e.joints}
+    lines = []
+    for effect in after.effects:
+        for joint in () if effect.several else effect.joints:
+            old = shapes_before.get((effect.name, joint), effect.shape)
+            kind = effect.robot.joints[joint].kind
+            for key, value in effect.shape.items():
+                if key not in old or old[key] == value:
+                    continue
+                constant = effect.shapes[key]
+                new_text = constant.format_with_unit(value, kind)
+                old_text = constant.format_with_unit(old[key], kind)
+                title = f"{sentence(effect_name(effect.name))}, joint {joint + 1}"
+                lines.append(f"{title}: {key} = {new_text}, {old_text} before")
+    return lines
 
 
 def effects_to_estimate_again(

@@ -38,6 +38,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.effects import effect_in_words
+    from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
 
     effects = _effects(effect, from_, confident, only)
     data = training_runs(data)
@@ -73,6 +74,8 @@ def verb(
         _say_what_is_weak(effects)
     if not isinstance(effects, str) and effects.frozen:
         _say_what_a_held_model_keeps(effects, added)
+    for line in changed_constants_in_words(estimate.model, bigger.model):
+        console.say(f"estimated again: {line}")
     _say_sizes(effects, bigger)
     printing.certificate(bigger)
     console.written(out)
