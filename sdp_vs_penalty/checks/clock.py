@@ -26,6 +26,8 @@ from sdp_vs_penalty.signals.runs import spans
 
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
+#: Share of the steps backwards in time from which the last row comes first.
+_REVERSED = 0.9
 
 
 #: Fewest long steps in a row that are another rate, and not gaps.
@@ -135,7 +137,11 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         append=len(glance.run.t) - 1,
     )
     repair: Callable[[Measurements], Measurements]
-    if np.any(lengths <= RUN):
+    if len(bad) > _REVERSED * len(glance.steps):
+        how = "the last row comes first"
+        remedy = "turn the order of the rows round"
+        repair = _first_row_first
+    elif np.any(lengths <= RUN):
         how = "the rows there do not continue the motion"
         remedy = "delete the rows whose time lies before that of an earlier row"
         repair = _without_rows_before
@@ -161,6 +167,11 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         repair=repair,
         figures={"rows": (bad + 3)[:100].tolist(), "seconds": seconds},
     )
+
+
+def _first_row_first(run: Measurements) -> Measurements:
+    """Return the run with its rows in the reverse order, each with its own time."""
+    return run.rows(np.arange(len(run.t))[::-1])
 
 
 def _without_rows_before(run: Measurements) -> Measurements:

@@ -581,7 +581,11 @@ def _require_advancing_clock(
     many = formatting.count(len(stays), f"such {word}")
     steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
     what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
-    raise RepairableError(what, "delete them, or cut the file there", path)
+    is_reversed = len(stays) > 0.9 * len(m.t)
+    remedy = "delete them, or cut the file there"
+    if is_reversed and how == "runs backwards":
+        remedy = "turn the order of the rows round"
+    raise RepairableError(what, remedy, path)
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

@@ -277,6 +277,18 @@ def test_behind_a_clock_that_was_set_back_another_motion_is_another_run(back):
     assert np.diff(fixed.t).max() == pytest.approx(1.0)
 
 
+def test_rows_that_come_last_first_are_turned_round():
+    run = motion()
+    reverse = np.arange(len(run.t))[::-1]
+    issue = found("time runs backwards", run.rows(reverse))
+    assert issue is not None
+    assert "the last row comes first" in issue.what
+    assert issue.repair is not None
+    mended_run = issue.repair(run.rows(reverse))
+    np.testing.assert_array_equal(mended_run.t, run.t)
+    np.testing.assert_array_equal(mended_run.tau, run.tau)
+
+
 def test_a_time_that_repeats_keeps_the_first_of_its_rows():
     clean = motion()
     rows = np.insert(
