@@ -676,6 +676,17 @@ def _require_suitable(
     data.measurements.require_torque(f"method {OUTPUT_ERROR}")
 
 
+#: What a proof that is wrong in any way raises: a form or claim that does not hold, an
+#: index out of range, an operation of numbers, too deep a nesting, too large a content.
+_FAILURES_OF_PROOFS = (
+    ValueError,
+    LookupError,
+    ArithmeticError,
+    RecursionError,
+    MemoryError,
+)
+
+
 def verify_proof_file(
     path: str | Path,
     model: Estimate | None = None,
@@ -715,7 +726,7 @@ def verify_proof_file(
         problems = verify_proof.check(proof)
     except InputError:
         raise
-    except Exception as error:
+    except _FAILURES_OF_PROOFS as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
     sentences = [f"accepted: {path}: {_what_is_proved(proof, problems)}"]
     if model is None:

@@ -11,12 +11,14 @@ import json
 import multiprocessing
 import os
 import signal
+import sys
 import threading
+import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.parallel import end_with
 
 #: The least of the computer's memory that a job is given [bytes]: what a recording of
@@ -206,11 +208,18 @@ def main(server: Any, parent: int, limit: int) -> None:
 
 
 def do(job: Callable[[Any], dict[str, Any]], job_request: Any) -> dict[str, Any]:
-    """Do a job; return {"result": its answer}, or {"error": a sentence} if it fails."""
+    """Do a job; return {"result": its answer}, or {"error": a sentence} if it fails.
+
+    A defect of this program also prints its traceback on stderr.
+    """
     try:
         with warnings.catch_warnings(action="ignore"):
             return {"result": job(job_request)}
-    except Exception as error:
+    except (InputError, MemoryError) as error:
+        return {"error": sentence(error)}
+    except Exception as error:  # a defect, of any kind: the page has to go on
+        for line in traceback.format_exc().splitlines():
+            print(printable(line), file=sys.stderr)
         return {"error": sentence(error)}
 
 

@@ -219,7 +219,7 @@ def test_a_worker_that_the_system_ends_is_a_sentence(pool):
     refusal(lambda: asyncio.run(story()), "killed, probably for lack of memory")
 
 
-def test_every_error_of_a_job_is_a_sentence():
+def test_every_error_of_a_job_is_a_sentence(capfd):
     def fails(error: Exception) -> dict[str, Any]:
         def job(asked: Any) -> dict[str, Any]:
             raise error
@@ -232,9 +232,13 @@ def test_every_error_of_a_job_is_a_sentence():
     assert (
         fails(MemoryError())["error"] == "Not enough memory: use fewer or shorter runs."
     )
+    assert not capfd.readouterr().err  # these are no defects
     said = fails(ZeroDivisionError("float\ndivision"))["error"]
     assert "ZeroDivisionError: float\\ndivision)" in said
     assert "\n" not in said
+    traceback = capfd.readouterr().err
+    assert "Traceback" in traceback
+    assert "in job" in traceback
 
 
 def test_a_worker_ends_with_its_server(pool):
