@@ -349,10 +349,10 @@ class LoggerJudge:
         run, and the instants of its own by its own clock."""
         said = []
         for issue in stated:
-            if issue.instant is None or issue.by_clock is None:
+            if issue.by_clock is None:
                 said.append(issue)
                 continue
-            at = self._time_in_run(number, issue.instant)
+            at = self._time_in_run(number, issue.figures["t"])
             if at is not None:
                 said.append(issue.by_clock(at))
         return said

@@ -31,9 +31,9 @@ class Issue:
     gives: it competes with other explanations and is never an error. apply : the word
     of `check --fix --apply`; equivalents : what explains as much, in words.
 
-    instant : of an issue that all runs share, when it happens in the log of all runs
-    together [s]; by_clock : returns the issue in the words of an instant [s] by one
-    run's clock. None for what happens at no instant.
+    by_clock : of an issue that happens at an instant, figures["t"] [s] in the log of all
+    runs together: returns the issue in the words of that instant by one run's clock [s].
+    None for what happens at no instant.
     """
 
     kind: str
@@ -48,7 +48,6 @@ class Issue:
     nature: str = FACT
     apply: str = ""
     equivalents: tuple[str, ...] = ()
-    instant: float | None = None
     by_clock: "Callable[[float], Issue] | None" = None
 
     def __post_init__(self) -> None:

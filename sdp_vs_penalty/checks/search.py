@@ -1062,7 +1062,6 @@ class RepairSearch:
             gravity=_measured_gravity(net) if fault.is_of_gravity else None,
             apply=fault.apply,
             equivalents=equivalents,
-            instant=fault.instant,
             by_clock=by_clock if fault.by_clock else None,
         )
 

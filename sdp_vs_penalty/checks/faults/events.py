@@ -233,6 +233,5 @@ def _step(
         place=f"{name}, t = {t:.4g} s",
         is_repairable=False,
         figures={"size": size, "t": t},
-        instant=t,
         by_clock=partial(_step, log, repair, event),
     )

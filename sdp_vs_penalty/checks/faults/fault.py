@@ -183,8 +183,9 @@ class Fault:
     the fault's size, which is set to 0; log_odds_against : natural logarithm of the
     prior odds against the fault; place : where it is, in words; empty: at its joints
     (from 0); is_repairable : whether a repaired log can be written; figures : what JSON
-    says of it. instant : when it happens [s]; by_clock : returns the fault in the words
-    of the same instant by another clock; None for what happens at no instant.
+    says of it. by_clock : of a fault that happens at an instant, figures["t"] [s]: returns
+    the fault in the words of that instant by another clock [s]; None for what happens
+    at no instant.
     """
 
     kind: str
@@ -198,7 +199,6 @@ class Fault:
     is_repairable: bool = True
     equivalents: tuple[str, ...] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
-    instant: float | None = None
     by_clock: "Callable[[float], Fault] | None" = None
 
     @property
