@@ -48,7 +48,7 @@ FINDINGS_FORMAT = 2
 NOISE_UNKNOWN = (
     "is not known: no motion repeats, so noise and model error cannot be separated."
 )
-#: How far a finding is to be believed; see :attr:`Told.rating`.
+#: How far a finding is to be believed; see :attr:`Rated.rating`.
 Rating = Literal["confident", "near-tie", "weak"]
 
 

@@ -160,8 +160,8 @@ class BatchProducts(NamedTuple):
 class JointErrors:
     """The small errors that may be tolerated on one joint: columns N with a prior.
 
-    columns (M, m) : N, white; number_by_text : which of the m columns belong to a
-    nuisance; gram (m, m) : N'N + diag(1 / deviations^2); with_design (m, p) : N'A, with
+    columns (M, m) : N, white; numbers_by_text : which of the m columns belong to a
+    nuisance, by its text; gram (m, m) : N'N + diag(1 / deviations^2); with_design (m, p) : N'A, with
     the design's columns A; with_torque (m,) : N'y.
     """
 

@@ -55,16 +55,17 @@ def _values_to_try(
     """List the values to try for a shape constant of the model, without the present
     one.
 
-    They are the grid of the effect's class, doubled up to the widest plausible value,
-    and two values near the present one, a quarter of a grid step below and above: the
-    grid alone did not find a width of 0.058 rad/s beside one of 0.032 rad/s.
+    They are the grid of the effect's class, which goes on in doubles up to the widest
+    turn of friction that is tried (the last of TURNS), and two values near the present
+    one, a quarter of the grid's smallest step below and above it, where they lie within
+    that range: the grid alone did not find a width of 0.058 rad/s beside 0.032 rad/s.
 
     Parameters
     ----------
     effect
         The effect of the model.
     joint
-        The joint (from 0); a prismatic one has another grid.
+        The joint (from 0), whose kind has a grid.
     name
         Name of the constant.
     """
@@ -74,7 +75,6 @@ def _values_to_try(
     high = max(grid[-1], TURNS[-1])
     while 2.0 * grid[-1] < high:
         grid.append(2.0 * grid[-1])
-    # The grid alone did not find a width of 0.058 beside one of 0.032 rad/s.
     ratio = min(b / a for a, b in pairwise(grid))
     near = [float(f"{now * ratio**step:.6g}") for step in (-STEPS[1], STEPS[1])]
     inside = [x for x in near if grid[0] < x < high]
