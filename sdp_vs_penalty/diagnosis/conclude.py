@@ -29,7 +29,6 @@ from sdp_vs_penalty.diagnosis.findings import (
     Finding,
     Remaining,
     Retune,
-    format_size,
 )
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
@@ -43,7 +42,6 @@ from sdp_vs_penalty.diagnosis.sizes import (
 )
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
-from sdp_vs_penalty.effects import effect_in_words, effect_name
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
@@ -351,9 +349,6 @@ def describe_finding(
     beside_curve = any(doubt.reason == "curve" for doubt in doubts)
     equivalents = (*rivals, CURVE) if beside_curve else tuple(rivals)
     parameters = zip(effect.parameters, known.beta, strict=True)
-    text = sentence(effect, size, std, tuple(rivals))
-    if not np.array_equal(judged.errors, step):
-        text += f" {_SHOWN_BESIDE_ALL}"
     return Finding(
         effect=effect.name,
         joints=() if effect.whole_robot else tuple(j + 1 for j in effect.joints),
@@ -372,11 +367,12 @@ def describe_finding(
         indistinguishable_from=equivalents,
         held_out_rmse_before=step[0],
         held_out_rmse_after=step[1],
-        explanation=text,
+        physics=physics_of(effect, size),
         text=effect.text,
         gain=term.evidence,
         doubts=tuple(doubts),
         constants=effect.constants,
+        is_shown_beside_all=not np.array_equal(judged.errors, step),
     )
 
 
@@ -394,8 +390,8 @@ def _rival_name(effect: Effect, other: Effect) -> str:
     return f"{other.name}:{other.joints[0] + 1}"
 
 
-#: What is said of a noise that no repetition shows, by its source; of a finding that
-#: its step of the ladder does not show; and of errors without a test run.
+#: What is said of a noise that no repetition shows, by its source; and of errors without
+#: a test run.
 _NOISE = {
     RESIDUAL: (
         "No motion repeats and the log shows no steady noise above the motion's band"
@@ -409,9 +405,6 @@ _NOISE = {
         " know it better."
     ),
 }
-_SHOWN_BESIDE_ALL = (
-    "It lowers the error on data left out only beside the findings after it."
-)
 _FOLDS = (
     "Held-out errors come from folds by the phase of the motion: sizes from the other"
     " folds, the choice of effects and constants from all rows. A test run (--test)"
@@ -443,40 +436,12 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     )
 
 
-def sentence(
-    effect: Effect,
-    size: float,
-    std: float,
-    rivals: Sequence[str],
-) -> str:
-    """Describe a finding in a few sentences.
+def physics_of(effect: Effect, size: float) -> str:
+    """Return the physics of an effect in a sentence or two, with what its size means.
 
-    The text names the effect, its joints, its size with the standard deviation, its
-    meaning, and its rivals.
-
-    Parameters
-    ----------
-    effect
-        The effect.
-    size
-        Its size, in the SI unit of its sizing parameter.
-    std
-        Standard deviation of the size.
-    rivals
-        Names of the effects that fit the data as well.
+    size : in the SI unit of the effect's sizing parameter.
     """
-    unit = effect.parameters[effect.sized_by][0].unit
-    where = "the whole robot"
-    if not effect.whole_robot:
-        where = "joint " + "+".join(str(j + 1) for j in effect.joints)
-    amount = format_size(size, std, unit)
-    head = f"{formatting.sentence(effect_name(effect.name))} on {where}: {amount}"
-    head += f" ({effect.constants})" if effect.constants else ""
-    text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
-    if rivals:
-        named = ", ".join(map(effect_in_words, rivals))
-        text += f" Indistinguishable in these data from {named}."
-    return text
+    return f"{effect.explanation} {effect.remark(size)}".rstrip()
 
 
 def repeatability_warning(new_share: float | None) -> str | None:

@@ -48,6 +48,12 @@ FINDINGS_FORMAT = 2
 NOISE_UNKNOWN = (
     "is not known: no motion repeats, so noise and model error cannot be separated."
 )
+#: What an explanation says before the effects that fit as well; and what is said of a
+#: finding that only the errors beside all other findings show.
+_RIVALS = " Indistinguishable in these data from"
+_SHOWN_BESIDE_ALL = (
+    " It lowers the error on data left out only beside the findings after it."
+)
 #: How far a finding is to be believed; see :attr:`Rated.rating`.
 Rating = Literal["confident", "near-tie", "weak"]
 
@@ -162,8 +168,10 @@ class Finding(Rated):
     torque_rms, torque_std : the RMS of its torque in the searched rows, on the joint
     where it is largest, with its standard deviation, in ``torque_unit``;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
-    along the ladder; text : how :func:`add` takes the effect; doubts : why the finding
-    is weak, if it is; constants : the shape in words, with units; n_splits,
+    along the ladder; is_shown_beside_all : whether only the errors beside all other
+    findings show it, not those beside the findings before it; physics : of the effect,
+    in a sentence or two; text : how :func:`add` takes the effect; doubts : why the
+    finding is weak, if it is; constants : the shape in words, with units; n_splits,
     n_splits_showing : splits of one run that were compared, and those that show it.
     """
 
@@ -178,7 +186,7 @@ class Finding(Rated):
     indistinguishable_from: tuple[str, ...]
     held_out_rmse_before: Array
     held_out_rmse_after: Array
-    explanation: str
+    physics: str
     text: str
     gain: float
     doubts: tuple[Doubt, ...] = ()
@@ -191,6 +199,7 @@ class Finding(Rated):
     torque_rms: float | None = None
     torque_std: float | None = None
     torque_unit: str = ""
+    is_shown_beside_all: bool = False
 
     @property
     def splits_sentence(self) -> str:
@@ -263,9 +272,24 @@ class Finding(Rated):
         """
         half = NORMAL_95 * self.std
         return super().to_dict() | {
+            "explanation": self.explanation,
             "rating": self.rating,
             "half_width_95": half if isfinite(half) else None,
         }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Restore it from JSON; files of the first format have the physics in the
+        middle of ``explanation`` only."""
+        if "physics" not in data:
+            text, beside_all, _ = data["explanation"].partition(_SHOWN_BESIDE_ALL)
+            after_size = text.partition(". ")[2]
+            data = {
+                **data,
+                "physics": after_size.partition(_RIVALS)[0],
+                "is_shown_beside_all": bool(beside_all),
+            }
+        return super().from_dict(data)
 
     @property
     def effect_is_certain(self) -> bool:
@@ -307,15 +331,21 @@ class Finding(Rated):
         return SEEN_AGAINST.get(self.effect, "")
 
     @property
-    def physics(self) -> str:
-        """The physics of the effect in a sentence or two, without its size and its
-        rivals.
-
-        ``explanation`` has the size in its first sentence and the rivals in its last
-        one.
+    def explanation(self) -> str:
+        """The finding in a few sentences: effect, joints, size with its 95 % interval,
+        constants, physics, and what fits as well.
         """
-        text = self.explanation.partition(". ")[2]
-        return text.partition(" Indistinguishable in these data from")[0]
+        where = "the whole robot"
+        if self.joints:
+            where = f"joint {'+'.join(map(str, self.joints))}"
+        name = formatting.sentence(effect_name(self.effect))
+        head = f"{name} on {where}: {format_size(self.size, self.std, self.unit)}"
+        head += f" ({self.constants})" if self.constants else ""
+        text = f"{head}. {self.physics}"
+        if self.rivals_without_curve:
+            named = ", ".join(map(effect_in_words, self.rivals_without_curve))
+            text += f"{_RIVALS} {named}."
+        return text + _SHOWN_BESIDE_ALL * self.is_shown_beside_all
 
     @property
     def rivals_without_curve(self) -> tuple[str, ...]:
@@ -420,11 +450,12 @@ class Finding(Rated):
             diagnosis.torque_unit(j + 1),
             between=" to ",
         )
-        if is_lower:
-            return (
-                f"Adding it cuts joint {j + 1}'s error on data left out from {amount}."
-            )
-        return f"Adding it does not lower joint {j + 1}'s error on data left out: {amount}."
+        change = "cuts" if is_lower else "does not lower"
+        link = " from" if is_lower else ":"
+        text = (
+            f"Adding it {change} joint {j + 1}'s error on data left out{link} {amount}."
+        )
+        return text + _SHOWN_BESIDE_ALL * self.is_shown_beside_all
 
     @property
     def cool_down_instruction(self) -> str:

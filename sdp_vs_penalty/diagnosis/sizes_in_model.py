@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.conclude import sentence
+from sdp_vs_penalty.diagnosis.conclude import physics_of
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sizes import is_insignificant, is_uncertain, size_of
@@ -89,7 +89,7 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
             p.name: float(value)
             for p, value in zip(effect.parameters, theta, strict=True)
         },
-        explanation=sentence(effect, size, std, finding.rivals_without_curve),
+        physics=physics_of(effect, size),
     )
 
 

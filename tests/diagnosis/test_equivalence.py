@@ -166,7 +166,7 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
         indistinguishable_from=(),
         held_out_rmse_before=np.ones(2),
         held_out_rmse_after=np.ones(2),
-        explanation="",
+        physics="",
         text="joint_spring:1",
         gain=30.0,
     )
@@ -315,6 +315,7 @@ def test_a_finding_says_that_it_helps_only_beside_those_after_it(
     )
     step = np.ones((2, 1))
     finding = describe_finding(judged, {}, step)
+    assert finding.is_shown_beside_all == is_said
     assert ("only beside the findings after it" in finding.explanation) == is_said
     assert finding.held_out_rmse_after == step[1]
 

@@ -24,7 +24,7 @@ FOUND = Finding(
     indistinguishable_from=(),
     held_out_rmse_before=np.full(7, 2.0),
     held_out_rmse_after=np.full(7, 1.0),
-    explanation="",
+    physics="",
     text="torque_gain:6",
     gain=50.0,
 )
