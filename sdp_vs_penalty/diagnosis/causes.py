@@ -442,7 +442,7 @@ class CauseShares:
     """Shares of a joint's error variance that each cause explains on data left out, by
     name.
 
-    of_error : share of the whole error. beyond_model : share of the part of the error
+    of_error : share of the whole error. beyond_usual : share of the part of the error
     that neither other parameters of the model nor the usual error would make; only this
     part tells causes apart, since the model's own columns resemble several causes, and
     every drive's friction and lag do. refit_share : share of the error's variance that
@@ -452,7 +452,7 @@ class CauseShares:
     """
 
     of_error: Mapping[str, float]
-    beyond_model: Mapping[str, float]
+    beyond_usual: Mapping[str, float]
     refit_share: float = 0.0
     usual_share: float = 0.0
     other_joint: str = ""
@@ -464,9 +464,10 @@ class CauseShares:
         The usual error counts as a part of the error here: a share of a small rest is no
         cause of the whole.
         """
-        beyond_usual = 1.0 - self.usual_share
+        share_beyond_usual = 1.0 - self.usual_share
         return not any(
-            min(beyond_usual * self.beyond_model[name], self.of_error[name]) >= CHANGES
+            min(share_beyond_usual * self.beyond_usual[name], self.of_error[name])
+            >= CHANGES
             for name in self.names
         )
 
@@ -475,7 +476,7 @@ class CauseShares:
         """The shares that tell causes apart: those beyond the usual error, or of the
         whole error where the usual error is all that is seen.
         """
-        return self.of_error if self.is_usual else self.beyond_model
+        return self.of_error if self.is_usual else self.beyond_usual
 
     @property
     def total_usual_share(self) -> float:
@@ -531,8 +532,8 @@ class CauseShares:
         """
         below = 1.0 / (1.0 + energy)  # share of the error below the cut-off
         beyond_refit = 1.0 - self.refit_share
-        beyond_usual = beyond_refit * (1.0 - self.usual_share)
-        below_beyond = beyond_usual / max(beyond_usual + energy, 1e-300)
+        share_beyond_usual = beyond_refit * (1.0 - self.usual_share)
+        below_beyond = share_beyond_usual / max(share_beyond_usual + energy, 1e-300)
 
         def with_hum(shares: Mapping[str, float], below: float) -> dict[str, float]:
             """Return shares of an error with the hums, of which ``below`` is below the
@@ -546,7 +547,7 @@ class CauseShares:
         usual = self.usual_share * beyond_refit * below
         return CauseShares(
             of_error=with_hum(self.of_error, below),
-            beyond_model=with_hum(self.beyond_model, below_beyond),
+            beyond_usual=with_hum(self.beyond_usual, below_beyond),
             refit_share=refit_share,
             usual_share=usual / max(1.0 - refit_share, 1e-300),
             other_joint=self.other_joint,

@@ -199,7 +199,7 @@ class JointFailure(JsonRecord):
         of_error = self.shares_of_error or self.held_out_shares
         return CauseShares(
             of_error=of_error,
-            beyond_model=self.held_out_shares,
+            beyond_usual=self.held_out_shares,
             refit_share=self.refit_share,
             usual_share=self.usual_share,
             other_joint=self.other_joint,
@@ -657,7 +657,7 @@ class _Judge:
             rmse=rmse,
             noise_floor=floor,
             explainable_share=explainable,
-            held_out_shares=dict(shares.beyond_model),
+            held_out_shares=dict(shares.beyond_usual),
             shares_of_error=dict(shares.of_error),
             refit_share=shares.refit_share,
             usual_share=shares.usual_share,
@@ -719,21 +719,21 @@ class _Judge:
             lag=usual.lag,
         )
         of_error = dict[str, float]()
-        beyond_model = dict[str, float]()
+        beyond_usual = dict[str, float]()
         other_joint = ""
         for name, columns_of in CAUSE_COLUMNS.items():
             columns = columns_of(self.states, error)
             alternatives = columns if isinstance(columns, list) else [columns]
             explained = errors.explained_shares([x[keep] for x in alternatives])
             of_error[name] = explained.of_error
-            beyond_model[name] = explained.beyond_usual
+            beyond_usual[name] = explained.beyond_usual
             if name == OTHER_JOINTS and explained.beyond_usual > 0.0:
                 other_joint = other_joint_quantity(
                     error.joint, explained.best_alternative
                 )
         return CauseShares(
             of_error=of_error,
-            beyond_model=beyond_model,
+            beyond_usual=beyond_usual,
             refit_share=errors.refit_share,
             usual_share=errors.usual_share,
             other_joint=other_joint,

@@ -216,7 +216,7 @@ SHARES = {
 def causes() -> CauseShares:
     return CauseShares(
         of_error={name: error for name, (error, _) in SHARES.items()},
-        beyond_model={name: beyond for name, (_, beyond) in SHARES.items()},
+        beyond_usual={name: beyond for name, (_, beyond) in SHARES.items()},
     )
 
 
@@ -314,7 +314,7 @@ def test_of_joints_that_are_about_as_bad_the_one_with_a_cause_comes_first():
 def test_an_error_that_is_usual_alone_depends_on_what_explains_all_of_it(beyond):
     causes = CauseShares(
         of_error={"reversal": 0.8, "load": 0.2},
-        beyond_model={"reversal": 0.0, "load": beyond},
+        beyond_usual={"reversal": 0.0, "load": beyond},
         usual_share=0.8,
     )
     assert causes.ranking[0] == "reversal"
@@ -323,7 +323,7 @@ def test_an_error_that_is_usual_alone_depends_on_what_explains_all_of_it(beyond)
 def test_a_cause_beyond_the_usual_error_comes_before_the_usual_one():
     causes = CauseShares(
         of_error={"reversal": 0.8, "load": 0.2},
-        beyond_model={"reversal": 0.0, "load": 0.4},
+        beyond_usual={"reversal": 0.0, "load": 0.4},
         usual_share=0.8,
     )
     assert causes.ranking[0] == "load"
