@@ -30,6 +30,7 @@ from sdp_vs_penalty.checks.torque_size import far_from_nominal
 from sdp_vs_penalty.regression.evidence import (
     log_odds,
     standard_errors_above_zero,
+    student_95,
 )
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -1029,7 +1030,7 @@ class RepairSearch:
             "log_odds": odds,
         }
         if fault.size is not None:
-            reach = 2.0 * abs(self.gauss_newton_step(fault.size)[1])
+            reach = student_95(c.PARTS) * abs(self.gauss_newton_step(fault.size)[1])
             ends = [fault.size.value - reach, fault.size.value + reach]
             figures["interval"] = ends
             low, high = map(fault.size.in_words, ends)

@@ -16,7 +16,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.errors import InputError, other_robot
-from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
+from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import (
@@ -29,7 +29,7 @@ from sdp_vs_penalty.estimation.verdict import (
     over_noise,
 )
 from sdp_vs_penalty.formatting import finite, plain_unit
-from sdp_vs_penalty.regression.evidence import jackknifed
+from sdp_vs_penalty.regression.evidence import jackknifed, student_95
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array
@@ -433,7 +433,7 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
         return float("inf")
     without = 100.0 * np.sqrt(errors_left / torques_left)
     _, deviation = jackknifed(without)
-    return float(relative_error + NORMAL_95 * deviation)
+    return float(relative_error + student_95(n) * deviation)
 
 
 def new_motion(new_share: float | None) -> str:

@@ -25,7 +25,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
@@ -42,10 +41,10 @@ from sdp_vs_penalty.diagnosis.white_rows import (
     spread_columns,
 )
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
-from sdp_vs_penalty.regression.evidence import cluster_sums
+from sdp_vs_penalty.regression.evidence import cluster_sums, student_95
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -368,9 +367,8 @@ def _sums_of_parts(sums: Array) -> Array:
     """
     first_clusters = np.linspace(0, len(sums), PARTS, endpoint=False).astype(np.intp)
     of_parts = np.add.reduceat(sums, first_clusters, axis=0)
-    student = float(scipy.special.stdtrit(PARTS - 1, 0.5 + 0.5 * LEVEL))
     degrees = PARTS / (PARTS - 1)
-    return np.asarray(of_parts * np.sqrt(degrees) * student / NORMAL_95)
+    return np.asarray(of_parts * np.sqrt(degrees) * student_95(PARTS) / NORMAL_95)
 
 
 def _at_least(covariance: Array, smallest: Array) -> Array:

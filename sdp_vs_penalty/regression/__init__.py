@@ -10,6 +10,6 @@ __getattr__ = lazy_exports(
     base_parameters="base_rows",
     evidence=(
         "deviance independent_rows jackknifed log_odds rows_worth_one "
-        "standard_errors_above_zero"
+        "standard_errors_above_zero student_95"
     ),
 )

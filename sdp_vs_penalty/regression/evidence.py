@@ -6,7 +6,7 @@ A candidate lowers the squared residual. How much that is worth follows from
 - the number of rows that err independently: by the residual's autocorrelation
   (:func:`independent_rows`), or by clusters of rows (:func:`rows_worth_one`);
 - the scatter of estimates without one part of the log each (:func:`jackknifed`,
-  :func:`standard_errors_above_zero`).
+  :func:`student_95`, :func:`standard_errors_above_zero`).
 
 What a candidate costs beforehand is the caller's matter: priors differ, the likelihood
 does not.
@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -182,6 +183,16 @@ def jackknifed(estimates: Array) -> tuple[Array, Array]:
     with np.errstate(over="ignore", invalid="ignore"):
         spread = np.sqrt((n_parts - 1) * np.var(estimates, axis=0))
         return np.mean(estimates, axis=0), spread
+
+
+def student_95(n_parts: int) -> float:
+    """Return half the width of a 95 % interval, in standard deviations that are known
+    from n_parts parts only, as :func:`jackknifed` ones are.
+
+    It is the 97.5 % quantile of Student's distribution with n_parts - 1 degrees
+    of freedom: 2.36 of 8 parts, 1.96 of infinitely many.
+    """
+    return float(scipy.special.stdtrit(n_parts - 1, 0.975))
 
 
 def standard_errors_above_zero(values: Array) -> float:

@@ -10,6 +10,7 @@ from sdp_vs_penalty.regression import (
     log_odds,
     rows_worth_one,
     standard_errors_above_zero,
+    student_95,
 )
 
 
@@ -51,6 +52,17 @@ def test_the_jackknife_of_a_mean_is_its_standard_error():
     without = (values.sum() - values) / 19.0
     _, deviation = jackknifed(without)
     assert deviation == pytest.approx(values.std(ddof=1) / np.sqrt(20.0))
+
+
+@pytest.mark.parametrize("n_parts", [3, 8, 20])
+def test_an_interval_of_few_parts_covers_95_percent(n_parts):
+    """Of a mean by the jackknife; 2 standard deviations of 3 parts cover 82 %."""
+    n_draws = 20_000
+    values = np.random.default_rng(n_parts).normal(size=(n_parts, n_draws))
+    without = (values.sum(axis=0) - values) / (n_parts - 1.0)
+    mean, deviation = jackknifed(without)
+    covered = np.mean(np.abs(mean) <= student_95(n_parts) * deviation)
+    assert covered == pytest.approx(0.95, abs=0.005)  # 3 standard deviations
 
 
 def test_the_scatter_of_a_mean_is_that_of_the_parts_about_the_mean_of_their_log():
