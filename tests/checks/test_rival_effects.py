@@ -68,6 +68,21 @@ def belt(ratio: float) -> Callable[[Array, Array], Array]:
     return channel
 
 
+def friction_of_the_belts_motor(ratio: float) -> Callable[[Array, Array, Array], Array]:
+    """Motor 3 turns by q3 + ratio q2, and so does its friction; motor 2 has none of it.
+
+    It adds to the torques of the joints, by virtual work, what :func:`belt` makes
+    friction of motor 3 alone.
+    """
+
+    def extra(t: Array, q: Array, dq: Array) -> Array:
+        speed = dq[:, 2] + ratio * dq[:, 1]
+        friction = 0.8 * speed + 1.5 * np.tanh(speed / 0.01)
+        return np.column_stack([0.0 * friction, ratio * friction, friction])
+
+    return extra
+
+
 def pull(force: Array, point: tuple[float, float, float]) -> Callable[..., Array]:
     """Torque (N, 3) that holds a force [N] at a point of the last link [m]."""
 
@@ -86,8 +101,15 @@ def pull(force: Array, point: tuple[float, float, float]) -> Callable[..., Array
 
 @SEEDS
 @pytest.mark.parametrize("ratio", [0.6, -0.7])
-def test_a_coupling_of_joints_makes_no_likely_fault(problem, ratio, seed):
-    faults = faults_of(problem, fast_run(PointMassArm(channel=belt(ratio)), seed))
+@pytest.mark.parametrize("has_own_friction", [False, True])
+def test_a_coupling_of_joints_makes_no_likely_fault(
+    problem, ratio, has_own_friction, seed
+):
+    """Also with friction that no joint has by itself."""
+    arm = PointMassArm(channel=belt(ratio))
+    if has_own_friction:
+        arm = replace(arm, extra=friction_of_the_belts_motor(ratio))
+    faults = faults_of(problem, fast_run(arm, seed))
     assert not [f.what for f in faults if f.certainty.grade == "likely"]
     named = [name for f in faults for name in f.equivalents]
     assert not faults or "gears that couple joints 2 and 3" in named
