@@ -152,8 +152,12 @@ def format_size(size: float, std: float, unit: str) -> str:
     >>> format_size(3.1234, 0.25, "N m")
     '3.123 ± 0.49 N m (95 %)'
     """
-    amount = f"{size:.4g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}".rstrip()
-    return f"{amount} (95 %)"
+    return f"{_amount(size, std, unit)} (95 %)"
+
+
+def _amount(size: float, std: float, unit: str) -> str:
+    """Write a size with half its 95 % interval, "3.123 ± 0.49 N m"."""
+    return f"{size:.4g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -219,8 +223,10 @@ class Finding(Rated):
         Where the torque is known far better than the size, which follows the shape
         constants, it is said too.
         """
-        text = format_size(self.size, self.std, self.unit)
-        return f"{text}, {self.torque_text}" if self._torque_tells_more else text
+        if not self._torque_tells_more:
+            return format_size(self.size, self.std, self.unit)
+        amount = _amount(self.size, self.std, self.unit)
+        return f"{amount}, {self.torque_text} (95 %)"
 
     @property
     def torque_text(self) -> str:
