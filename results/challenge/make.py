@@ -5,7 +5,7 @@ from pathlib import Path
 from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
-CHALLENGE = ["results/challenge", "--seed", "990000", "--out", str(HERE)]
+CHALLENGE = ["results/challenge", "--seed", "1010000", "--out", str(HERE)]
 #: Three cases of every class and nuisance; then more of these.
 MORE = (
     ["--classes", "clean", "--cases", "10"],
