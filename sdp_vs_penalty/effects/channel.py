@@ -86,13 +86,19 @@ class TorqueGain(JointEffect):
         return super().looks_like(size, coverage)
 
 
+#: Sensors state their crosstalk to some per cent. Beyond this a motor drives through a
+#: gear whose ratio somebody has chosen, and its friction turns with both joints: that of
+#: the TX40's wrist (transmission_friction) looks like shares of .2 and .9.
+_LARGEST_SHARE = 0.1
+
+
 class TorqueCrosstalk(WithPartner):
     equation = "g_x tau_hat_i"
     explanation = (
-        "The reading of joint j holds a share g_x of the torque of joint i: a motor"
-        " that drives through the gear of its neighbour (a wrist whose coupling the"
-        " model does not know), or a torque sensor that feels the next one's load. i"
-        " counts from 1; 0 means the previous joint (the next one for joint 1)."
+        "The reading of joint j holds a share g_x, at most a tenth, of the torque of"
+        " joint i: a torque sensor that feels the next one's load, a belt that carries"
+        " some of it. i counts from 1; 0 means the previous joint (the next one for"
+        " joint 1)."
     )
     reference = (
         "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 1"
@@ -100,7 +106,8 @@ class TorqueCrosstalk(WithPartner):
     )
     symbol = "g_x"
     units = ("-", "-")
-    usual = (_LARGEST, _LARGEST)
+    usual = (0.5 * _LARGEST_SHARE, 0.5 * _LARGEST_SHARE)
+    largest_parameter = _LARGEST_SHARE
     several = True
     needs_torque = True
     forward = "channel"

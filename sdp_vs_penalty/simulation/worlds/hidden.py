@@ -856,7 +856,7 @@ def _crosstalk(world: World, joint: int, rng: Generator) -> Hidden:
         return side * world.torque(motion)[:, partner]
 
     made = at_joint(joint, law, side, i=float(partner + 1))
-    return replace(made, channel=True)
+    return replace(made, channel=True, size=0.05)
 
 
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
