@@ -18,6 +18,7 @@ from sdp_vs_penalty.checks.glance import (
     with_time_steps,
 )
 from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.data.files import REVERSED
 from sdp_vs_penalty.data.formats.inferred_units import unit_of_dates
 from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
@@ -26,8 +27,6 @@ from sdp_vs_penalty.signals.runs import spans
 
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
-#: Share of the steps backwards in time from which the last row comes first.
-_REVERSED = 0.9
 
 
 #: Fewest long steps in a row that are another rate, and not gaps.
@@ -137,7 +136,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         append=len(glance.run.t) - 1,
     )
     repair: Callable[[Measurements], Measurements]
-    if len(bad) > _REVERSED * len(glance.steps):
+    if len(bad) > REVERSED * len(glance.steps):
         how = "the last row comes first"
         remedy = "turn the order of the rows round"
         repair = _first_row_first

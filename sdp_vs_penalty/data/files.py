@@ -560,6 +560,10 @@ def _no_measurement(
     return RepairableError(f"{where} is not a finite number", remedy, path)
 
 
+#: Share of the steps backwards in time from which the last row comes first.
+REVERSED = 0.9
+
+
 def _require_advancing_clock(
     path: str | Path,
     m: Measurements,
@@ -581,7 +585,7 @@ def _require_advancing_clock(
     many = formatting.count(len(stays), f"such {word}")
     steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
     what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
-    is_reversed = len(stays) > 0.9 * len(m.t)
+    is_reversed = len(stays) > REVERSED * len(m.t)
     remedy = "delete them, or cut the file there"
     if is_reversed and how == "runs backwards":
         remedy = "turn the order of the rows round"
