@@ -1,5 +1,5 @@
-"""A load that is carried for a time, a contact, and a torque for a time are named, with
-their spans; a knock and friction that grows for a time are not.
+"""A load that is carried for a time, a contact, a torque and friction for a time are
+named, with their spans; a knock, a bump and a torque that wanders are not.
 
 The logs are of an arm that shares no code with the library (point_mass_arm). Its motion
 repeats every 10 s.
@@ -7,6 +7,7 @@ repeats every 10 s.
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from sdp_vs_penalty.diagnosis.passing.cause import (
 )
 from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
 from sdp_vs_penalty.diagnosis.passing.spans import CellProducts, Cells, find_spans
+from sdp_vs_penalty.diagnosis.passing.trial import chance_of_groups
 from sdp_vs_penalty.effects.links import Payload
 
 Array = np.ndarray
@@ -163,17 +165,37 @@ def test_a_load_for_a_while_joins_a_fit_with_one_for_all_the_time(problem):
             marks=pytest.mark.long,
         ),
         pytest.param(
-            lambda q, dq: [0.0, 3.0, 0.0] * np.tanh(dq / 0.01),
+            lambda q, dq: 0.0 * q + [0.0, 1.5, 0.0],
             12.0,
-            17.0,
-            id="friction that grows",
+            12.6,
+            id="a bump that no second cell of time shows",
         ),
     ],
 )
 def test_what_is_none_of_these_is_not_named(problem, push, begin, end):
     result = diagnosed(problem, pushed(push, begin, end))
-    assert not [c for c in result.passing if c.kind != "torque"]
+    assert not result.passing
     assert "a load of" not in result.headline
+
+
+def test_friction_that_grows_for_a_time_is_friction(problem):
+    def braked(q: Array, dq: Array) -> Array:
+        return [0.0, 1.5, 0.0] * np.tanh(dq / 0.01)
+
+    (cause,) = diagnosed(problem, pushed(braked, 12.0, 19.0)).passing
+    assert (cause.kind, cause.place, cause.unit) == ("friction", 2, "N*m")
+    assert cause.size == pytest.approx(1.5, rel=0.05)
+    assert "a change of dry friction of 1.5" in cause.sentence
+    assert_spans(cause, (12.0, 19.0))
+
+
+@pytest.mark.parametrize("period", [20.0, 35.0])
+def test_a_torque_that_wanders_with_time_does_not_act_for_a_part_of_it(problem, period):
+    def wander(t: Array, q: Array, dq: Array) -> Array:
+        return [0.0, 1.5, 0.0] * np.sin(2 * np.pi * t[:, None] / period + 1.0)
+
+    result = diagnosed(problem, PointMassArm(extra=wander).run(2))
+    assert not result.passing
 
 
 def cause(*spans: Span, **changes: object) -> PassingCause:
@@ -228,6 +250,30 @@ def test_spans_are_found_where_a_column_acts():
     np.testing.assert_array_equal(
         find_spans(products, cells, np.zeros(10), price=10.0), acts
     )
+
+
+@pytest.mark.parametrize(("n_flags", "n_groups"), [(2, 1), (3, 1), (4, 2), (5, 3)])
+def test_the_chance_of_groups_is_that_of_all_arrangements(n_flags, n_groups):
+    def flagged(chosen: tuple[int, ...]) -> Array:
+        flags = np.zeros(9, bool)
+        flags[list(chosen)] = True
+        return flags
+
+    def groups(flags: Array) -> int:
+        return int(flags[0]) + int(np.sum(flags[1:] & ~flags[:-1]))
+
+    all_ways = [flagged(chosen) for chosen in combinations(range(9), n_flags)]
+    as_few = [flags for flags in all_ways if groups(flags) <= n_groups]
+    (example, *_) = [flags for flags in all_ways if groups(flags) == n_groups]
+    chance = chance_of_groups(example)
+    assert chance == pytest.approx(len(as_few) / len(all_ways), rel=1e-12)
+
+
+def test_one_cell_that_errs_most_is_chance():
+    assert chance_of_groups(np.arange(50) == 7) == 1.0
+    assert chance_of_groups(np.zeros(50, bool)) == 1.0
+    assert chance_of_groups(np.arange(50) < 2) > 0.01
+    assert chance_of_groups(np.arange(50) < 3) < 0.01
 
 
 def test_the_end_of_a_run_is_no_edge():

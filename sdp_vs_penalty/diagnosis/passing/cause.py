@@ -15,12 +15,17 @@ from sdp_vs_penalty.files import JsonRecord
 #: Time on either side of a span that is left out with it: an edge is known to so much
 #: [s].
 _MARGIN = 0.25
+#: The kind of a torque that wanders slowly with time. It acts all the time, and is only
+#: a rival of causes.
+WANDERING = "wandering"
 #: Of a law of :mod:`~sdp_vs_penalty.diagnosis.passing`: what it is in words, and
 #: whether it acts on a link or on a joint.
 _IN_WORDS = {
     "load": ("a load", "link"),
     "force": ("a constant force", "link"),
     "torque": ("a constant torque", "joint"),
+    "friction": ("a change of dry friction", "joint"),
+    WANDERING: ("a torque that wanders slowly with time", "joint"),
 }
 
 
@@ -40,8 +45,9 @@ class Span(JsonRecord):
 class PassingCause(JsonRecord):
     """What acts for a part of the runs only.
 
-    kind : "load" (carried by the last link), "force" (constant in the world) or
-    "torque" (constant, on one joint); place : the link or joint, from 1; size, std,
+    kind : "load" (carried by the last link), "force" (constant in the world),
+    "torque" (constant, on one joint) or "friction" (a change of dry friction on one
+    joint); place : the link or joint, from 1; size, std,
     unit : mass [kg], force [N], or torque with its standard deviation; a negative mass
     is that of a load that is missing. parameters : of a load mass [kg] and first
     moments [kg m] in the link's frame, of a force its components [N] in the world, of a

@@ -3,7 +3,11 @@
 - a load on the last link: its mass m and first moments m c;
 - a force F that is constant in the world, at a point p of a link. It is the weight of a
   mass of 1 kg at p in a field of gravity F, so its columns are those of the weight;
-- a constant torque on one joint.
+- a constant torque on one joint;
+- a change of one joint's dry friction, as of a brake that drags.
+
+A torque that wanders slowly on one joint, as the zero of a drifting channel does, is a
+rival of all these: it acts all the time, so it is no cause of its own here.
 """
 
 from __future__ import annotations
@@ -17,13 +21,17 @@ import scipy
 
 from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import with_ridge
+from sdp_vs_penalty.diagnosis.passing.cause import WANDERING
 from sdp_vs_penalty.diagnosis.passing.spans import regular
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.channel import TorqueOffset
-from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.effect import Effect, JointEffect, Motion
 from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+
+#: Cosines of time in a run by which a torque wanders: over half of the run and slower.
+_WANDERING_COSINES = 4
 
 
 class LinkWeight(Effect):
@@ -70,13 +78,26 @@ class LinkWeight(Effect):
         return np.concatenate(columns, axis=2)
 
 
+class DryFriction(JointEffect):
+    """A change of dry friction, with the sign of the velocity that the model has."""
+
+    name = "dry_friction"
+    equation = "f sign(dq)"
+    symbol = "f"
+    sought = False
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        """Return the smooth sign (N,) of the velocity."""
+        return motion.sign(joint)
+
+
 @dataclass(frozen=True, eq=False)
 class Law:
     """What a cause may be: its filtered columns, and how many numbers describe it.
 
-    kind : "load", "force" or "torque"; place : link or joint from 1; effect : whose
-    columns they are; columns (n, M, k) : torque per unit of the parameters [N m or N];
-    freedom : number of free numbers, at most k.
+    kind : "load", "force", "torque", "friction" or WANDERING; place : link or joint
+    from 1; effect : whose columns they are; columns (n, M, k) : torque per unit of the
+    parameters [N m or N]; freedom : number of free numbers, at most k.
     """
 
     kind: str
@@ -121,6 +142,41 @@ def torque_laws(data: WhiteData) -> list[Law]:
         effect = TorqueOffset(data.estimate.robot, [j])
         columns = spread_columns(data.rows, effect)
         out.append(Law("torque", j + 1, effect, columns, 1))
+    return out
+
+
+def friction_laws(data: WhiteData) -> list[Law]:
+    """Return the laws of a change of dry friction, one for each joint."""
+    out = []
+    for j in range(data.n):
+        effect = DryFriction(data.estimate.robot, [j])
+        columns = spread_columns(data.rows, effect)
+        out.append(Law("friction", j + 1, effect, columns, 1))
+    return out
+
+
+def wandering_laws(data: WhiteData) -> list[Law]:
+    """Return the laws of a torque that wanders slowly with time, one for each joint.
+
+    In a run from t_0 to t_1 the torque is sum_k a_k cos(pi k (t - t_0) / (t_1 - t_0)),
+    k = 1 to 4.
+    """
+    rows = data.rows
+    cosines = []
+    for run in np.unique(rows.run):
+        in_run = rows.run == run
+        t = rows.t[in_run]
+        phase = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9)
+        of_run = np.zeros((len(rows.t), _WANDERING_COSINES))
+        of_run[in_run] = np.cos(np.outer(phase, np.arange(1, _WANDERING_COSINES + 1)))
+        cosines.append(of_run)
+    course = np.hstack(cosines)
+    out = []
+    for j in range(data.n):
+        columns = np.zeros((data.n, *course.shape))
+        columns[j] = course
+        effect = TorqueOffset(data.estimate.robot, [j])
+        out.append(Law(WANDERING, j + 1, effect, columns, course.shape[1]))
     return out
 
 

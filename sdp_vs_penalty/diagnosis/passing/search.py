@@ -4,9 +4,10 @@ Such a cause makes the torque
 
     x(t) Z(q, dq, ddq) theta,    x(t) = 1 in some spans of time, 0 elsewhere,
 
-with columns Z and constant parameters theta. Three laws are compared on the rows that
+with columns Z and constant parameters theta. Four laws are compared on the rows that
 the diagnosis judges by, after the model and its effects: a load on the last link, a force
-that is constant in the world, and a constant torque on one joint.
+that is constant in the world, a constant torque on one joint, and a change of one joint's
+dry friction.
 """
 
 from __future__ import annotations
@@ -20,14 +21,16 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import COARSENING_ROWS, EVIDENCE_TO_ADD
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, with_ridge
-from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
+from sdp_vs_penalty.diagnosis.passing.cause import WANDERING, PassingCause, Span
 from sdp_vs_penalty.diagnosis.passing.laws import (
     Law,
     PassingCandidate,
     force_laws,
+    friction_laws,
     load_law,
     point_of_force,
     torque_laws,
+    wandering_laws,
 )
 from sdp_vs_penalty.diagnosis.passing.spans import (
     CellProducts,
@@ -38,8 +41,8 @@ from sdp_vs_penalty.diagnosis.passing.spans import (
 from sdp_vs_penalty.diagnosis.passing.trial import (
     Trial,
     best_of,
-    error_over_elsewhere,
     explained_share,
+    standing,
 )
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import (
@@ -76,16 +79,18 @@ class PassingSearch:
         """Return the cause that explains most, and its rivals; None if there is none.
 
         A load is tried first, since it is carried for long, and then changes the fit of
-        everything: nothing else may show it. Constant torques follow if something is
+        everything: nothing else may show it. Torques and friction follow if something is
         suspected or the load stands out. Forces take most of the time, and are tried
-        only if one of these stands out.
+        only if one of these stands out. A torque that wanders slowly with time is their
+        rival: where it explains more, nothing is said to act for a part of the runs.
         """
         robot = self.data.estimate.robot
-        n_laws = 1 + robot.n + robot.links
+        n_laws = 1 + 2 * robot.n + robot.links
         trials = self._trials([load_law(self.data)], n_laws)
         if not is_suspected and not any(t.stands_out for t in trials):
             return None
-        trials += self._trials(torque_laws(self.data), n_laws)
+        of_joints = [*torque_laws(self.data), *friction_laws(self.data)]
+        trials += self._trials(of_joints, n_laws)
         if not any(t.stands_out for t in trials):
             return None
         trials += self._trials(force_laws(self.data), n_laws)
@@ -95,11 +100,26 @@ class PassingSearch:
             for t in trials
             if t.stands_out and t.drop > _WORTH_A_LOOK * most
         ]
-        return best_of([t for t in finer if t.is_proven])
+        if not any(t.is_proven for t in finer):
+            return None
+        best, rivals = best_of([*finer, *self._wandering(n_laws)])
+        # A law that explains as much is a rival, though its own size is in doubt.
+        likely = [t for t in (best, *rivals) if t.is_proven]
+        if best.law.kind == WANDERING or not likely:
+            return None
+        chosen = likely[0]
+        return chosen, tuple(t for t in (best, *rivals) if t is not chosen)
 
     def _trials(self, laws: Sequence[Law], n_laws: int) -> list[Trial]:
         """Try laws, of ``n_laws`` in all; return the trials of those with spans."""
         trials = [self.trial(law, n_laws) for law in laws]
+        return [t for t in trials if t is not None]
+
+    def _wandering(self, n_laws: int) -> list[Trial]:
+        """Return the trials of torques that wander slowly, which act all the time."""
+        always = np.ones(len(self.cells.run))
+        laws = wandering_laws(self.data)
+        trials = [self._judged(law, self.cells, always, n_laws) for law in laws]
         return [t for t in trials if t is not None]
 
     def trial(self, law: Law, n_laws: int) -> Trial | None:
@@ -180,8 +200,11 @@ class PassingSearch:
         return self.score.fit([*self.terms, self._term(law, x[cells.label])])
 
     def _judged(self, law: Law, cells: Cells, x: Array, n_laws: int) -> Trial | None:
-        """Fit a law in spans x (C,) and compute its evidence; None if it has none."""
-        if not x.any() or x.all():
+        """Fit a law in spans x (C,) and compute its evidence; None if it has none.
+
+        What acts all the time is no cause here, but for a torque that wanders.
+        """
+        if not x.any() or (x.all() and law.kind != WANDERING):
             return None
         point = np.zeros(3)
         covariance = None
@@ -212,6 +235,7 @@ class PassingSearch:
         n_numbers = law.freedom + cells.count_edges(x)
         price = self.score.parameter_price(n_numbers, n_independent)
         drop = self.base.own_deviance - float(self.base.deviance(fit.rss))
+        beside = standing(base.residual, residual, self.cells, self._coarse(acts))
         return Trial(
             law=law,
             cells=cells,
@@ -223,9 +247,8 @@ class PassingSearch:
             worth=worth,
             price=price + 2.0 * float(np.log(n_laws)),
             share=explained_share(base.residual, residual, acts > 0.0),
-            over_elsewhere=error_over_elsewhere(
-                base.residual, residual, self.cells, self._coarse(acts)
-            ),
+            over_elsewhere=beside.over_elsewhere,
+            chance=beside.chance,
             point=point,
         )
 
