@@ -76,13 +76,13 @@ class PassingSearch:
         self.cells = Cells.of(self.data.clusters[0], self.data.rows.run)
 
     def best(self, is_suspected: bool) -> tuple[Trial, tuple[Trial, ...]] | None:
-        """Return the cause that explains most, and its rivals; None if there is none.
+        """Return the law that explains most, and its rivals; None if none stands out.
 
         A load is tried first, since it is carried for long, and then changes the fit of
         everything: nothing else may show it. Torques and friction follow if something is
         suspected or the load stands out. Forces take most of the time, and are tried
         only if one of these stands out. A torque that wanders slowly with time is their
-        rival: where it explains more, nothing is said to act for a part of the runs.
+        rival.
         """
         robot = self.data.estimate.robot
         n_laws = 1 + 2 * robot.n + robot.links
@@ -100,15 +100,7 @@ class PassingSearch:
             for t in trials
             if t.stands_out and t.drop > _WORTH_A_LOOK * most
         ]
-        if not any(t.is_proven for t in finer):
-            return None
-        best, rivals = best_of([*finer, *self._wandering(n_laws)])
-        # A law that explains as much is a rival, though its own size is in doubt.
-        likely = [t for t in (best, *rivals) if t.is_proven]
-        if best.law.kind == WANDERING or not likely:
-            return None
-        chosen = likely[0]
-        return chosen, tuple(t for t in (best, *rivals) if t is not chosen)
+        return best_of([*finer, *self._wandering(n_laws)]) if finer else None
 
     def _trials(self, laws: Sequence[Law], n_laws: int) -> list[Trial]:
         """Try laws, of ``n_laws`` in all; return the trials of those with spans."""
@@ -318,8 +310,14 @@ def passing_causes(
         found = passing.best(is_suspected)
         if found is None:
             return ()
-    trial, rivals = found
-    return (_described(passing.data, trial, rivals),)
+    best, rivals = found
+    # A law that explains as much is a rival, though its own size is in doubt.
+    likely = [t for t in (best, *rivals) if t.is_proven]
+    if best.law.kind == WANDERING or not likely:
+        return ()
+    chosen = likely[0]
+    others = [t for t in (best, *rivals) if t is not chosen]
+    return (_described(passing.data, chosen, others),)
 
 
 def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> PassingCause:

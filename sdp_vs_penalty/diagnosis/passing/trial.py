@@ -190,7 +190,7 @@ def standing(before: Array, after: Array, cells: Cells, x: Array) -> Standing:
         return Standing(0.0, 1.0)
     largest = max(*elsewhere, 1e-12)
     errors = np.array([np.mean(before[:, rows] ** 2) for rows in cells.rows])
-    stands_out = is_beside & (errors > largest)
+    stands_out = (x > 0.0) & (errors > largest)
     return Standing(
         over_elsewhere=float(np.mean(before[:, acts] ** 2)) / largest,
         chance=chance_of_groups(stands_out),
