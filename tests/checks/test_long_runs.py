@@ -9,6 +9,7 @@ from page_sessions import Here, opened
 from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, Problem, check
+from sdp_vs_penalty.checks import Report
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.page import Sessions
 
@@ -30,6 +31,13 @@ def flipped(long_run: Measurements) -> Measurements:
     return replace(long_run, tau=-long_run.tau, names=("flipped",))
 
 
+@pytest.fixture(scope="module")
+def flipped_report(two_link: Problem, flipped: Measurements) -> Report:
+    """What the check says of both wrong signs."""
+    (report,) = check(two_link, flipped, thorough=False)
+    return report
+
+
 def test_a_long_run_has_one_report(two_link, long_run):
     (report,) = check(two_link, long_run, thorough=False)
     assert report.run == "long"
@@ -43,17 +51,15 @@ def test_long_and_short_runs_have_a_report_each(two_link, long_run):
     assert [r.run for r in reports] == ["short", "long"]
 
 
-def test_an_issue_of_all_windows_is_listed_once(two_link, flipped):
-    (report,) = check(two_link, flipped, thorough=False)
-    (issue,) = (i for i in report.issues if i.kind == "torque sign")
+def test_an_issue_of_all_windows_is_listed_once(flipped_report):
+    (issue,) = (i for i in flipped_report.issues if i.kind == "torque sign")
     assert issue.what.startswith(
         "Seen in 4 of 4 stretches; in flipped from sample 1 on"
     )
 
 
-def test_a_long_run_offers_no_repair(two_link, flipped):
-    (report,) = check(two_link, flipped, thorough=False)
-    assert not any(issue.mends for issue in report.issues)
+def test_a_long_run_offers_no_repair(flipped_report):
+    assert not any(issue.mends for issue in flipped_report.issues)
 
 
 def test_unusable_rows_of_a_long_run_are_one_error(two_link, long_run):

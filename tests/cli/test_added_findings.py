@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
@@ -23,17 +24,25 @@ Run = Callable[..., str]
 UNCERTAIN, SMALL = "uncertain", "small"
 
 
+@pytest.fixture(scope="module")
+def home(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with run.csv and the model of it."""
+    folder = tmp_path_factory.mktemp("home")
+    write_run(folder / "run.csv", two_link)
+    identify(two_link, small_run(two_link), "ols").save(folder / "model.json")
+    return folder
+
+
 @pytest.fixture
 def run(
-    two_link: Problem,
+    home: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Run:
     """Run a command beside run.csv and model.json; what it printed, on one line."""
+    shutil.copytree(home, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    write_run(tmp_path / "run.csv", two_link)
-    identify(two_link, small_run(two_link), "ols").save("model.json")
 
     def call(*words: str) -> str:
         assert run_cli(*words) == 0

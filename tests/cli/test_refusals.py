@@ -50,7 +50,7 @@ def folder(
         json.dumps(found.to_dict()).replace('"text"', '"txet"')
     )
     (home / "kept.json").write_text("old")
-    save(log(), home / "silent.csv")
+    save(log().window(0.0, 5.0), home / "silent.csv")
     write_slide(home)
     return home
 

@@ -159,7 +159,7 @@ ANY = settings(
 )
 
 
-@settings(ANY, max_examples=100)
+@settings(ANY, max_examples=40)
 @given(tables())
 def test_a_table_is_read_right_or_refused(table: Table) -> None:
     require_right_or_refused(table)

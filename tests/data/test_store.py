@@ -137,7 +137,7 @@ def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):
     peaks = []
     run = small_run(problem, seconds=20.0)
     for times in (2, 8):
-        q, tau = np.tile(run.q, (100 * times, 1)), np.tile(run.tau, (100 * times, 1))
+        q, tau = np.tile(run.q, (50 * times, 1)), np.tile(run.tau, (50 * times, 1))
         path = tmp_path / f"{times}.parquet"
         save(Measurements(1e-3 * np.arange(len(q)), q, tau), path)
         del q, tau

@@ -53,7 +53,7 @@ def diagnosed(law: Callable[[TrueMotion], Array]) -> Made:
     """A two-axis SCARA whose second joint has a torque that no effect of the library
     is."""
     rng = np.random.default_rng(7)
-    world = draw_world(Conditions("scara", runs=2, duration=16.0), rng)
+    world = draw_world(Conditions("scara", runs=2, duration=12.0), rng)
     hidden = at_joint(JOINT, lambda _, m: SIZE * law(m))
     runs = []
     for k in range(3):

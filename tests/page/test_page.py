@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import page_driver as driver
 import pytest
-from commands import PROGRAM, python
+from commands import run_cli
 from page_driver import act, expect, go, idle, key, open_page, pick
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
@@ -368,8 +368,9 @@ def test_other_sites_and_names_get_nothing(server):
     assert status("PUT", "/s/guess/files?name=a.csv&kind=runs", own) == 404
 
 
-def test_a_taken_port_is_said(server):
-    done = python(*PROGRAM, "page", "--no-browser", "--port", server.port)
-    assert done.returncode == 2
-    assert f"--port {server.port}: is taken: choose another" in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_a_taken_port_is_said(server, monkeypatch, capsys):
+    monkeypatch.setattr("uvicorn.Server.run", lambda *_, **__: pytest.fail("served"))
+    assert run_cli("page", "--no-browser", "--port", server.port) == 2
+    said = capsys.readouterr().err
+    assert f"--port {server.port}: is taken: choose another" in said
+    assert said.count("\n") == 1
