@@ -18,6 +18,8 @@ WITH_EXAMPLES = [
     for path in sorted(ROOT.rglob("*.py"))
     if ">>> " in path.read_text()
 ]
+#: Their examples go from simulated runs to a model, and to what it misses.
+WHOLE_WAYS = ("sdp_vs_penalty.api.diagnosis", "sdp_vs_penalty.api.identification")
 #: Of numpydoc's checks: a docstring (GL08), every argument and no other, in order (PR01,
 #: PR02, PR03), a type and a description of each (PR04, PR07), what is returned (RT01).
 CHECKS = {"GL08", "PR01", "PR02", "PR03", "PR04", "PR07", "RT01"}
@@ -29,7 +31,13 @@ PUBLIC = [
 ]
 
 
-@pytest.mark.parametrize("name", WITH_EXAMPLES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(x, marks=pytest.mark.long if x in WHOLE_WAYS else ())
+        for x in WITH_EXAMPLES
+    ],
+)
 def test_examples_run(name):
     if name.startswith("sdp_vs_penalty.page"):
         pytest.importorskip("nicegui", reason="the page needs the extra [page]")

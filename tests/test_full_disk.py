@@ -71,10 +71,12 @@ def disk_free(folder: Path) -> list[int]:
     return [state.f_bavail * state.f_frsize]
 
 
-MORE_ROOMS = [pytest.param(room, marks=pytest.mark.long) for room in (16, 128, 256)]
+MORE_ROOMS = [
+    pytest.param(room, marks=pytest.mark.long) for room in (16, 128, 256, 512)
+]
 
 
-@pytest.mark.parametrize("room", [64, 512, *MORE_ROOMS])
+@pytest.mark.parametrize("room", [64, *MORE_ROOMS])
 def test_a_page_on_a_full_disk_keeps_its_session(
     room,
     two_link,

@@ -324,7 +324,19 @@ def test_thousands_of_files(tmp_path, capsys):
     assert not failures
 
 
-@pytest.mark.parametrize("path", sorted(CORPUS.iterdir()), ids=lambda path: path.name)
+#: Files that take a second or more.
+LARGE = ("many_columns.csv", "zip_bomb.npz")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(
+            path, id=path.name, marks=pytest.mark.long if path.name in LARGE else ()
+        )
+        for path in sorted(CORPUS.iterdir())
+    ],
+)
 def test_what_the_reader_takes_the_check_can_judge(path, two_link):
     """Files that broke a reader once."""
     runs = list[sdp.Measurements]()

@@ -103,6 +103,7 @@ for line in {lines!r}:
 """
 
 
+@pytest.mark.long
 def test_each_verb_works_or_names_its_extra(two_link, tmp_path):
     write_run(tmp_path / "run.csv", two_link)
     (tmp_path / "run.mcap").write_bytes(b"\\x89MCAP0\\r\\n")

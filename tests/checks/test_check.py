@@ -225,18 +225,25 @@ SOME = ("12-50sec_12harm", "15harm50secLoad", "joint_2")
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize("some", [True, pytest.param(False, marks=pytest.mark.long)])
-def test_silence_on_real_arms(some, panda_run):
-    runs = [
-        ("ur10e", r)
-        for r in measured_runs("ur10e").values()
-        if r.names[0].endswith(SOME) == some
-    ]
-    if some:
-        runs += [("emps", run) for run in measured_runs("emps").values()] + [
-            ("panda", panda_run)
+@pytest.mark.parametrize(
+    ("which", "count"),
+    [
+        ("some of the UR10e", 3),
+        pytest.param("others of the UR10e", 5, marks=pytest.mark.long),
+        pytest.param("EMPS and Panda", 3, marks=pytest.mark.long),
+    ],
+)
+def test_silence_on_real_arms(which, count, panda_run):
+    if which == "EMPS and Panda":
+        runs = [("emps", run) for run in measured_runs("emps").values()]
+        runs.append(("panda", panda_run))
+    else:
+        runs = [
+            ("ur10e", run)
+            for run in measured_runs("ur10e").values()
+            if run.names[0].endswith(SOME) == (which == "some of the UR10e")
         ]
-    assert len(runs) == 5 + some
+    assert len(runs) == count
     for name, run in runs:
         report = check(load_problem(name), run)[0]
         if (
@@ -521,7 +528,7 @@ WRONG_PROBLEMS: dict[str, tuple[str, object, bool, str, str]] = {
 }
 
 
-LONG = ("gravity in mm/s^2", "too heavy", "too light, no limits")
+LONG = ("no gravity", "gravity in mm/s^2", "too heavy", "too light, no limits")
 
 
 @pytest.mark.parametrize(
@@ -566,6 +573,7 @@ def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
     assert report.repaired_all.tau is run.tau
 
 
+@pytest.mark.long
 def test_a_slow_log_keeps_its_seconds(simulated):
     """Few samples a second are a finding of their own, a quasi-static motion is none."""
     problem, run = simulated

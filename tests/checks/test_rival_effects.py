@@ -100,7 +100,7 @@ def pull(force: Array, point: tuple[float, float, float]) -> Callable[..., Array
 
 
 @SEEDS
-@pytest.mark.parametrize("ratio", [0.6, -0.7])
+@pytest.mark.parametrize("ratio", [0.6, pytest.param(-0.7, marks=pytest.mark.long)])
 @pytest.mark.parametrize("has_own_friction", [False, True])
 def test_a_coupling_of_joints_makes_no_likely_fault(
     problem, ratio, has_own_friction, seed
@@ -115,11 +115,9 @@ def test_a_coupling_of_joints_makes_no_likely_fault(
     assert not faults or "gears that couple joints 2 and 3" in named
 
 
+@pytest.mark.long
 @SEEDS
-@pytest.mark.parametrize(
-    "force",
-    [(15.0, 5.0, -10.0), pytest.param((-4.0, 20.0, 6.0), marks=pytest.mark.long)],
-)
+@pytest.mark.parametrize("force", [(15.0, 5.0, -10.0), (-4.0, 20.0, 6.0)])
 def test_a_constant_force_makes_no_likely_fault(problem, force, seed):
     arm = PointMassArm(extra=pull(np.array(force), (0.3, 0.0, 0.0)))
     faults = faults_of(problem, fast_run(arm, seed))
@@ -127,7 +125,7 @@ def test_a_constant_force_makes_no_likely_fault(problem, force, seed):
 
 
 @SEEDS
-@pytest.mark.parametrize("joint", [2, 3])
+@pytest.mark.parametrize("joint", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_a_wrong_gain_stays_likely(problem, joint, seed):
     gains = tuple(1.6 if k == joint else 1.0 for k in (1, 2, 3))
     faults = faults_of(problem, fast_run(PointMassArm(channel=scaled(gains)), seed))

@@ -112,7 +112,9 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
     assert "degrees away in" in issue.what
 
 
-@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize(
+    "order", [(0, 1), pytest.param((1, 0), marks=pytest.mark.long)]
+)
 def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(
     two_link,
     runs,
@@ -174,6 +176,7 @@ def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
         assert "only" not in issue.what
 
 
+@pytest.mark.long
 def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
     two_link, three_runs
 ):

@@ -31,7 +31,9 @@ PROBLEM = load_problem("two_link")
 RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2, 3))]
+)
 def test_two_mistakes_are_never_told_against_each_other(seed):
     """Of each kind a joint is named once, and the mended log has nothing left to mend."""
     rng = np.random.default_rng(seed)
@@ -333,7 +335,13 @@ def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measure
 
 
 @pytest.mark.parametrize(
-    ("gain", "drift"), [(1.0, 0.0), (1.3, 0.0), (0.75, 0.0), (1.0, 1.0)]
+    ("gain", "drift"),
+    [
+        (1.3, 0.0),
+        (1.0, 1.0),
+        pytest.param(1.0, 0.0, marks=pytest.mark.long),
+        pytest.param(0.75, 0.0, marks=pytest.mark.long),
+    ],
 )
 def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(
     stopping,

@@ -231,8 +231,14 @@ BROKEN = (
     ("content", "words"),
     [
         (NOSE_PLUGIN, ["not Pinocchio 4", "pip uninstall pinocchio", "pin>=4"]),
-        (OLD_ROS, ["not Pinocchio 4", "PYTHONPATH", "ROS"]),
-        (BROKEN, ["cannot be imported", "libpinocchio_default.so", "pin>=4"]),
+        pytest.param(
+            OLD_ROS, ["not Pinocchio 4", "PYTHONPATH", "ROS"], marks=pytest.mark.long
+        ),
+        pytest.param(
+            BROKEN,
+            ["cannot be imported", "libpinocchio_default.so", "pin>=4"],
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_another_pinocchio_is_told_from_ours(content, words, tmp_path):

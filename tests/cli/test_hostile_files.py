@@ -164,8 +164,15 @@ CASES = [(kind, command) for kind, commands in COMMANDS.items() for command in c
 )
 @pytest.mark.parametrize(
     ("kind", "command"),
-    CASES,
-    ids=[command for _, command in CASES],
+    [
+        pytest.param(
+            kind,
+            command,
+            id=command,
+            marks=() if command == COMMANDS[kind][0] else pytest.mark.long,
+        )
+        for kind, command in CASES
+    ],
 )
 def test_no_file_crashes_hangs_or_bursts(
     kind,

@@ -209,6 +209,7 @@ def test_runs_of_any_name_are_checked(name, two_link, tmp_path, monkeypatch):
     assert checked(tmp_path / f"{name}.json") == [*SUFFIXES]
 
 
+@pytest.mark.long
 def test_runs_of_any_name_are_checked_in_a_locale_of_ascii(two_link, tmp_path):
     """Names that are no UTF-8, and names that are not of the locale."""
     files = [file for name in NAMES for file in save_as(name, tmp_path, two_link)]

@@ -101,6 +101,7 @@ def test_emps_identification_gives_the_authors_values(fetched):
     assert test.relative_error_percent < 5.0
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_the_verb_prints_paths_and_says_what_it_could_not_use(
     address,

@@ -105,7 +105,7 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypa
     assert fresh[0] != estimate.problem.link_sizes[0][0]
 
 
-@pytest.mark.parametrize("width", [0.01, 0.002])
+@pytest.mark.parametrize("width", [pytest.param(0.01, marks=pytest.mark.long), 0.002])
 def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
     """Without Stribeck friction in the model, Coulomb friction turns over another
     velocity."""

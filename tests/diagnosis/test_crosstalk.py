@@ -45,12 +45,14 @@ def test_a_belt_that_carries_a_share_of_the_next_joints_torque_is_named(tmp_path
     assert after.rmse[1] < 0.3 * before.rmse[1]
 
 
+@pytest.mark.long
 def test_a_share_that_no_sensor_has_is_no_crosstalk(tmp_path):
     """A wrist's motor that drives through its neighbour's gear."""
     _, found = diagnosed(tmp_path, np.array([[1.0, 0.0], [0.9, 1.0]]))
     assert "torque_crosstalk" not in {f.effect for f in found.effects}
 
 
+@pytest.mark.long
 def test_a_wrong_gain_is_no_crosstalk(tmp_path):
     _, found = diagnosed(tmp_path, WRONG_GAIN)
     assert "torque_crosstalk" not in {f.effect for f in found.sure}

@@ -71,6 +71,7 @@ def found(stribeck: HiddenRuns) -> Diagnosis:
     return diagnosed(stribeck, runs=1)
 
 
+@pytest.mark.long
 def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
     effects = [("presliding_hysteresis", [0])]
     made = thinned(hidden_runs(two_link, effects, "medium", seed=1, count=1), step=5)
@@ -413,6 +414,7 @@ def test_what_would_hide_nothing_is_said(panda):
         )
 
 
+@pytest.mark.long
 def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
     """A joint that creeps before it moves, on bristles that are bent the other way than
     it creeps."""
@@ -475,6 +477,7 @@ def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):
         compare(bigger, one_side)
 
 
+@pytest.mark.long
 def test_a_finding_that_one_recording_of_the_test_run_lacks_is_not_confident(two_link):
     """The spring is on in the first recording of the test run, and off in the second.
     The error of both together falls with it."""

@@ -207,10 +207,8 @@ def test_a_spring_that_stiffens_is_no_linear_one(problem):
     assert abs(found.effects[0].size - 3.0) < 0.3
 
 
-@pytest.mark.parametrize(
-    ("side", "sign"),
-    [("above", 1.0), pytest.param("below", -1.0, marks=pytest.mark.long)],
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("side", "sign"), [("above", 1.0), ("below", -1.0)])
 def test_a_spring_on_one_side_only_is_an_end_stop(problem, side, sign):
     def push(q):
         return 6.0 * sign * np.maximum(sign * q - 0.3, 0.0) * [0.0, 1.0, 0.0]
@@ -320,6 +318,7 @@ def test_a_finding_says_that_it_helps_only_beside_those_after_it(
     assert finding.held_out_rmse_after == step[1]
 
 
+@pytest.mark.long
 def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
     """Another one that follows the position takes its place, if there is one."""
     run = PointMassArm(spring=np.array([3.0, 0.0, 0.0])).run(1)

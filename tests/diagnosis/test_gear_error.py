@@ -40,10 +40,8 @@ def diagnosed(folder: Path, **world: float) -> Diagnosis:
     return diagnose(identify(arm, train, check=False), train, test, check=False)
 
 
-@pytest.mark.parametrize(
-    ("joint", "k", "error"),
-    [(0, 11, 2e-3), pytest.param(1, 60, 8e-4, marks=pytest.mark.long)],
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("joint", "k", "error"), [(0, 11, 2e-3), (1, 60, 8e-4)])
 def test_a_gear_that_turns_unevenly_is_named_with_its_size(joint, k, error, tmp_path):
     found = diagnosed(tmp_path, joint=joint, k=k, error=error)
     first = found.effects[0]
@@ -54,6 +52,7 @@ def test_a_gear_that_turns_unevenly_is_named_with_its_size(joint, k, error, tmp_
     assert len([f for f in found.effects if f.confidence == "confident"]) == 1
 
 
+@pytest.mark.long
 def test_a_motors_ripple_is_no_gear_error(tmp_path):
     found = diagnosed(tmp_path, joint=0, k=11, error=0.0, ripple=0.4)
     assert found.effects[0].text == "torque_ripple:1@k=11"

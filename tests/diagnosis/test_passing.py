@@ -108,6 +108,7 @@ def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
     assert "a load of" in result.headline.split(". ")[0]
 
 
+@pytest.mark.long
 def test_a_load_that_is_put_down_for_a_time_is_missing(problem):
     (cause,) = diagnosed(problem, loaded(1.5, (0.0, 12.0), (17.0, 30.0))).passing
     assert cause.is_lack
@@ -130,6 +131,7 @@ def test_a_contact_of_some_seconds_is_a_force(problem):
     assert restored.passing == result.passing
 
 
+@pytest.mark.long
 def test_a_constant_torque_for_a_time_is_on_its_joint(problem):
     run = pushed(lambda q, dq: 0.0 * q + [0.0, 4.0, 0.0], 12.0, 17.0)
     (cause,) = diagnosed(problem, run).passing
@@ -138,6 +140,7 @@ def test_a_constant_torque_for_a_time_is_on_its_joint(problem):
     assert_spans(cause, (12.0, 17.0))
 
 
+@pytest.mark.long
 def test_a_model_that_is_held_fixed_shows_a_load(problem):
     model = identify(problem, PointMassArm().run(3), check=False)
     result = diagnose(model, loaded(1.5, (12.0, 17.0)), frozen=True, check=False)
@@ -156,7 +159,9 @@ def test_a_load_for_a_while_joins_a_fit_with_one_for_all_the_time(problem):
 @pytest.mark.parametrize(
     ("push", "begin", "end"),
     [
-        pytest.param(lambda q, dq: 0.0 * q, 0.0, 0.0, id="nothing"),
+        pytest.param(
+            lambda q, dq: 0.0 * q, 0.0, 0.0, id="nothing", marks=pytest.mark.long
+        ),
         pytest.param(
             lambda q, dq: 0.0 * q + [0.0, 15.0, 0.0],
             12.0,

@@ -10,6 +10,9 @@ from arms import run_of_widths
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.diagnosis import Diagnosis
 
+#: Widths that hide an effect are in test_adding.py as well.
+pytestmark = pytest.mark.long
+
 #: What the arm has, and what the model says.
 WIDTH, WRONG = 0.01, 0.0018
 #: Stribeck friction of the first joint: its size [N m] and velocity [rad/s].

@@ -111,11 +111,10 @@ def worst_of_runs(
     "kind",
     [
         "drag",
-        "bent shaft",
         *(
             pytest.param(kind, marks=pytest.mark.long)
             for kind in KINDS
-            if kind not in ("drag", "bent shaft")
+            if kind != "drag"
         ),
     ],
 )

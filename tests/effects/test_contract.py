@@ -23,6 +23,8 @@ from sdp_vs_penalty.effects import (
 from sdp_vs_penalty.simulation import MAKERS
 
 NAMES = list(effect_types())
+#: An effect whose memory is long: its torque takes seconds to make.
+DEAR = ("joint_resonance",)
 EVERY_EFFECT = pytest.mark.parametrize("name", NAMES)
 EVERY_ROBOT = pytest.mark.parametrize("which", robots())
 
@@ -296,6 +298,9 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
     assert a_body == (name == "payload")
 
 
-@pytest.mark.parametrize("name", MAKERS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(x, marks=pytest.mark.long if x in DEAR else ()) for x in MAKERS],
+)
 def test_columns_are_the_hidden_torque(name):
     effect_contract.check_columns_are_the_hidden_torque(name)

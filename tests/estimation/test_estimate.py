@@ -51,7 +51,13 @@ def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
 
 
 @pytest.mark.parametrize(
-    "method", ["ols", "lmi-sdp", "lmi-sdp-entropic", "lmi-sdp-two-step"]
+    "method",
+    [
+        "ols",
+        "lmi-sdp",
+        pytest.param("lmi-sdp-entropic", marks=pytest.mark.long),
+        pytest.param("lmi-sdp-two-step", marks=pytest.mark.long),
+    ],
 )
 @settings(max_examples=2)
 @given(seed=seeds)

@@ -62,7 +62,7 @@ def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path):
 @pytest.mark.parametrize(
     ("known", "load", "times", "said"),
     [
-        ({"kp1": 2.0 * KP}, 0.0, 2.0, "kp1 = 1000"),
+        pytest.param({"kp1": 2.0 * KP}, 0.0, 2.0, "kp1 = 1000", marks=pytest.mark.long),
         ({}, 1.5, 1.0, "a load of 1.5 kg"),
         ({}, 0.0, None, "unknown: all torques, masses and gains share"),
     ],
@@ -130,6 +130,10 @@ def test_the_law_is_chosen_and_its_delay_found(arm):
         drive="servo",
     )
     assert float(ahead.free[0].rms[0]) < 3e-3
+
+
+@pytest.mark.long
+def test_a_cascade_is_chosen(arm):
     loop = sdp.identify(
         arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS}, check=False
     )
@@ -304,6 +308,7 @@ def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     )
 
 
+@pytest.mark.long
 def test_folds_judge_the_links_by_the_drives(arm):
     """Friction that is left out of the model is the error that unseen motion shows."""
     whole = sdp.cross_validate(

@@ -75,7 +75,12 @@ def settled_from(two_link, start, truth, stribeck=0.5):
 
 
 @pytest.mark.parametrize(
-    "truth", [(0.025, 0.07, 1.0), (0.025, 0.1, 2.0), (0.004, 0.05, 2.0)]
+    "truth",
+    [
+        (0.025, 0.1, 2.0),
+        pytest.param((0.025, 0.07, 1.0), marks=pytest.mark.long),
+        pytest.param((0.004, 0.05, 2.0), marks=pytest.mark.long),
+    ],
 )
 @pytest.mark.parametrize(
     "start",

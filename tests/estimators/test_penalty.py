@@ -175,7 +175,13 @@ def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda):
     assert other.loss < certificate.loss
 
 
-@pytest.mark.parametrize("method", ["penalty-paper", "penalty-paper-two-step"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "penalty-paper",
+        pytest.param("penalty-paper-two-step", marks=pytest.mark.long),
+    ],
+)
 def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     said: list[str] = []
     task = replace(

@@ -592,6 +592,7 @@ def test_at_least_a_fifth_of_a_single_run_is_kept_for_testing(here, hidden, tmp_
     assert split["test_seconds"] >= 0.2 * s.runs[0]["seconds"]
 
 
+@pytest.mark.long
 def test_an_issue_of_two_runs_is_said_once_and_repaired_together(
     here, tmp_path, hidden
 ):

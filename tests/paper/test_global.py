@@ -161,6 +161,7 @@ def test_the_published_weights_suffice_for_two_steps(panda):
         assert found.gap <= 1e-6
 
 
+@pytest.mark.long
 def test_the_table_has_its_columns(small_study):
     (table,) = build_tables(["global"], small_study)
     columns = {"data", "problem", "xi", "optimum", "lower_bound", "gap"}

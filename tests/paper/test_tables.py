@@ -61,10 +61,10 @@ METHODS = {
 #: Figures that draw every physics engine.
 ENGINES = (5, 6)
 #: Figures and tables that take a second and more each.
-LONG_FIGURES = (1, 2, 3, 6, 8, 10)
+LONG_FIGURES = (1, 2, 3, 5, 6, 8, 10)
 LONG_TABLES = ("I", "II", "methods", "data")
-#: What another problem's table of the same number shows as well.
-LONG_CASES = (("panda", "IV"), ("measured", "IV"))
+#: What another problem's table of the same number shows as well; test_labels.py makes one.
+LONG_CASES = (("panda", "IV"), ("measured", "IV"), ("two_link", "IV"))
 
 
 class SimulatedStudy(Study):
@@ -255,7 +255,7 @@ def check_room(figure: Any) -> None:
         assert overlap is None or min(overlap.width, overlap.height) < 2.0  # pixels
 
 
-@pytest.mark.parametrize("size", [1.0, 1234567.0])
+@pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.long), 1234567.0])
 def test_texts_have_their_room(size):
     figure, axes = new_figure(3, 2, 5.0, sharex=True)
     for k, axis in enumerate(axes.flat):

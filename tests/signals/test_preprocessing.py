@@ -85,7 +85,7 @@ def test_a_position_far_from_zero_keeps_its_derivatives():
         )
 
 
-@pytest.mark.parametrize("chunk", [1, 500])
+@pytest.mark.parametrize("chunk", [pytest.param(1, marks=pytest.mark.long), 500])
 def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
     model, _, run = driven()
     settings = Preprocessing(4.0, 6.0).resolve(run)

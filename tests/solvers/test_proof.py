@@ -288,9 +288,11 @@ def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():
     )
 
 
-def test_no_false_proof_is_accepted_and_no_genuine_one_refused(tmp_path):
+@pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.long)])
+def test_no_false_proof_is_accepted_and_no_genuine_one_refused(count, tmp_path):
     """SDP_VS_PENALTY_PROOFS=NUMBER:SEED puts others, and more of them, to the checker."""
-    count, seed = map(int, os.environ.get("SDP_VS_PENALTY_PROOFS", "500:7").split(":"))
+    asked = os.environ.get("SDP_VS_PENALTY_PROOFS", f"{count}:7")
+    count, seed = map(int, asked.split(":"))
     file = tmp_path / "proof.json"
     judged = set()
     for kind, content, true in cases(count, seed):
