@@ -183,6 +183,7 @@ def test_what_is_none_of_these_is_not_named(problem, push, begin, end):
     assert "a load of" not in result.headline
 
 
+@pytest.mark.long
 def test_friction_that_grows_for_a_time_is_friction(problem):
     def braked(q: Array, dq: Array) -> Array:
         return [0.0, 1.5, 0.0] * np.tanh(dq / 0.01)
@@ -194,7 +195,7 @@ def test_friction_that_grows_for_a_time_is_friction(problem):
     assert_spans(cause, (12.0, 19.0))
 
 
-@pytest.mark.parametrize("period", [20.0, 35.0])
+@pytest.mark.parametrize("period", [20.0, pytest.param(35.0, marks=pytest.mark.long)])
 def test_a_torque_that_wanders_with_time_does_not_act_for_a_part_of_it(problem, period):
     def wander(t: Array, q: Array, dq: Array) -> Array:
         return [0.0, 1.5, 0.0] * np.sin(2 * np.pi * t[:, None] / period + 1.0)
