@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,7 @@ from sdp_vs_penalty.estimation.build_problem import (
 )
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.provenance import Provenance
 from sdp_vs_penalty.estimation.verdict import NoiseFloor
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
@@ -29,6 +32,7 @@ from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -113,7 +117,8 @@ def identify(
     Returns
     -------
     Estimate
-        Parameters with intervals, a certificate, and a verdict on these measurements.
+        Parameters with intervals, a certificate, and a verdict on these measurements. The
+        verdict, and the noise beneath it, are worked out when they are first read.
 
     Raises
     ------
@@ -142,7 +147,7 @@ def identify(
         known=known or {},
         instruments=instruments,
     )
-    estimate, _ = identify_and_judge(
+    estimate, runs = _identify(
         problem,
         training_runs(measurements),
         method,
@@ -150,11 +155,23 @@ def identify(
         progress=progress,
         proof=proof,
         workers=workers,
-        noise_from=noise_from,
         check=check,
         warn=_warn_caller,
     )
-    return estimate
+    if isinstance(runs, BlackBox):
+        return estimate
+    recordings = [runs.measurements, noise_from or runs.measurements]
+    if max(recording.q.size for recording in recordings) > SAMPLES:
+        # The model must not keep a long recording alive.
+        _judge(estimate, runs, noise_from)
+        return estimate
+    provenance = Provenance(estimate.provenance)
+    # A copy is judged: the model's own provenance would hold the model.
+    judged = replace(estimate)
+    provenance.work_out_later(
+        ("verdict", "noise"), partial(_judgement, judged, runs, noise_from)
+    )
+    return replace(estimate, provenance=provenance)
 
 
 def identify_black_box(
@@ -250,6 +267,42 @@ def identify_and_judge(
     InputError
         For input that cannot be used.
     """
+    estimate, runs = _identify(
+        problem,
+        measurements,
+        method,
+        options,
+        progress=progress,
+        proof=proof,
+        workers=workers,
+        check=check,
+        warn=warn,
+        without_check=without_check,
+        check_command=check_command,
+    )
+    if isinstance(runs, BlackBox):
+        return estimate, None
+    return estimate, _judge(estimate, runs, noise_from)
+
+
+def _identify(
+    problem: str | Path | Problem,
+    measurements: Source | FilteredRuns | BlackBox,
+    method: str | Estimator,
+    options: PoseOptions,
+    *,
+    progress: Progress,
+    proof: str | Path | None,
+    workers: Workers,
+    check: bool,
+    warn: Callable[[str], Any],
+    without_check: str = WITHOUT_CHECK,
+    check_command: CheckCommand | None = None,
+) -> tuple[Estimate, FilteredRuns | BlackBox]:
+    """Identify a model without a verdict; return it with what it was identified from.
+
+    The arguments are those of :func:`identify_and_judge`.
+    """
     problem = as_problem(problem, "identify(problem=...)")
     data = load_and_check(problem, measurements, "identify(measurements=...)")
     issues: dict[str, Any] = {}
@@ -283,17 +336,42 @@ def identify_and_judge(
         workers=workers,
     )
     estimate.provenance.update(checked=check, checks=issues)
-    if isinstance(runs, BlackBox):
-        return estimate, None
+    return estimate, runs
+
+
+def _judge(
+    estimate: Estimate, runs: FilteredRuns, noise_from: Measurements | None
+) -> Comparison:
+    """Compare a model with the runs that it was identified from; write its verdict and
+    their noise into its provenance."""
     judged = runs
     if runs.settings != estimate.preprocessing:
-        judged = filter_runs(problem, runs.measurements, estimate.preprocessing)
+        judged = filter_runs(
+            estimate.problem, runs.measurements, estimate.preprocessing
+        )
     comparison = compare_filtered({estimate.method: estimate}, judged, noise_from)[0]
-    estimate.provenance["verdict"] = comparison.verdict.to_dict()
     recording = noise_from or runs.measurements
     noise = NoiseFloor(*comparison.noise, recording.data_hash)
-    estimate.provenance["noise"] = noise.to_dict()
-    return estimate, comparison
+    estimate.provenance.update(
+        verdict=comparison.verdict.to_dict(), noise=noise.to_dict()
+    )
+    return comparison
+
+
+def _judgement(
+    estimate: Estimate, runs: FilteredRuns, noise_from: Measurements | None
+) -> dict[str, Any]:
+    """Return verdict and noise of a model, entries of its provenance, by name.
+
+    Raises InputError if the runs are no longer those that it was identified from.
+    """
+    if replace(runs.measurements).data_hash != estimate.provenance["data_hash"]:
+        raise InputError(
+            "the measurements have changed since the model was identified from them",
+            "read its verdict before they change, or identify again",
+        )
+    _judge(estimate, runs, noise_from)
+    return {name: estimate.provenance[name] for name in ("verdict", "noise")}
 
 
 def _warn_caller(text: str) -> None:

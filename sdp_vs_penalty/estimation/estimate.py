@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -82,8 +82,8 @@ class Estimate(Record):
         Those of the method.
     details : dict
         What else the method and the posing report, plain JSON.
-    provenance : dict
-        Versions, hash of the data, seed, verdict on the training runs.
+    provenance : dict or Provenance
+        Versions, hash of the data, seed, verdict on the training runs, their noise.
     training_motion : MotionRecord, optional
         The path of the motion that it was identified from, where that was recorded.
     """
@@ -97,7 +97,7 @@ class Estimate(Record):
     preprocessing: Preprocessing
     settings: dict[str, Any]
     details: dict[str, Any]
-    provenance: dict[str, Any]
+    provenance: MutableMapping[str, Any]
     training_motion: MotionRecord | None = None
 
     @property
@@ -647,7 +647,7 @@ class Estimate(Record):
             },
             "uncertainty": self.uncertainty.to_dict(),
             "details": self.details,
-            "provenance": self.provenance,
+            "provenance": dict(self.provenance),
             "training_motion": None if motion is None else motion.to_dict(),
         }
 

@@ -72,7 +72,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         "effects": effects,
         "method": estimate.method,
         "verdict": verdict_line(estimate),
-        "provenance": estimate.provenance,
+        "provenance": dict(estimate.provenance),
     }
     return (
         json.dumps(
