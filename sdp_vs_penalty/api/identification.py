@@ -32,7 +32,6 @@ from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -117,8 +116,9 @@ def identify(
     Returns
     -------
     Estimate
-        Parameters with intervals, a certificate, and a verdict on these measurements. The
-        verdict, and the noise beneath it, are worked out when they are first read.
+        Parameters with intervals, a certificate, and a verdict on these measurements.
+        Intervals, verdict and noise are worked out when they are first read, unless the
+        measurements are long.
 
     Raises
     ------
@@ -160,9 +160,9 @@ def identify(
     )
     if isinstance(runs, BlackBox):
         return estimate
-    recordings = [runs.measurements, noise_from or runs.measurements]
-    if max(recording.q.size for recording in recordings) > SAMPLES:
-        # The model must not keep a long recording alive.
+    is_window = noise_from is not None and noise_from is not runs.measurements
+    if runs.are_long or is_window:
+        # A model must not keep a long recording alive.
         _judge(estimate, runs, noise_from)
         return estimate
     provenance = Provenance(estimate.provenance)

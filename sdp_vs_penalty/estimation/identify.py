@@ -14,6 +14,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,11 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import with_torque_error
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
-from sdp_vs_penalty.estimation.uncertainty import of_regression
+from sdp_vs_penalty.estimation.uncertainty import (
+    LateUncertainty,
+    Uncertainty,
+    of_regression,
+)
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import (
     Estimator,
@@ -215,7 +220,8 @@ def build_estimate(
     Returns
     -------
     Estimate
-        With certificate and intervals.
+        With certificate and intervals; the intervals of runs that are not long are
+        worked out when they are first read.
     """
     problem = posed.problem
     task = posed.task
@@ -224,21 +230,13 @@ def build_estimate(
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
-    model_with_constants = with_sensitivities(task.model, theta)
-    regression_with_constants = None
-    if model_with_constants is not task.model and runs is not None:
-        regression_with_constants = in_columns(runs, model_with_constants, workers)
     is_feasible = certificate.worst == 0.0
-    errors = posed.gain_errors
-    uncertainty = of_regression(
-        task,
-        posed.regression,
-        base,
-        theta,
-        wide=regression_with_constants,
-        constrained=is_feasible,
-        gain_errors=errors,
-    )
+    uncertainty_of = partial(_uncertainty, posed, base, theta, is_feasible)
+    # A model must not keep a long recording alive.
+    if runs is not None and runs.are_long:
+        uncertainty = uncertainty_of(workers)
+    else:
+        uncertainty = LateUncertainty(uncertainty_of)
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
     details = {
@@ -265,6 +263,34 @@ def build_estimate(
         details=details,
         provenance=provenance,
         training_motion=None if runs is None else record_motion(runs),
+    )
+
+
+def _uncertainty(
+    posed: EstimationProblem,
+    base: BaseParameters,
+    theta: Array,
+    is_feasible: bool,
+    workers: Workers = ALONE,
+) -> Uncertainty:
+    """Return the intervals and the covariance of an estimate theta (p,).
+
+    base : its base parameters; is_feasible : whether theta satisfies all constraints,
+    as its intervals do then; workers : compress the columns of the shape constants.
+    """
+    task = posed.task
+    wide = None
+    model_with_constants = with_sensitivities(task.model, theta)
+    if model_with_constants is not task.model and posed.runs is not None:
+        wide = in_columns(posed.runs, model_with_constants, workers)
+    return of_regression(
+        task,
+        posed.regression,
+        base,
+        theta,
+        wide=wide,
+        constrained=is_feasible,
+        gain_errors=posed.gain_errors,
     )
 
 

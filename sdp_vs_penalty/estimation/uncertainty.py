@@ -25,8 +25,8 @@ freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -561,6 +561,31 @@ class Uncertainty(JsonRecord):
         return {"level": LEVEL} | {
             k: x for k, x in super().to_dict().items() if k != "standard"
         }
+
+
+class LateUncertainty(Uncertainty):
+    """An uncertainty that is worked out when something of it is first read.
+
+    Until then it has no fields, and keeps what they are worked out from. Then it has
+    them, and is an :class:`Uncertainty` like any other.
+    """
+
+    def __init__(self, make: Callable[[], Uncertainty]) -> None:
+        """Keep ``make``, which works the uncertainty out; it is called once."""
+        vars(self)["_make"] = make
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute that is not there yet: work all fields out first."""
+        fields_by_name = vars(vars(self)["_make"]())
+        vars(self).clear()
+        vars(self).update(fields_by_name)
+        object.__setattr__(self, "__class__", Uncertainty)
+        return getattr(self, name)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle or copy it as what it stands for: another process cannot work it
+        out."""
+        return Uncertainty, tuple(getattr(self, f.name) for f in fields(Uncertainty))
 
 
 def _with_stds(intervals: Sequence[Interval], std: Array) -> tuple[Interval, ...]:

@@ -387,6 +387,11 @@ class FilteredRuns:
     settings: Preprocessing
     runs: tuple[FilteredRun, ...]
 
+    @property
+    def are_long(self) -> bool:
+        """Whether they are so long that nothing may keep them in memory for later."""
+        return self.measurements.q.size > SAMPLES
+
     @classmethod
     def of(cls, measurements: Measurements, settings: Preprocessing) -> FilteredRuns:
         """Put runs behind filters; nothing is computed yet.

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, identify, simulate
-from sdp_vs_penalty.api import identification, identify_and_judge
+from sdp_vs_penalty.api import identify_and_judge
 from sdp_vs_penalty.estimation.build_problem import PoseOptions
 from sdp_vs_penalty.estimation.provenance import Provenance
+from sdp_vs_penalty.signals import filtered
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +68,9 @@ def test_verdict_and_noise_are_those_of_a_model_that_is_judged_at_once(run):
 
 
 def test_a_model_of_a_long_recording_does_not_keep_it(run, monkeypatch):
-    monkeypatch.setattr(identification, "SAMPLES", run.q.size - 1)
+    monkeypatch.setattr(filtered, "SAMPLES", run.q.size - 1)
     assert type(identify("two_link", run).provenance) is dict
-    monkeypatch.setattr(identification, "SAMPLES", run.q.size)
+    monkeypatch.setattr(filtered, "SAMPLES", run.q.size)
     assert type(identify("two_link", run).provenance) is Provenance
 
 

@@ -1,12 +1,14 @@
 """Intervals that hold the truth as often as they say, and verdicts that mean something."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy
 
-from sdp_vs_penalty import InputError, Measurements, Problem
+import sdp_vs_penalty
+from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation import (
     LEVEL,
@@ -19,10 +21,11 @@ from sdp_vs_penalty.estimation import (
     of_regression,
 )
 from sdp_vs_penalty.estimation.build_problem import build_problem
+from sdp_vs_penalty.estimation.uncertainty import LateUncertainty
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import base_rows, compress
 from sdp_vs_penalty.robot import inertia, random_trajectory
-from sdp_vs_penalty.signals import FilteredRuns
+from sdp_vs_penalty.signals import FilteredRuns, filtered
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
 from sdp_vs_penalty.solvers import Objective
@@ -218,3 +221,27 @@ def test_what_cannot_be_seen_is_said(two_link):
         assert verdicts[name].lower < verdicts[name].value < verdicts[name].upper
     assert sum(counts(known.base).values()) == len(known.base) == 8 + 6
     assert counts(known.base)[NOT_SEEN] == 0
+
+
+def test_intervals_are_worked_out_once_when_they_are_first_read():
+    estimate = identify(
+        "two_link", sdp_vs_penalty.simulate("two_link", seed=1).train[0], check=False
+    )
+    late = estimate.uncertainty
+    assert type(late) is LateUncertainty
+    copied = pickle.loads(pickle.dumps(late))
+    assert type(copied) is type(late) is Uncertainty
+    assert copied.to_dict() == late.to_dict()
+    with pytest.raises(AttributeError, match="widths"):
+        _ = late.widths
+    again = replace(late, spread=2.0 * late.spread)
+    assert np.array_equal(again.spread, 2.0 * late.spread)
+
+
+def test_intervals_of_long_runs_are_worked_out_at_once(monkeypatch):
+    run = sdp_vs_penalty.simulate("two_link", seed=1).train[0]
+    later = identify("two_link", run, check=False).uncertainty
+    monkeypatch.setattr(filtered, "SAMPLES", run.q.size - 1)
+    at_once = identify("two_link", run, check=False).uncertainty
+    assert type(at_once) is Uncertainty
+    assert np.allclose(at_once.std, later.std, equal_nan=True)
