@@ -60,14 +60,15 @@ class RepairedRows:
         in_basis = np.swapaxes(basis, -1, -2) @ raw  # (..., n, k, s)
         left = raw - basis @ in_basis
         gram = np.swapaxes(left, -1, -2) @ left
-        # Rounding errors of columns that the basis spans are no columns.
+        # Rounding errors of columns that the basis spans are no columns. (Columns of zeros
+        # have none.)
         squares_left = np.diagonal(gram, axis1=-2, axis2=-1)  # (..., n, s)
         squares_in_basis = np.einsum("...ks,...ks->...s", in_basis, in_basis)
         squares = squares_left + squares_in_basis
-        is_visible = squares_left > _SPANNED_SHARE * squares
-        if not is_visible.all():
-            left = left * is_visible[..., None, :]
-            gram = gram * is_visible[..., None, :] * is_visible[..., None]
+        is_spanned = (squares > 0.0) & (squares_left <= _SPANNED_SHARE * squares)
+        if is_spanned.any():
+            left = left * ~is_spanned[..., None, :]
+            gram = gram * ~is_spanned[..., None, :] * ~is_spanned[..., None]
         return cls(
             basis,
             raw,

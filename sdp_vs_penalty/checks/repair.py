@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -298,11 +298,13 @@ class LogTransform:
     def with_defaults(self, *names: str) -> LogTransform:
         """Return the repair with the named fields as in a log without a fault; itself
         where they are so already (so that caches find it)."""
-        unchanged = LogTransform.unchanged(self.n, self.gravity)
-        defaults: dict[str, Any] = {name: getattr(unchanged, name) for name in names}
-        if all(getattr(self, name) == value for name, value in defaults.items()):
-            return self
-        return replace(self, **defaults)
+        unchanged = _unchanged(self.n, self.gravity)
+        defaults: dict[str, Any] = {
+            name: getattr(unchanged, name)
+            for name in names
+            if getattr(self, name) != getattr(unchanged, name)
+        }
+        return replace(self, **defaults) if defaults else self
 
     def followed_by(self, later: LogTransform) -> LogTransform:
         """Return one repair that has the effect of this one followed by ``later``.
@@ -403,6 +405,12 @@ class LogTransform:
                     tau[:, j],
                 )
         return np.asarray(tau * np.array(self.gain))
+
+
+@lru_cache(99)
+def _unchanged(n: int, gravity: tuple[float, ...]) -> LogTransform:
+    """Return the repair that changes nothing of n joints under a gravity [m/s^2]."""
+    return LogTransform.unchanged(n, gravity)
 
 
 def _in_reverse(run: Measurements) -> Measurements:

@@ -102,9 +102,10 @@ def column_range(array: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     smallest, largest : NDArray[Any]
         (n,) each; NaN where a column has one.
     """
-    extremes = [
-        (chunk.min(axis=0), chunk.max(axis=0)) for _, chunk in iter_chunks(array)
-    ]
+    extremes = []
+    for _, chunk in iter_chunks(array):
+        columns = np.ascontiguousarray(chunk.T)  # several times as fast as row by row
+        extremes.append((columns.min(axis=1), columns.max(axis=1)))
     smallest, largest = np.transpose(extremes, (1, 0, 2))
     return smallest.min(axis=0), largest.max(axis=0)
 

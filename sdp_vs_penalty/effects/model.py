@@ -252,7 +252,12 @@ class Model:
         out = np.zeros((self.robot.n, len(motion.t), len(self.parameters)))
         for k, indices in enumerate(self.indices):
             for block in blocks.get(k, ()):
-                out[block.joint][:, indices[block.parameters]] = block.columns
+                places = indices[block.parameters]
+                target = out[block.joint]
+                if np.all(np.diff(places) == 1):  # a slice is copied several times as fast
+                    target[:, places[0] : places[-1] + 1] = block.columns
+                else:
+                    target[:, places] = block.columns
         if self.gains is not None:
             out *= np.asarray(self.gains)[:, None, None]
         return out
