@@ -243,7 +243,8 @@ def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
     differentiated twice; none for a run too short to be filtered."""
     try:
         known = settings.resolve(glance.run)
-        motion = joined(FilteredRun(glance.run, known).states())
+        filtered = FilteredRun(glance.run, known, glance.movement)
+        motion = joined(filtered.states())
         return [*channels.find_coarse_sampling(glance, motion, known)]
     except InputError:  # the dynamics say that the run is too short
         return []
