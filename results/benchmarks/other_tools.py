@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.parts import Inputs
 from benchmarks.rivals import base_script, cvxpy_script
 from benchmarks.timing import PROGRAM, Figure, Usage, in_turn, run_process
-from sdp_vs_penalty import cross_validate, identify, load_measurements
+from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.estimation.build_problem import read_and_filter
 from sdp_vs_penalty.estimation.identify import estimate_parameters
@@ -114,7 +114,7 @@ def scripts(inputs: Inputs) -> list[Figure]:
         run = load_measurements(judge.folder, joints=7)
         return estimate_parameters(inputs.problem, read_and_filter(inputs.problem, run))
 
-    def identified(check: bool) -> object:
+    def identified(check: bool) -> Estimate:
         run = load_measurements(judge.folder, joints=7)
         return identify(inputs.problem, run, check=check)
 
@@ -125,6 +125,10 @@ def scripts(inputs: Inputs) -> list[Figure]:
     def base() -> object:
         return base_script.solve(*columns_from_text(judge))
 
+    def read(check: bool) -> object:
+        # Intervals, verdict and noise are worked out when they are read.
+        return identified(check).to_dict()
+
     error = cross_validate(inputs.problem, inputs.run).relative_error_percent
     with_check = partial(identified, check=True)
     without_check = partial(identified, check=False)
@@ -134,6 +138,7 @@ def scripts(inputs: Inputs) -> list[Figure]:
     times = [
         ("certified estimate from text", estimate, script, by_cvxpy),
         ("identify(check=False)", without_check, script, by_cvxpy),
+        ("identify(check=False), all read", partial(read, False), script, by_cvxpy),
         ("identify(), beside CVXPY", with_check, script, by_cvxpy),
         (
             "identify(), beside CVXPY on rows",

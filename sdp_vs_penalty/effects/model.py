@@ -254,7 +254,9 @@ class Model:
             for block in blocks.get(k, ()):
                 places = indices[block.parameters]
                 target = out[block.joint]
-                if np.all(np.diff(places) == 1):  # a slice is copied several times as fast
+                if np.all(
+                    np.diff(places) == 1
+                ):  # a slice is copied several times as fast
                     target[:, places[0] : places[-1] + 1] = block.columns
                 else:
                     target[:, places] = block.columns
