@@ -4,6 +4,7 @@
 own arm as a world, with what worlds can hide.
 """
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -96,8 +97,9 @@ class HiddenRuns(Shown):
         """
         folder = Path(folder)
         truth = json.dumps(self.truth, indent=1)
-        refuse_foreign(folder, self.truth)
         with folder_lock(folder, patience=WRITERS_PATIENCE):
+            # Behind the lock: another simulation may have written there until now.
+            refuse_foreign(folder, self.truth)
             # First: it marks the folder as ours, also where this is interrupted.
             write_text(folder / "truth.json", f"{truth}\n")
             for name, run in zip(RUN_FILES, self.runs, strict=True):
@@ -127,7 +129,7 @@ def refuse_foreign(folder: Path, truth: Mapping[str, Any]) -> None:
     folder : Path
         Folder that runs are to be written into.
     truth : mapping
-        Content of truth.json, or the part of it that is known before the simulation.
+        Content of truth.json.
     """
     existing = [name for name in RUN_FILES if (folder / name).exists()]
     file = folder / "truth.json"
@@ -143,14 +145,41 @@ def refuse_foreign(folder: Path, truth: Mapping[str, Any]) -> None:
     expected = json.loads(json.dumps(dict(truth)))
     if {key: content.get(key) for key in expected} == expected:
         return
-    known = ", ".join(
-        f"{key} {content.get(key)}" for key in ("problem", "seed", "level")
-    )
+    shown = [f"{key} {content.get(key)}" for key in ("problem", "seed", "level")]
+    differ = [key for key in expected if content.get(key) != expected[key]]
+    differences = formatting.words([key.replace("_", " ") for key in differ])
     raise InputError(
-        f"holds the runs of another simulation ({known})",
+        f"holds the runs of another simulation ({', '.join(shown)}; it differs by"
+        f" {differences})",
         "name another folder, or remove this one",
         folder,
     )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A simulation before its runs are made; making them takes most of the time.
+
+    problem, world : the robot, as it is known and as it is; setup : its sensors;
+    hidden : effects with their sizes; trajectories : of each run; seed : of everything
+    random; truth : content of truth.json.
+    """
+
+    problem: Problem
+    world: World
+    setup: Experiment
+    hidden: tuple[Hidden, ...]
+    trajectories: tuple[FourierTrajectory, ...]
+    seed: int
+    truth: dict[str, Any]
+
+    def simulated(self) -> HiddenRuns:
+        """Simulate the runs."""
+        runs = tuple(
+            _measure(trajectory, self.world, self.hidden, self.setup, self.seed, k)
+            for k, trajectory in enumerate(self.trajectories)
+        )
+        return HiddenRuns(self.problem, self.world, runs, self.hidden, self.truth)
 
 
 def simulate(
@@ -182,6 +211,22 @@ def simulate(
     InputError
         For an effect that does not exist or makes no torque there, or another level.
     """
+    return planned(problem, hide, level, seed).simulated()
+
+
+def planned(
+    problem: str | Path | Problem,
+    hide: str | Sequence[str] = (),
+    level: str | float = "strong",
+    seed: int = 0,
+) -> Plan:
+    """Return the plan of what :func:`simulate` simulates, of the same arguments.
+
+    Raises
+    ------
+    InputError
+        As :func:`simulate`.
+    """
     robot = as_problem(problem, "simulate(problem=...)")
     size = level
     with suppress(ValueError):
@@ -192,12 +237,7 @@ def simulate(
     effects = [
         (e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)
     ]
-    return hidden_runs(
-        robot,
-        effects,
-        size,
-        seed,
-    )
+    return _plan(robot, effects, size, seed)
 
 
 def true_world(
@@ -296,6 +336,20 @@ def hidden_runs(
         For an effect that cannot be simulated, or that makes no torque on a named joint
         (such as backlash about a vertical axis).
     """
+    return _plan(problem, effects, level, seed, count, world).simulated()
+
+
+def _plan(
+    problem: Problem,
+    effects: Sequence[tuple[str, Sequence[int]]],
+    level: str | float,
+    seed: int,
+    count: int = len(RUN_FILES),
+    world: World | None = None,
+) -> Plan:
+    """Draw the motions and size the effects of :func:`hidden_runs`, which has the same
+    arguments.
+    """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
@@ -331,12 +385,9 @@ def hidden_runs(
             factor=factor,
             rng=rng,
         )
-    runs = tuple(
-        _measure(trajectory, world, hidden, setup, seed, k)
-        for k, trajectory in enumerate(trajectories)
-    )
     truth = {
         "problem": problem.name,
+        "robot": _hash_of_robot(problem, setup),
         "seed": seed,
         "level": level,
         "effects": [
@@ -348,13 +399,24 @@ def hidden_runs(
         ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return HiddenRuns(
+    return Plan(
         problem,
         world,
-        runs,
+        setup,
         tuple(hidden),
+        tuple(trajectories),
+        seed,
         truth,
     )
+
+
+def _hash_of_robot(problem: Problem, setup: Experiment) -> str:
+    """Return a SHA-256 (hex) of the robot's geometry and true links.
+
+    Two robots may have one name: an edited URDF, or one with joints that are held.
+    """
+    body = {"robot": problem.robot.to_dict(), "links": np.asarray(setup.links).tolist()}
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
 
 
 def _sized_effects(

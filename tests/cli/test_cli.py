@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from arms import THREE, write_urdf
 from commands import HOME, PROGRAM, python, run_cli
 from recorded import a_sentence
 from small_runs import write_run
@@ -89,6 +90,34 @@ def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path, monkeypa
         code, _, err = run(*hide, folder, *change)
         assert code == 2
         assert_one_sentence(err, "another simulation (problem two_link, seed 0")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_simulate_compares_all_before_the_runs_are_made(run, tmp_path, monkeypatch):
+    """The robot, too: an edited file and held joints keep its name."""
+    arm = write_urdf(tmp_path / "arm.urdf", "arm", THREE)
+    monkeypatch.setattr(hidden_runs, "DURATION", 4.0)
+    folder = tmp_path / "made"
+    made = ("simulate", arm, "--out", folder)
+    assert run(*made)[0] == 0
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+
+    def measured(*_args):
+        raise AssertionError("a run was simulated before the folder was compared")
+
+    monkeypatch.setattr(hidden_runs, "_measure", measured)
+    changes = {
+        "seed": ("--seed", "1"),
+        "level": ("--level", "weak"),
+        "effects": ("--hide", "joint_spring:2"),
+        "robot": ("--hold", "joint2=0"),
+    }
+    for name, change in changes.items():
+        code, _, err = run(*made, *change)
+        assert code == 2
+        assert_one_sentence(err, "another simulation", f"differs by {name}")
+    arm.write_text(arm.read_text().replace('mass value="', 'mass value="1'))
+    assert_one_sentence(run(*made)[2], "another simulation", "differs by robot")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 

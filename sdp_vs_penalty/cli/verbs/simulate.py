@@ -37,18 +37,19 @@ def verb(
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.simulation.hidden_runs import (
         RUN_FILES,
+        planned,
         refuse_foreign,
-        simulate,
     )
 
     if out is None:
         raise InputError(
             "simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv"
         )
-    # Before the minutes that a simulation may take; `save` compares the rest.
-    refuse_foreign(out, {"seed": seed})
     robot = problem_from_options(source, hold=hold) if hold else source
-    hidden = simulate(robot, hide or (), level, seed)
+    plan = planned(robot, hide or (), level, seed)
+    # Before the minutes that the runs may take.
+    refuse_foreign(out, plan.truth)
+    hidden = plan.simulated()
     hidden.save(out)
     effects = ",".join(hidden.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]
