@@ -42,8 +42,6 @@ from sdp_vs_penalty.robot.arrays import Array
 SUFFIXES = (".csv",)
 #: What messages call a sample.
 SAMPLE = "row"
-#: A table with so many incomplete rows is sparse; fewer are faults [rows].
-_SPARSE_ROWS = 3
 
 
 def read(path: Path, choice: Choice) -> Measurements:
@@ -132,10 +130,7 @@ def _run_of_columns(
             header.run(dict(zip(chosen_names, piece, strict=True))) for piece in pieces
         )
     except EmptyCellError:
-        columns = _sparse_columns(table, header, chosen, chosen_names)
-        if columns is None:
-            raise
-        return header.read(columns)
+        return header.read(_sparse_columns(table, header, chosen, chosen_names))
 
 
 def read_columns(path: Path) -> dict[str, Array]:
@@ -315,26 +310,24 @@ def _sparse_columns(
     header: Header,
     chosen: Sequence[int],
     chosen_names: Sequence[str],
-) -> dict[str, Array] | None:
-    """Read a table whose channels were logged at different times, each in rows of its
-    own.
+) -> dict[str, Array]:
+    """Read a table in which cells are empty.
 
-    In such a table every row leaves the other channels' cells empty. The channels are
-    merged at the rows of the positions: each takes the value that is nearest in time.
+    Where channels were logged at different times, each in rows of its own, every row
+    leaves the other channels' cells empty. The channels are merged at the rows of the
+    positions: each takes the value that is nearest in time. Of a row in which a channel
+    was lost no value is near enough, so that the row is left out.
 
     Returns
     -------
-    dict of str to array, or None
-        (K,) or (K, n) values by the column's name, in the K merged rows. None where
-        fewer than three rows have an empty cell: that is a fault of a full table, not a
-        sparse one.
+    dict of str to array
+        (K,) or (K, n) values by the column's name, in the K merged rows.
     """
     from sdp_vs_penalty.data.merging import merge_columns
 
     row_numbers, columns = read_cells(table, chosen)
-    n_incomplete = sum(not all(row) for row in zip(*columns, strict=True))
-    if n_incomplete < _SPARSE_ROWS:
-        return None
+    cells_of_rows = zip(row_numbers, zip(*columns, strict=True), strict=True)
+    first_incomplete = next(row for row, cells in cells_of_rows if not all(cells))
     values = dict[str, Array]()  # NaN where a cell is empty
     for name, k, cells in zip(chosen_names, chosen, columns, strict=True):
         values[name] = parse_with_gaps(table, k, row_numbers, cells)
@@ -343,7 +336,7 @@ def _sparse_columns(
     channels = {name: x for name, x in values.items() if name not in clock}
     positions = [name for name in header.groups["q"] if name in channels]
     rows, merged = merge_columns(stamps, channels, positions)
-    _say_rows_left_out(table, len(stamps) - len(rows))
+    _say_rows_left_out(table, len(stamps) - len(rows), first_incomplete)
     return {name: values[name][rows] for name in clock} | merged
 
 
@@ -361,11 +354,17 @@ def _row_stamps(
     return np.asarray(np.sum(parts, axis=0))
 
 
-def _say_rows_left_out(table: TextTable, n_rows: int) -> None:
+def _say_rows_left_out(table: TextTable, n_rows: int, first: int) -> None:
     """Warn that rows without a value of every channel were left out or merged with
-    others."""
+    others.
+
+    ``n_rows`` is their count, ``first`` the number of the first one in the file.
+    """
     if n_rows == 0:
         return
     rows = formatting.count(n_rows, "row")
-    warning = f"{table.path}: {rows} without all channels left out or joined to the"
-    warnings.warn(f"{warning} nearest in time", Remark, stacklevel=3)
+    warning = (
+        f"{table.path}: {rows} without all channels (row {first} is the first) left out"
+        " or joined to the nearest in time"
+    )
+    warnings.warn(warning, Remark, stacklevel=3)
