@@ -21,13 +21,18 @@ from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import STEPS
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
-from sdp_vs_penalty.effects import effect_name, effect_types
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import TURNS
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import prior_deviation
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
+from sdp_vs_penalty.estimation.shapes import (
+    ShapeEstimate,
+    at_end,
+    changed_constant_in_words,
+    with_shapes,
+)
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -215,12 +220,10 @@ def retune(
     """
     shape = effect_types()[s.effect].shapes[s.shape]
     kind = robot.joints[s.joint].kind
-    new = shape.format_with_unit(s.after, kind)
-    old = shape.format_with_unit(s.before, kind)
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
     explanation = (
-        f"joint {s.joint + 1}: {effect_name(s.effect)} has {s.shape} = {new}, not {old};"
+        f"{changed_constant_in_words(s, shape, kind)};"
         f" error on data left out {errors[0]:.3g} to {errors[1]:.3g} {unit}"
     )
     doubts = []

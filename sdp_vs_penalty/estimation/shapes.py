@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.linalg import (
     UNSEEN,
@@ -845,7 +845,7 @@ def changed_constants_in_words(before: Model, after: Model) -> list[str]:
     Returns
     -------
     list of str
-        Such as "Coulomb friction, joint 4: v_s = 0.001484 rad/s, 0.01 rad/s before".
+        As :func:`changed_constant_in_words` says it.
     """
     shapes_before = {(e.name, j): e.shape for e in before.effects for j in e.joints}
     lines = []
@@ -856,12 +856,35 @@ def changed_constants_in_words(before: Model, after: Model) -> list[str]:
             for key, value in effect.shape.items():
                 if key not in old or old[key] == value:
                     continue
+                change = ShapeEstimate(effect.name, joint, key, old[key], value)
                 constant = effect.shapes[key]
-                new_text = constant.format_with_unit(value, kind)
-                old_text = constant.format_with_unit(old[key], kind)
-                title = f"{sentence(effect_name(effect.name))}, joint {joint + 1}"
-                lines.append(f"{title}: {key} = {new_text}, {old_text} before")
+                lines.append(changed_constant_in_words(change, constant, kind))
     return lines
+
+
+def changed_constant_in_words(
+    change: ShapeEstimate, constant: ShapeConstant, kind: str
+) -> str:
+    """Say which value a shape constant has now, and which one it had.
+
+    Parameters
+    ----------
+    change : ShapeEstimate
+        Effect, joint (from 0), and both values.
+    constant : ShapeConstant
+        How the constant is written.
+    kind : str
+        "revolute" or "prismatic".
+
+    Returns
+    -------
+    str
+        Such as "joint 4: Coulomb friction has v_s = 0.001484 rad/s, not 0.01 rad/s".
+    """
+    new = constant.format_with_unit(change.after, kind)
+    old = constant.format_with_unit(change.before, kind)
+    name = effect_name(change.effect)
+    return f"joint {change.joint + 1}: {name} has {change.shape} = {new}, not {old}"
 
 
 def effects_to_estimate_again(

@@ -75,7 +75,7 @@ def verb(
     if not isinstance(effects, str) and effects.frozen:
         _say_what_a_held_model_keeps(effects, added)
     for line in changed_constants_in_words(estimate.model, bigger.model):
-        console.say(f"estimated again: {line}")
+        console.say(f"re-estimated constant: {line}")
     _say_sizes(effects, bigger)
     printing.certificate(bigger)
     console.written(out)
