@@ -21,7 +21,7 @@ from sdp_vs_penalty.data.store import (
 )
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.results.record import Shown, Summary
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, wrong_shape
 
 
 def _as_numbers(name: str, value: Any) -> Array:
@@ -94,12 +94,28 @@ class Measurements(Shown):
 
     def __post_init__(self) -> None:
         """Take lists and pandas objects as arrays; raise InputError for what is no
-        number."""
+        number, and for channels of another shape."""
         for name in ("t", "q", "tau", "dq", "temperature"):
             value = getattr(self, name)
             is_numbers = isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
             if value is not None and not is_numbers:
                 object.__setattr__(self, name, _as_numbers(name, value))
+        self._check_shapes()
+
+    def _check_shapes(self) -> None:
+        """Raise InputError unless t is (N,) and every channel (N, n)."""
+        if self.t.ndim != 1:
+            raise wrong_shape("t", self.t.shape, (self.t.size,), "sample")
+        count = len(self.t)
+        q = self.q
+        if q.ndim != 2 or len(q) != count:
+            is_transposed = q.ndim == 2 and q.shape[1] == count
+            joints = q.shape[0] if is_transposed else q.size // max(len(q), 1)
+            raise wrong_shape("q", q.shape, (count, joints), "sample")
+        blocks = {"tau": self.tau, "dq": self.dq, "temperature": self.temperature}
+        for name, block in {**blocks, **self.commanded}.items():
+            if block is not None and block.shape != q.shape:
+                raise wrong_shape(name, block.shape, q.shape, "sample")
 
     @classmethod
     def of(

@@ -36,7 +36,7 @@ from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, wrong_shape
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import MotionRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -463,8 +463,8 @@ class Estimate(Record):
         states = [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)]
         for name, x in zip(("q", "dq", "ddq"), states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (n,):
-                what = f"predict({name}=...) has shape {np.shape(x)}"
-                raise InputError(what, f"give q, dq and ddq as (N, {n})")
+                what = f"predict({name}=...)"
+                raise wrong_shape(what, x.shape, (states[0].size // n, n), "state")
         count = len(states[0])
         if t is None:
             self._require_no_time()

@@ -24,7 +24,7 @@ from sdp_vs_penalty.data.store import digest
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.regression.regression import Factor, Regression, triangular
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, wrong_shape
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -160,6 +160,10 @@ def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
             "give one row a configuration",
             path,
         )
+    matrices = arrays.get("mass_matrix", np.zeros((0, q.shape[1], q.shape[1])))
+    if q.shape[1] not in matrices.shape[1:2] and q.shape[0] in matrices.shape[1:2]:
+        error = wrong_shape("array q", q.shape, q.shape[::-1], "configuration")
+        raise error.within(path)
     shapes: dict[str, tuple[int, ...]] = {
         "q": q.shape,
         "gravity": q.shape,
@@ -171,11 +175,8 @@ def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
             raise InputError(f"array {name} is missing", remedy, path)
         array = arrays[name]
         if array.shape != shape:
-            raise InputError(
-                f"array {name} has shape {array.shape}",
-                f"with this q give it {shape}",
-                path,
-            )
+            error = wrong_shape(f"array {name}", array.shape, shape, "configuration")
+            raise error.within(path)
         not_finite = np.argwhere(~np.isfinite(array))
         if len(not_finite):
             configuration = not_finite[0][0] + 1

@@ -67,3 +67,35 @@ def check_finite(
     """
     if np.shape(value) != shape or not np.all(np.isfinite(value)):
         raise InputError(f"{what} does not fit", f"give {shape} finite numbers")
+
+
+def wrong_shape(
+    what: str, shape: tuple[int, ...], expected: tuple[int, ...], row: str
+) -> InputError:
+    """Return the error for an array of another shape, which says where it is
+    transposed.
+
+    Parameters
+    ----------
+    what : str
+        Name of the array, for the error's sentence.
+    shape : tuple of int
+        The shape that it has.
+    expected : tuple of int
+        The shape that it must have.
+    row : str
+        What a row of it is, such as "sample".
+
+    Returns
+    -------
+    InputError
+        The error.
+    """
+    problem = f"{what} has shape {shape}"
+    is_transposed = len(shape) > 1 and shape in (
+        expected[::-1],
+        (*expected[1:], expected[0]),
+    )
+    if is_transposed:
+        problem = f"{problem}: it is transposed"
+    return InputError(problem, f"give it as {expected}, a row a {row}")

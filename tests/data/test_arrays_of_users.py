@@ -1,5 +1,6 @@
 """Measurements from what people hold in a notebook: lists, pandas, dates."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -31,3 +32,48 @@ def test_lists_and_pandas_objects_are_arrays(two_link: Problem):
 def test_what_is_no_number_is_refused(t: Any, q: Any, words: str):
     with pytest.raises(InputError, match=words):
         Measurements(t, q, np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"q": (2, 9), "tau": (2, 9)}, "q has shape (2, 9): it is transposed: give"),
+        ({"tau": (2, 9)}, "tau has shape (2, 9): it is transposed: give it as (9, 2)"),
+        ({"dq": (2, 9)}, "dq has shape (2, 9): it is transposed: give it as (9, 2)"),
+        ({"t": (9, 1)}, "t has shape (9, 1): give it as (9,), a row a sample"),
+        ({"tau": (8, 2)}, "tau has shape (8, 2): give it as (9, 2), a row a sample"),
+        ({"q": (9,), "tau": (9,)}, "q has shape (9,): give it as (9, 1)"),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(
+    arrays: dict[str, tuple[int, ...]], words: str
+):
+    shapes = {"t": (9,), "q": (9, 2), "tau": (9, 2)} | arrays
+    with pytest.raises(InputError, match=re.escape(words)):
+        Measurements(**{name: np.zeros(shape) for name, shape in shapes.items()})
+
+
+def test_a_model_and_a_black_box_say_what_is_transposed(two_link, tmp_path):
+    model = identify(two_link, small_run(two_link), "ols", check=False)
+    states = [np.zeros((2, 5))] * 3
+    words = "predict(q=...) has shape (2, 5): it is transposed: give it as (5, 2)"
+    with pytest.raises(InputError, match=re.escape(words)):
+        model.predict(*states)
+    arrays = {
+        "q": np.zeros((5, 2)),
+        "gravity": np.zeros((5, 2)),
+        "mass_matrix": np.zeros((5, 2, 2)),
+    }
+    for name, axes in {
+        "q": (1, 0),
+        "gravity": (1, 0),
+        "mass_matrix": (1, 2, 0),
+    }.items():
+        path = tmp_path / f"{name}.npz"
+        np.savez(path, **arrays | {name: arrays[name].transpose(axes)})
+        with pytest.raises(InputError, match=rf"array {name} has .* it is transposed"):
+            identify(two_link, path)
+    everything = {name: x.T for name, x in arrays.items()}
+    np.savez(tmp_path / "all.npz", **everything)
+    with pytest.raises(InputError, match=r"array q has shape .* it is transposed"):
+        identify(two_link, tmp_path / "all.npz")
