@@ -72,7 +72,7 @@ def diagnose(
     without_check : str
         How an error says to go on without the check, in words.
     check_command : CheckCommand, optional
-        How a user checks these runs; default: by the names of problem and runs.
+        How a user checks these runs; default: by the files that are passed.
     judged_recordings : the same as measurements, optional
         Of which the test run, or the measurements without one, are windows. Errors are
         shown beside the noise floor that `compare` has of them.
@@ -112,7 +112,8 @@ def diagnose(
             "diagnose",
             without_check,
             warn=warn or functools.partial(warnings.warn, stacklevel=3),
-            command=check_command,
+            command=check_command
+            or CheckCommand.of_source(model.problem, measurements),
         )
         give_back_memory(recording.samples)
     test_run = _read_runs(model, test, "test")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty.data.files import Source, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
@@ -28,15 +28,13 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.problem.check_command import CheckCommand
 
 #: How a user of Python goes on without the check of the data.
 WITHOUT_CHECK = "pass check=False to"
@@ -252,7 +250,8 @@ def identify_and_judge(
     without_check : str
         How an error message says to skip the check, in words.
     check_command : CheckCommand, optional
-        The command by which a user checks these runs.
+        The command by which a user checks these runs; default: by the files that are
+        passed.
 
     Returns
     -------
@@ -318,7 +317,7 @@ def _identify(
             gains=bool(options.known_loads),
             warn=warn,
             are_plausible=True,
-            command=check_command,
+            command=check_command or CheckCommand.of_source(problem, measurements),
         )
         give_back_memory(data.samples)
     runs = (

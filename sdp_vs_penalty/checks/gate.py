@@ -50,7 +50,7 @@ def raise_on_errors(
     are_plausible : bool
         Whether positions are known to be possible for this robot.
     command : CheckCommand, optional
-        How a user checks these runs; default: by the names of problem and runs.
+        How a user checks these runs; None where they are no files.
 
     Returns
     -------
@@ -82,8 +82,6 @@ def raise_on_errors(
             warn(f"{issue.severity}: {run}: {issue.what} (details: `check`)")
     explanations = [(run, f) for run, f in issues if f.nature == EXPLANATION]
     if explanations:
-        if command is None:
-            command = CheckCommand.of(problem, [report.run for report in reports])
         warn(f"warning: {explanations_in_a_line(command, explanations)}")
     if len(reports) != len(runs):
         return {}
@@ -115,7 +113,7 @@ def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -
 
 
 def explanations_in_a_line(
-    command: CheckCommand, explanations: Sequence[tuple[str, Issue]]
+    command: CheckCommand | None, explanations: Sequence[tuple[str, Issue]]
 ) -> str:
     """Put the explanations of a log into one line.
 
@@ -124,8 +122,8 @@ def explanations_in_a_line(
 
     Parameters
     ----------
-    command : CheckCommand
-        Of these runs.
+    command : CheckCommand or None
+        Of these runs; None: the line names `check` alone.
     explanations : sequence of (str, Issue)
         Each with its run's name.
 
@@ -140,9 +138,9 @@ def explanations_in_a_line(
     if len(texts) > 1:
         others = f" (and {formatting.count(len(texts) - 1, 'more such thing')})"
     apply = list(dict.fromkeys(f.apply for _, f in explanations if f.apply))
-    words = command.words
+    words = ["check"] if command is None else command.words
     how = "says more"
-    if apply:
+    if apply and command is not None:
         words = command.applying(apply).repair_words
         how = "tries the repair, and shows both errors"
     return (

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
+from sdp_vs_penalty.data.files import run_files
 from sdp_vs_penalty.problem.load import problem_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -33,16 +34,27 @@ class CheckCommand:
     ) -> Self:
         """Return the command that checks runs of a loaded problem.
 
-        A built-in problem is named, others by their path. Gravity is an option where it
-        is not the standard one.
+        A problem is named as it was loaded; that of a model.json by its own name, with
+        the ending of a robot's file unless it is built in. Gravity is an option where
+        it is not the standard one.
         """
-        name: str | Path = problem.name
-        if problem.name not in problem_names():
-            name = problem.folder or f"{problem.name}.urdf"
+        name = problem.source or problem.name
+        if problem.source is None and problem.name not in problem_names():
+            name = f"{problem.name}.urdf"
         gravity = None
         if problem.robot.gravity != STANDARD_GRAVITY:
             gravity = ",".join(f"{g:g}" for g in problem.robot.gravity)
         return cls(problem=name, runs=runs, gravity=gravity)
+
+    @classmethod
+    def of_source(cls, problem: Problem, source: Any) -> Self | None:
+        """Return the command that checks the runs that a caller passes; None where they
+        are not all files.
+        """
+        parts = source if isinstance(source, list | tuple) else [source]
+        if not all(isinstance(part, str | Path) for part in parts):
+            return None
+        return cls.of(problem, [file for part in parts for file in run_files(part)])
 
     def applying(self, words: Sequence[str]) -> Self:
         """Return the command that also applies repairs, by their names such as

@@ -489,6 +489,7 @@ def load_problem(
             f" {', '.join(problem_names())}"
         )
         raise InputError(f"problem {str(source)!r} does not exist", remedy)
+    problem = replace(problem, source=source)
     return problem if gravity is None else problem.with_gravity(gravity)
 
 

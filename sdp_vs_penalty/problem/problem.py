@@ -146,6 +146,9 @@ class Problem(Shown):
     nominal_values : mapping of str to float
         Parameters that are no link's, by name (I_a1, f_v1), where the robot's file has
         them.
+    source : str or Path, optional
+        What a user names to load it: a built-in name, a folder or a file. Unknown for
+        the problem of a model.json.
 
     Raises
     ------
@@ -170,6 +173,7 @@ class Problem(Shown):
     nominal_from: tuple[str, ...] | None = None
     gains: tuple[float, ...] | None = None
     nominal_values: Mapping[str, float] = field(default_factory=dict)
+    source: str | Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         """Check the bounds; raise InputError if they are contradictory or of another

@@ -1,11 +1,17 @@
 """The `check` command that is printed: it carries what the user has given."""
 
-import pytest
+import re
+from dataclasses import replace
 
-from sdp_vs_penalty import Problem
+import pytest
+from arms import THREE, write_urdf
+from small_runs import small_run
+
+from sdp_vs_penalty import Problem, diagnose, identify, load_problem
 from sdp_vs_penalty.checks import Issue
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import explanations_in_a_line
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.problem.check_command import CheckCommand
 
 
@@ -64,3 +70,26 @@ def test_the_line_about_explanations_names_the_command_that_tries_them():
         " --fix 'my run_fixed.csv' --apply sign:tau2`"
     )
     assert expected in line
+
+
+def test_a_hint_in_python_names_the_files_that_were_passed(tmp_path, monkeypatch):
+    """With their folders; measurements that are no files have no command."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "my logs"
+    folder.mkdir()
+    write_urdf(folder / "arm.urdf", "another_name", THREE)
+    problem = load_problem("my logs/arm.urdf")
+    run = small_run(problem)
+    turned = replace(run, tau=run.tau * [1.0, -1.0, 1.0])
+    save(turned, folder / "run.csv")
+    words = (
+        "`check 'my logs/arm.urdf' --data 'my logs/run.csv'"
+        " --fix 'my logs/run_fixed.csv' --apply sign:tau2` tries the repair"
+    )
+    for robot in ("my logs/arm.urdf", problem):
+        with pytest.warns(UserWarning, match=re.escape(words)):
+            model = identify(robot, "my logs/run.csv", "ols")
+    with pytest.warns(UserWarning, match=re.escape(words)):
+        diagnose(model, "my logs/run.csv")
+    with pytest.warns(UserWarning, match=r"taken as it is; `check` says more"):
+        identify(problem, turned, "ols")
