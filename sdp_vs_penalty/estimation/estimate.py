@@ -463,8 +463,7 @@ class Estimate(Record):
         states = [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)]
         for name, x in zip(("q", "dq", "ddq"), states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (n,):
-                what = f"predict({name}=...)"
-                raise wrong_shape(what, x.shape, (states[0].size // n, n), "state")
+                raise wrong_shape(f"predict({name}=...)", x.shape, ("N", n), "state")
         count = len(states[0])
         if t is None:
             self._require_no_time()

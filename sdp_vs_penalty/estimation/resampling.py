@@ -188,6 +188,28 @@ class CrossValidation(Shown):
         ]
         return Table(("fold", "seconds", "relative error [%]"), rows)
 
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a table (data frame) with one row for each fold (from 1) and joint.
+
+        Columns: start and stop of the judged stretch [s], relative error of the fold
+        over all joints [%], and RMS torque error of the joint [N m or N].
+        """
+        import pandas
+
+        rows = [
+            {
+                "fold": number,
+                "joint": joint,
+                "start [s]": fold.start,
+                "stop [s]": fold.stop,
+                "relative error [%]": fold.relative_error_percent,
+                "error [N m or N]": error,
+            }
+            for number, fold in enumerate(self.folds, start=1)
+            for joint, error in enumerate(fold.rmse, start=1)
+        ]
+        return pandas.DataFrame(rows).set_index(["fold", "joint"])
+
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON dictionary of the settings, the totals and the folds.
 

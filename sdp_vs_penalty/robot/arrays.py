@@ -70,7 +70,7 @@ def check_finite(
 
 
 def wrong_shape(
-    what: str, shape: tuple[int, ...], expected: tuple[int, ...], row: str
+    what: str, shape: tuple[int, ...], expected: tuple[int | str, ...], row: str
 ) -> InputError:
     """Return the error for an array of another shape, which says where it is
     transposed.
@@ -81,8 +81,8 @@ def wrong_shape(
         Name of the array, for the error's sentence.
     shape : tuple of int
         The shape that it has.
-    expected : tuple of int
-        The shape that it must have.
+    expected : tuple of int or str
+        The shape that it must have; a letter stands for any number of rows.
     row : str
         What a row of it is, such as "sample".
 
@@ -91,11 +91,12 @@ def wrong_shape(
     InputError
         The error.
     """
+    count, *others = expected
     problem = f"{what} has shape {shape}"
-    is_transposed = len(shape) > 1 and shape in (
-        expected[::-1],
-        (*expected[1:], expected[0]),
-    )
-    if is_transposed:
+    # The rows come last, with the other axes in their order or turned round.
+    is_any = isinstance(count, str) or shape[-1:] == (count,)
+    rest = list(shape[:-1])
+    if len(shape) > 1 and is_any and rest in (others, others[::-1]):
         problem = f"{problem}: it is transposed"
-    return InputError(problem, f"give it as {expected}, a row a {row}")
+    in_words = ", ".join(map(str, expected)) + "," * (not others)
+    return InputError(problem, f"give it as ({in_words}), a row a {row}")

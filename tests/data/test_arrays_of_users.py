@@ -56,7 +56,7 @@ def test_arrays_of_another_shape_are_refused(
 def test_a_model_and_a_black_box_say_what_is_transposed(two_link, tmp_path):
     model = identify(two_link, small_run(two_link), "ols", check=False)
     states = [np.zeros((2, 5))] * 3
-    words = "predict(q=...) has shape (2, 5): it is transposed: give it as (5, 2)"
+    words = "predict(q=...) has shape (2, 5): it is transposed: give it as (N, 2)"
     with pytest.raises(InputError, match=re.escape(words)):
         model.predict(*states)
     arrays = {

@@ -35,6 +35,13 @@ def test_errors_are_of_unseen_motion(two_link):
     assert [f.start for f in result.folds] == pytest.approx(
         [0.0, 2.5, 5.0, 7.5], abs=0.02
     )
+    frame = result.to_frame()
+    assert list(frame.index) == [(k, j) for k in (1, 2, 3, 4) for j in (1, 2)]
+    for number, fold in enumerate(result.folds, start=1):
+        of_fold = frame.loc[number]
+        np.testing.assert_array_equal(of_fold["error [N m or N]"], fold.rmse)
+        assert set(of_fold["start [s]"]) == {fold.start}
+        assert set(of_fold["relative error [%]"]) == {fold.relative_error_percent}
 
 
 def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
