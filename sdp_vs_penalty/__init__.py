@@ -8,6 +8,7 @@ from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
+    from sdp_vs_penalty.api.adding import add as add
     from sdp_vs_penalty.api.diagnosis import diagnose as diagnose
     from sdp_vs_penalty.api.exporting import export as export
     from sdp_vs_penalty.api.identification import identify as identify
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.data.measurements import Measurements as Measurements
-    from sdp_vs_penalty.diagnosis.adding import add as add
     from sdp_vs_penalty.diagnosis.comparison import compare as compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails as where_it_fails
     from sdp_vs_penalty.errors import InputError as InputError
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
 _NAMES = {
+    "api.adding": "add",
     "api.diagnosis": "diagnose",
     "api.identification": "identify identify_black_box",
     "checks": "check",
     "data.datasets": "fetch",
     "data.files": "load_measurements",
     "data.measurements": "Measurements",
-    "diagnosis.adding": "add",
     "diagnosis.comparison": "compare",
     "diagnosis.where_it_fails": "where_it_fails",
     "errors": "InputError",

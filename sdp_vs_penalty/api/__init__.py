@@ -6,9 +6,17 @@ are resolved, read, checked and filtered once here, and handed on.
 
 from sdp_vs_penalty.plugins import lazy_exports
 
-__all__ = ["diagnose", "export", "identify", "identify_and_judge", "identify_black_box"]
+__all__ = [
+    "add",
+    "diagnose",
+    "export",
+    "identify",
+    "identify_and_judge",
+    "identify_black_box",
+]
 __getattr__ = lazy_exports(
     __name__,
+    adding="add",
     diagnosis="diagnose add_certain_findings",
     exporting="export judge_as_exported",
     identification="identify identify_and_judge identify_black_box",

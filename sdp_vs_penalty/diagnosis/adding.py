@@ -1,4 +1,4 @@
-"""The verb ``add``: an effect joins the model, and everything is identified again."""
+"""An effect joins a model, and everything is identified again."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def add(
     Returns
     -------
     Estimate
-        The extended model, with a certificate of its own.
+        The extended model, with a certificate of its own. It has no verdict yet.
 
     Raises
     ------

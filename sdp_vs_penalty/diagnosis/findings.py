@@ -1151,7 +1151,7 @@ class Retune(Rated):
     @property
     def text(self) -> str:
         """The written form with the new value, such as "coulomb_friction:7@v_s=0.08",
-        which :func:`~sdp_vs_penalty.diagnosis.add` takes.
+        which :func:`~sdp_vs_penalty.add` takes.
         """
         s = self.estimate
         return f"{s.effect}:{self.joint}@{s.shape}={s.after:.6g}"

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import HEAVY, THREE, run_of_widths, write_urdf
+from commands import run_cli
 from small_runs import small_run
 
 import sdp_vs_penalty as sdp
-from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.robot import random_trajectory
@@ -84,6 +85,23 @@ def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path):
         sdp.identify(problem, data, check=False), "payload,joint_spring:2", data
     )
     np.testing.assert_array_equal(mixed.theta[: -10 - 1], loaded.theta[:-10])
+
+
+@pytest.mark.parametrize("effects", ["payload", "joint_spring:2"])
+def test_an_extended_model_is_judged_on_its_runs(effects, tmp_path):
+    """In Python as by the command, with a verdict of its own."""
+    arm = write_urdf(tmp_path / "arm.urdf", "arm", THREE)
+    run = small_run(sdp.load_problem(arm))
+    save(run, tmp_path / "run.csv")
+    model = sdp.identify(arm, tmp_path / "run.csv", check=False)
+    model.save(tmp_path / "model.json")
+    extended = sdp.add(model, effects, tmp_path / "run.csv")
+    expected = sdp.compare(extended, tmp_path / "run.csv")[0].verdict
+    assert extended.verdict == expected
+    out = tmp_path / "extended.json"
+    words = ["add", tmp_path / "model.json", effects, "--out", out]
+    assert run_cli(*words, "--data", tmp_path / "run.csv") == 0
+    assert sdp.load_estimate(out).verdict == expected
 
 
 def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypatch):
