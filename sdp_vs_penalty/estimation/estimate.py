@@ -125,6 +125,25 @@ class Estimate(Record):
         undetermined = self.details.get("undetermined", {})
         return tuple(undetermined.get(p.name, "data") for p in self.model.parameters)
 
+    def value_text(self, index: int) -> str:
+        """Write a parameter with its unit and 95 % interval, "0.31 ± 0.02 N m/rad (95
+        %)"; where the data do not determine it, with what does.
+
+        Parameters
+        ----------
+        index
+            Of the parameter in theta, from 0.
+        """
+        unit = formatting.plain_unit(self.model.parameters[index].unit)
+        value = f"{self.theta[index]:.4g}"
+        source = self.sources[index]
+        half_width = NORMAL_95 * self.uncertainty.std[index]
+        if source != "data":
+            return f"{value} {unit} (not from the data: {source})"
+        if np.isnan(half_width):
+            return f"{value} {unit} (its interval is unknown)"
+        return f"{value} ± {half_width:.2g} {unit} (95 %)"
+
     @property
     def determined_by_data(self) -> list[tuple[str, str]]:
         """Lines (label, text) on which parameters the data determine, for the user.

@@ -11,6 +11,7 @@ import numpy as np
 from lxml import etree
 
 from sdp_vs_penalty.errors import InputError, printable
+from sdp_vs_penalty.estimation.carried import payload_parameters
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
 from sdp_vs_penalty.robot import inertia
@@ -583,13 +584,13 @@ def payload(estimate: Estimate) -> Inertial:
     InputError
         If it has no payload, or one without mass.
     """
-    is_payload = [p.effect == "payload" for p in estimate.model.parameters]
-    if not any(is_payload):
+    found = payload_parameters(estimate)
+    if found is None:
         raise InputError(
             "the model has no payload",
             "add one: `sdp-vs-penalty add model.json payload --frozen`",
         )
-    load = estimate.theta[np.array(is_payload)]
+    _, load = found
     require_consistent(load, "payload")
     if load[0] <= 0.0:
         raise InputError("the payload has no mass", "measure with the load on")

@@ -1,13 +1,15 @@
 """Take a model elsewhere: simulators, controllers, tables."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
 from sdp_vs_penalty import exporters
 from sdp_vs_penalty.effects import effect_in_words
-from sdp_vs_penalty.errors import InputError, printable
+from sdp_vs_penalty.errors import InputError, Remark, printable
+from sdp_vs_penalty.estimation.carried import doubts_of_bodies
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
@@ -83,6 +85,9 @@ def write_model(
         if left_out and hasattr(home, "HOLDS"):
             verdict = exported_verdict(left_out, judged)
         content = _with_verdict(content, out.suffix.lower(), verdict)
+    if getattr(home, "BODIES", True):
+        for doubt in doubts_of_bodies(estimate):
+            warnings.warn(f"{out}: {doubt}", Remark, stacklevel=2)
     write_bytes(out, content)
     return left_out
 

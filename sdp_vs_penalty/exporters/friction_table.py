@@ -15,6 +15,7 @@ from sdp_vs_penalty.robot.robot import joint_limits
 ENDING = ".csv"
 FILE = "friction.csv"
 ABOUT = "friction by velocity"
+BODIES = False
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ Written = tuple[bytes, tuple[str, ...]]
 class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
-    Two more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
+    Three more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
     the names of the effects that have a place in them (:class:`HoldsModel`).
     ``EDITS = True`` is of formats that can edit the user's own file, ``options.urdf``.
+    ``BODIES = False`` is of formats that hold neither links nor a payload.
     """
 
     #: How the names of such files end, ".sdf"; the longest that fits a name decides.

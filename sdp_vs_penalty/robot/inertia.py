@@ -422,6 +422,36 @@ def second_moment(theta: ArrayLike) -> Array:
     return np.where(np.isfinite(central), central, 0.0)
 
 
+#: Density of osmium, the densest material [kg/m^3] (Arblaster, Platinum Metals Review
+#: 1995).
+DENSEST = 22590.0
+
+
+def least_density(theta: ArrayLike) -> Array:
+    """Return the least density that a body of this mass and inertia must have somewhere.
+
+    Of all bodies with a mass m, a central second moment m S and a density of at most
+    rho, the uniform ellipsoid is the smallest: its half axes are sqrt(5 s_i), with the
+    eigenvalues s_i of S. So rho >= m / (4/3 pi 5^(3/2) sqrt(det S)).
+
+    Parameters
+    ----------
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
+
+    Returns
+    -------
+    (...) array
+        [kg/m^3]; infinite for a flat body, 0 without mass.
+    """
+    mass = np.asarray(theta, float)[..., 0]
+    spread = np.maximum(np.linalg.eigvalsh(second_moment(theta)), 0.0)
+    volume = 4.0 / 3.0 * np.pi * np.prod(np.sqrt(5.0 * spread), axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        density = mass / volume
+    return np.where(mass > 0.0, density, 0.0)
+
+
 def nearest_inertia(
     about_com: Array, mass: float = 0.0, thinnest: float = _THINNEST
 ) -> Array:

@@ -76,7 +76,7 @@ def verb(
         _say_what_a_held_model_keeps(effects, added)
     for line in changed_constants_in_words(estimate.model, bigger.model):
         console.say(f"re-estimated constant: {line}")
-    _say_sizes(effects, bigger)
+    _say_sizes(effects, bigger, added)
     printing.certificate(bigger)
     console.written(out)
     mounting = [] if gravity is None else ["--gravity", gravity]
@@ -112,17 +112,29 @@ def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
             console.say(f"not added: {effect_in_words(finding.text)} ({why})")
 
 
-def _say_sizes(effects: Any, model: Any) -> None:
-    """Print the size of each added finding in the new model, with its interval.
+def _say_sizes(effects: Any, model: Any, added: Any) -> None:
+    """Print what was added: of findings their sizes, of effects that were named their
+    parameters, each with its interval; of a payload its mass and where it is.
 
     A finding that a measured curve replaces is not in the model.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
+    from sdp_vs_penalty.estimation import carried
 
     for finding in () if isinstance(effects, str) else effects.beside_curves:
-        size = size_in_model(finding, model).size_text
-        console.say(f"{finding.title}: {size}")
+        if finding.effect != carried.PAYLOAD:
+            size = size_in_model(finding, model).size_text
+            console.say(f"{finding.title}: {size}")
+    for effect, indices in model.model.parts:
+        if effect in added and effect.name == carried.PAYLOAD:
+            console.paragraph(carried.payload_in_words(model))
+            for doubt in carried.doubts_of_payload(model):
+                console.warn(doubt)
+        elif effect in added and isinstance(effects, str):
+            for k in indices:
+                name = model.model.parameters[k].name
+                console.say(f"{name}: {model.value_text(k)}")
 
 
 def _effects(
