@@ -72,8 +72,10 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     }
     if shortest <= glance.usual_step <= longest or not fits:
         return
-    if glance.usual_step < shortest <= (t[-1] - t[0]) / len(t):
-        return  # stamps come in bursts, and on the whole the clock counts seconds
+    if shortest <= (t[-1] - t[0]) / len(t) <= longest:
+        # Stamps come in bursts, or were written with too few digits: on the whole the
+        # clock counts seconds.
+        return
     # Speed of the faster tenth of the motion, of the median joint.
     q = glance.run.q[:, glance.moving]
     travel = np.quantile(

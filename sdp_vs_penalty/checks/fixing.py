@@ -2,7 +2,7 @@
 
 A repair cannot harm: rows are dropped up to a tenth only, and before anything is written
 both logs are identified on one split. What does not lower the error on motion left out
-is not written.
+is not written. Nor is a copy in which the check finds again what was repaired.
 """
 
 from collections.abc import Sequence
@@ -20,6 +20,8 @@ from sdp_vs_penalty.signals.runs import sample_rate
 
 #: Share of each run that both logs are identified from; the rest is left out.
 TRAINED_ON = 0.7
+#: A repair is repeated so many times, since a large fault may hide smaller ones.
+_PASSES = 4
 #: An error that rises by less is the same where a fact is repaired: other rows are left
 #: out. What an explanation repairs has to lower it.
 SAME_ERROR = 1.02
@@ -82,12 +84,16 @@ def fix_runs(
     ------
     InputError
         For a word that no report has, for a repair that drops more than a tenth of a
-        run, and for one that does not lower the error on motion left out.
+        run, for one that does not lower the error on motion left out, and for one after
+        which the check finds the same again.
     """
     _check_words(reports, apply)
     repaired = [_fixed(report, apply) for report in reports]
-    copies = tuple(run for run, _ in repaired)
     issues = tuple(tuple(done) for _, done in repaired)
+    copies = tuple(run for run, _ in repaired)
+    remaining: list[tuple[str, Issue]] = []
+    if any(issues):
+        copies, remaining = _checked_again(problem, copies, issues)
     for run, copy, report in zip(runs, copies, reports, strict=True):
         _check_rows(
             len(run.t),
@@ -95,11 +101,13 @@ def fix_runs(
             report.run,
         )
     if not any(issues) or not all(run.torque_logged for run in runs):
+        _refuse_remaining(remaining)
         return Repaired(copies, issues)
     filters = _filters(problem, copies, runs)
     before = _error_left_out(problem, runs, filters)
     after = _error_left_out(problem, copies, filters)
     _check_errors(before, after, allowed=1.0 if apply else SAME_ERROR)
+    _refuse_remaining(remaining)
     return Repaired(copies, issues, before, after)
 
 
@@ -154,6 +162,64 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
         assert issue.repair is not None
         run = issue.repair(run)
     return run, [*facts, *named]
+
+
+def _checked_again(
+    problem: Problem,
+    copies: tuple[Measurements, ...],
+    issues: Sequence[Sequence[Issue]],
+) -> tuple[tuple[Measurements, ...], list[tuple[str, Issue]]]:
+    """Check repaired copies, and repair facts of the same kinds again: a large fault may
+    hide smaller ones.
+
+    Parameters
+    ----------
+    problem
+        Of the robot that was logged.
+    copies
+        The repaired runs.
+    issues
+        What was repaired of each.
+
+    Returns
+    -------
+    tuple of Measurements
+        The copies.
+    list of (str, Issue)
+        What was repaired and is still found: the run's name and the issue.
+    """
+    from sdp_vs_penalty.checks.check import check_runs
+
+    facts = [{issue.kind for issue in done if issue.mends} for done in issues]
+    explanations = [{(f.kind, f.where) for f in done if not f.mends} for done in issues]
+    for number in range(_PASSES + 1):
+        reports = check_runs(problem, copies, problem.preprocessing, thorough=False)
+        left = [
+            [f for f in report.errors_and_warnings if f.mends and f.kind in kinds]
+            for report, kinds in zip(reports, facts, strict=True)
+        ]
+        if number == _PASSES or not any(left):
+            break
+        copies = tuple(
+            report.repaired_certain if of_run else copy
+            for report, copy, of_run in zip(reports, copies, left, strict=True)
+        )
+    remaining = list[tuple[str, Issue]]()
+    for report, of_run, explained in zip(reports, left, explanations, strict=True):
+        again = [f for f in report.issues if (f.kind, f.where) in explained]
+        remaining += [(report.run, issue) for issue in (*of_run, *again)]
+    return copies, remaining
+
+
+def _refuse_remaining(remaining: Sequence[tuple[str, Issue]]) -> None:
+    """Raise an InputError for the first issue that the check finds after its repair."""
+    for run, issue in remaining:
+        raise InputError(
+            f"{issue.kind} ({issue.where}) could not be mended: the check finds it in"
+            " the repaired copy, too",
+            f"{issue.remedy}; nothing was written",
+            run,
+        )
 
 
 def _filters(

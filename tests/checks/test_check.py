@@ -352,8 +352,11 @@ def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys):
     run = quarter_rate(two_link)
     save(FLIPPED(run), bad)
     two = "check", "two_link", "--data"
-    assert run_cli(*two, bad, "--json", out, "--fix", mended) == 0
-    assert "flip the sign of tau2" in capsys.readouterr().out
+    assert run_cli(*two, bad, "--json", out, "--fix", mended) == 2
+    shown, said = capsys.readouterr()
+    assert "flip the sign of tau2" in shown
+    assert "name it with --apply sign:tau2; nothing was written." in said
+    assert not mended.exists()
     report = json.loads(out.read_text())["runs"][0]
     assert report["meaningless"] is False
     issue = report["findings"][0]
@@ -361,7 +364,37 @@ def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys):
     assert (issue["nature"], issue["severity"]) == ("explanation", "warning")
     assert issue["figures"]["joints"] == [2]
     assert issue["can_fix"] is False
-    np.testing.assert_array_equal(load_measurements(mended).tau, FLIPPED(run).tau)
+
+
+def test_no_copy_is_written_of_a_log_that_is_not_repaired(tmp_path, two_link, capsys):
+    """One without a problem, and one with a gap, which nothing mends."""
+    good, gap, copy = (tmp_path / name for name in ("good.csv", "gap.csv", "copy.csv"))
+    run = quarter_rate(two_link)
+    save(run, good)
+    is_kept = (run.t < 4.0) | (run.t > 5.0)
+    save(run.rows(is_kept), gap)
+    two = "check", "two_link", "--fix", copy, "--data"
+    assert run_cli(*two, good) == 0
+    assert "Nothing was to be repaired. No copy was written." in capsys.readouterr().out
+    assert run_cli(*two, gap) == 2
+    assert "cannot repair this (gap in time)" in capsys.readouterr().err
+    assert not copy.exists()
+
+
+def test_time_in_whole_seconds_is_mended_in_one_step(tmp_path, two_link, capsys):
+    """It was called milliseconds, and the copy was the log itself."""
+    log, copy = tmp_path / "log.csv", tmp_path / "copy.csv"
+    run = quarter_rate(two_link)
+    save(replace(run, t=np.floor(run.t)), log)
+    two = "check", "two_link", "--data"
+    assert run_cli(*two, log, "--fix", copy) == 1
+    shown = capsys.readouterr().out
+    assert "coarse time stamps" in shown
+    assert "milliseconds" not in shown
+    assert run_cli(*two, copy) == 0
+    assert "0 problems" in capsys.readouterr().out
+    step = np.median(np.diff(run.t))
+    np.testing.assert_allclose(np.diff(load_measurements(copy).t), step, rtol=0.05)
 
 
 def test_an_explanation_is_never_an_error():

@@ -7,7 +7,7 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
-from sdp_vs_penalty.checks import Issue, mended
+from sdp_vs_penalty.checks import Issue, fixing, mended
 from sdp_vs_penalty.checks.certainty import certain, likely
 from sdp_vs_penalty.checks.channels import (
     possible_magnitudes,
@@ -279,6 +279,28 @@ def test_a_repair_that_raises_the_error_is_not_written():
             [replace(report, issues=(wrong,))],
             ["sign:tau2"],
         )
+
+
+def test_a_repair_after_which_the_check_finds_the_same_is_refused(monkeypatch):
+    """A repair that changes nothing would be tried again and again."""
+    monkeypatch.setattr(fixing, "_PASSES", 0)
+    tau = RUN.tau.copy()
+    tau[300, 1] += 1e3
+    log = replace(RUN, tau=tau)
+    (report,) = check(PROBLEM, log, thorough=False)
+    unchanged = replace(report, repaired_certain=log)
+    with pytest.raises(InputError, match=r"spikes .* could not be mended"):
+        fix_runs(PROBLEM, [log], [unchanged])
+
+
+def test_a_fault_that_hides_smaller_ones_is_repaired_with_them():
+    tau = RUN.tau.copy()
+    for row, size in ((300, 1e9), (500, 1e5), (700, 1e3)):
+        tau[row, 1] += size
+    log = replace(RUN, tau=tau)
+    repaired = fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False))
+    (again,) = check(PROBLEM, repaired.runs[0], thorough=False)
+    assert "spikes" not in [f.kind for f in again.errors_and_warnings]
 
 
 def test_a_short_freeze_is_repaired():

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,8 +52,10 @@ def verb(
         gravity=gravity,
     )
     meaningless = any(report.meaningless for report in reports)
+    copies = None
     if fix is not None:
         copies = _write_copies(robot, files, runs, reports, fix, apply or [])
+    if copies is not None:
         console.next_step(replace(command, runs=copies).words)
     elif (repair := _repair_words(reports)) is not None:
         console.next_step(command.applying(repair).repair_words)
@@ -122,10 +125,11 @@ def _write_copies(
     reports: Sequence[Report],
     fix: Path,
     apply: Sequence[str],
-) -> list[Path]:
+) -> list[Path] | None:
     """Write a repaired copy of each run, and a text file of what was changed.
 
-    Returns the paths of the copies.
+    Returns the paths of the copies; None for runs without a problem, of which no copy
+    is written. Raises InputError where problems were found, and none can be repaired.
     """
     from sdp_vs_penalty.checks.fixing import fix_runs
     from sdp_vs_penalty.cli import console
@@ -137,6 +141,10 @@ def _write_copies(
             remedy = "cut it into files of 250 000 rows"
             raise InputError("--fix: too long to be repaired", remedy, path)
     repaired = fix_runs(robot, runs, reports, apply)
+    if not any(repaired.issues):
+        _refuse_unrepaired(reports, fix)
+        console.say(f"{repaired.sentence} No copy was written.")
+        return None
     console.say(repaired.sentence)
     is_folder = len(files) > 1 or not fix.suffix or fix.is_dir()
     copies = [fix / f"{path.stem}.csv" if is_folder else fix for path in files]
@@ -154,6 +162,22 @@ def _write_copies(
         write_text(note, report.changes(path.name, done))
         console.written(note)
     return copies
+
+
+def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
+    """Raise InputError for problems of which none was repaired: the copy would have
+    them all.
+    """
+    problems = [issue for report in reports for issue in report.errors_and_warnings]
+    if not problems:
+        return
+    kinds = formatting.words(list(dict.fromkeys(issue.kind for issue in problems)))
+    what = f"--fix {fix}: the program cannot repair this ({kinds})"
+    remedy = "see what to do above"
+    if words := list(dict.fromkeys(issue.apply for issue in problems if issue.apply)):
+        what = f"--fix {fix}: repairs only what is certain, or named ({kinds})"
+        remedy = f"name it with --apply {' '.join(words)}"
+    raise InputError(what, f"{remedy}; nothing was written")
 
 
 def _say_identify(
