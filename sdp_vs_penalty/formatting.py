@@ -365,6 +365,34 @@ def convert_command(path: object, *words: object) -> str:
     return command("convert", path, *words, "--out", out)
 
 
+def scope_of_errors(band: float, still: float) -> str:
+    """Say which errors are meant: those below a frequency, in motion.
+
+    Parameters
+    ----------
+    band : float
+        The low-pass that measured and modelled torque passed [Hz].
+    still : float
+        How long the arm stood still [s]; these rows are left out.
+
+    Returns
+    -------
+    str
+        Such as "below 8 Hz, 3.2 s of standstill left out".
+
+    Examples
+    --------
+    >>> scope_of_errors(8.0, 0.0)
+    'below 8 Hz'
+    """
+    return ", ".join(filter(None, (f"below {number(band)} Hz", left_out_still(still))))
+
+
+def left_out_still(still: float) -> str:
+    """Say that errors leave out how long the arm stood still [s]; "" for none."""
+    return f"{number(still, 2)} s of standstill left out" if still else ""
+
+
 def count(number: int, noun: str) -> str:
     """Write a number with its noun: "1 problem", "2 problems".
 

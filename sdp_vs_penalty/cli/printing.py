@@ -178,7 +178,7 @@ def comparison(
         last.noise_floor,
         units,
         r2=last.r2 if is_alone else (),
-        title=f"{title} below {last.facts()['band'].text}",
+        title=f"{title} {last.facts()['scope'].text}",
     )
     console.table(table)
     if is_numbered:

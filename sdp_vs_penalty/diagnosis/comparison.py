@@ -78,7 +78,8 @@ class Comparison(Record):
     new_motion_share : share of the rows whose motion the model was not trained on (see
     :mod:`~sdp_vs_penalty.signals.motion`), None where its model.json does not record
     that; outside : by effect the share of rows outside of its table (a measured curve),
-    where it is held constant; runs : names of the measurements; judged_on : a sentence
+    where it is held constant; still : how long the arm stood still [s], whose rows are
+    left out; runs : names of the measurements; judged_on : a sentence
     where the recording is so long that the noise was measured in windows of it.
     """
 
@@ -96,6 +97,7 @@ class Comparison(Record):
     new_motion_share: float | None = None
     outside: Mapping[str, float] = field(default_factory=dict)
     judged_on: str | None = None
+    still: float = 0.0
 
     @fact("N m or N", name="error")
     def joint_error(self) -> Array:
@@ -150,6 +152,16 @@ class Comparison(Record):
     def band(self) -> float:
         """The low-pass that measured and modelled torque passed."""
         return self.band_hz
+
+    @fact("s", digits=2)
+    def standstill_left_out(self) -> float:
+        """How long no joint moves in the judged runs; errors are those of the rest."""
+        return self.still
+
+    @fact("")
+    def scope(self) -> str:
+        """Which errors are meant: below the low-pass, and what is left out."""
+        return formatting.scope_of_errors(self.band_hz, self.still)
 
     @fact("%", digits=2, name="new motion")
     def new_motion_percent(self) -> float | None:
@@ -301,7 +313,7 @@ class Comparison(Record):
         rows.append(("RMSE", in_words(self.rmse)))
         if self.noise_floor is not None:
             rows.append(("noise floor", in_words(self.noise_floor)))
-        rows.append(("band", f"below {self.band_hz:.3g} Hz"))
+        rows.append(("band", self.scope))
         rows.append(("new motion", new_motion(self.new_motion_share)))
         return f"Comparison of {self.name}. {verdict.headline}", rows
 
@@ -371,6 +383,7 @@ class Comparison(Record):
             new_motion_share=data["new_motion_share"],
             outside=dict(data["outside"]),
             judged_on=data["judged_on"],
+            still=float(data.get("standstill_left_out", 0.0)),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -388,6 +401,7 @@ class Comparison(Record):
             ),
             "relative_error_percent": finite(self.relative_error_percent),
             "band_hz": self.band_hz,
+            "standstill_left_out": self.still,
             "new_motion_share": self.new_motion_share,
             "outside": dict(self.outside),
             "judged_on": self.judged_on,
@@ -798,6 +812,7 @@ def _compare_one(
         runs=runs.measurements.names,
         new_motion_share=None if record is None else record.new_share(runs),
         outside=outside_shares,
+        still=runs.still_seconds,
     )
 
 

@@ -50,6 +50,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.runs import Movement, still_seconds
 from sdp_vs_penalty.signals.segments import (
     SegmentedRuns,
     segmented,
@@ -129,6 +130,12 @@ def diagnose(
     floor, _ = judged_noise or noise_floor(
         model, judged_recordings or test or measurements
     )
+    share = model.preprocessing.standstill
+    still = sum(
+        still_seconds(run, Movement(run, share))
+        for run in (test or measurements).runs()
+    )
+    diagnosis = replace(diagnosis, standstill_left_out=still)
     return diagnosis if floor is None else replace(diagnosis, noise_floor=floor)
 
 

@@ -521,7 +521,8 @@ class Diagnosis(Record, JsonRecord):
     test run's rows, those whose motion is not in the runs that were searched; remains :
     what repeats and is unknown; torque_units (n,) : of the joints; notices : facts that
     the model's own parameters hold, such as a load that its file does not know; passing
-    : what acts for a part of the runs only, such as a load that is carried.
+    : what acts for a part of the runs only, such as a load that is carried;
+    standstill_left_out : how long the arm stands still in the runs of the errors [s].
     """
 
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
@@ -544,6 +545,12 @@ class Diagnosis(Record, JsonRecord):
     torque_units: tuple[str, ...] = ()
     notices: tuple[Notice, ...] = ()
     passing: tuple[PassingCause, ...] = ()
+    standstill_left_out: float = 0.0
+
+    @property
+    def scope(self) -> str:
+        """Which errors are meant: below the low-pass, and what is left out."""
+        return formatting.scope_of_errors(self.band_hz, self.standstill_left_out)
 
     def torque_unit(self, joint: int) -> str:
         """Unit of the torque of a joint (from 1); "N m or N" where files of older
@@ -925,6 +932,8 @@ class Diagnosis(Record, JsonRecord):
             errors = [f"{x} ({error})" for x, error in zip(times, errors, strict=True)]
             unit = "in multiples of the noise"
         by_joint = [f"j{joint} {error}" for joint, error in enumerate(errors, start=1)]
+        still = formatting.left_out_still(self.standstill_left_out)
+        unit = "; ".join(filter(None, (unit, still)))
         return f"{start} ({unit}): {', '.join(by_joint)}."
 
     @property

@@ -106,7 +106,7 @@ class CrossValidation(Shown):
 
     folds : those with rows to judge; periodic : whether a motion repeats; guard [s] :
     what training keeps off the judged stretch; band_hz : below which all errors are
-    meant.
+    meant; still [s] : how long the arm stood still, whose rows are left out.
     """
 
     problem: str
@@ -116,6 +116,12 @@ class CrossValidation(Shown):
     periodic: bool
     guard: float
     band_hz: float
+    still: float = 0.0
+
+    @property
+    def scope(self) -> str:
+        """Which errors are meant: below the low-pass, and what is left out."""
+        return formatting.scope_of_errors(self.band_hz, self.still)
 
     @property
     def _whole(self) -> Fold:
@@ -177,7 +183,7 @@ class CrossValidation(Shown):
         return f"CrossValidation: {self.verdict}", [
             ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
             ("split", self.how),
-            ("band", f"below {self.band_hz:.3g} Hz"),
+            ("band", self.scope),
         ]
 
     def _table(self) -> Table:
@@ -233,6 +239,7 @@ class CrossValidation(Shown):
             "periodic": self.periodic,
             "guard": self.guard,
             "band_hz": self.band_hz,
+            "standstill_left_out": self.still,
             "relative_error_percent": self.relative_error_percent,
             "effects": list(self.effects),
             "rmse": self.rmse.tolist(),
@@ -470,6 +477,7 @@ class Split:
             periodic=periodic,
             guard=self.phases.guard,
             band_hz=band,
+            still=self.runs.still_seconds,
         )
 
     def _trained(self, fold: int) -> Model:

@@ -305,8 +305,8 @@ def finding_table(
         headings=("with", *(str(j) for j, _ in enumerate(units, start=1))),
         rows=[(name, *map(number, errors)) for name, errors in rows],
         title=(
-            f"Error (RMS) [{kinds}] of each joint on data not used for fitting, below"
-            f" {number(diagnosis.band_hz)} Hz"
+            f"Error (RMS) [{kinds}] of each joint on data not used for fitting,"
+            f" {diagnosis.scope}"
         ),
     )
 

@@ -242,7 +242,7 @@ def verdict(data: ReportData) -> Context:
         "samples": len(data.measurements.t),
         "seconds": first.facts()["judged_seconds"].text,
         "names": ", ".join(data.measurements.names),
-        "band": first.facts()["band"].text,
+        "scope": first.facts()["scope"].text,
     }
 
 

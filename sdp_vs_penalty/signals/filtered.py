@@ -29,7 +29,12 @@ from sdp_vs_penalty.signals.preprocessing import (
     RunFilter,
     no_rows,
 )
-from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps
+from sdp_vs_penalty.signals.runs import (
+    Movement,
+    Stretch,
+    split_at_gaps,
+    still_seconds,
+)
 
 
 @dataclass(frozen=True)
@@ -391,6 +396,13 @@ class FilteredRuns:
     def are_long(self) -> bool:
         """Whether they are so long that nothing may keep them in memory for later."""
         return self.measurements.q.size > SAMPLES
+
+    @property
+    def still_seconds(self) -> float:
+        """How long the arm stands still in all runs [s]: of these samples come no
+        rows.
+        """
+        return sum(still_seconds(run.run, run.moving) for run in self.runs)
 
     @classmethod
     def of(cls, measurements: Measurements, settings: Preprocessing) -> FilteredRuns:

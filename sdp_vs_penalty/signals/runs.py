@@ -135,6 +135,20 @@ class Movement:
         return self.moves[inside]
 
 
+def still_seconds(run: Measurements, movement: Movement) -> float:
+    """Return how long the arm stands still in a run [s].
+
+    Parameters
+    ----------
+    run : Measurements
+        The run.
+    movement : Movement
+        Which of its samples belong to motion.
+    """
+    n_still = sum(int(np.sum(~part)) for _, part in iter_chunks(movement.moves))
+    return n_still / sample_rate(run) if n_still else 0.0
+
+
 def _ways(run: Measurements) -> Iterator[Array]:
     """Yield the absolute displacement of each joint over the half second around each
     sample, (N, n) chunk by chunk."""

@@ -74,10 +74,7 @@ def verb(
         for name, f in zip([*names, "all"], judged, strict=True)
     ]
     units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))
-    title = (
-        f"Relative error, and RMSE [{units}] of each joint below"
-        f" {number(result.band_hz)} Hz"
-    )
+    title = f"Relative error, and RMSE [{units}] of each joint {result.scope}"
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(Table(heads, rows, title=title))
     settings = {

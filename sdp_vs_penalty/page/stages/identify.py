@@ -363,12 +363,12 @@ def _figures(model: ModelStep) -> None:
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     new = facts["new_motion_percent"]["texts"][0]
     seconds = facts["judged_seconds"]["texts"][0]
-    band = facts["band"]["texts"][0]
+    scope = facts["scope"]["texts"][0]
     heads = JUDGED_HEADS[1:]  # the verdict stands above
     draw.figures(list(zip(heads, model.judged[2:], strict=True)))
     draw.note(
-        f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting, below"
-        f" {band} Hz; identified in {model.seconds:.2g} s."
+        f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting,"
+        f" {scope}; identified in {model.seconds:.2g} s."
     )
     for line in model.comparison["verdict"]["lines"][1:]:
         text = f"{line['about'].capitalize()}: {spoken(line['text'])}"
