@@ -16,6 +16,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import channel_gains, drive_gains, loop_gains
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.render import tables
+from sdp_vs_penalty.signals.noise import said_before
 
 if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.checks.issue import Issue
@@ -130,12 +131,24 @@ def _gains(title: str, entries: Sequence[Any]) -> None:
     console.table(tables.gain_table(title, rows))
 
 
-def verdict(record: Verdict, name: str = "") -> None:
-    """Print a verdict: the grade with its reason, then the other two criteria."""
+def verdicts(results: Sequence[Comparison]) -> None:
+    """Print the verdict on each of several models; how rough the noise is is said
+    once.
+    """
+    for number, result in enumerate(results):
+        verdict(result.verdict, result.name, is_first=number == 0)
+
+
+def verdict(record: Verdict, name: str = "", is_first: bool = True) -> None:
+    """Print a verdict: the grade with its reason, then the other two criteria.
+
+    ``is_first`` is whether no other verdict on the same measurements stands before it.
+    """
     headline = f"{name}: {record.headline}" if name else record.headline
-    say(headline, style="bold")
+    say(headline if is_first else said_before(headline), style="bold")
     for line in record.lines[1:]:
-        paragraph(f"{line.about} ({line.grade}): {line.text}")
+        text = line.text if is_first else said_before(line.text)
+        paragraph(f"{line.about} ({line.grade}): {text}")
     if record.remark:
         paragraph(record.remark)
 

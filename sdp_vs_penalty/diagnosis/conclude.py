@@ -45,7 +45,7 @@ from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM
 from sdp_vs_penalty.signals.standstill import STILL
 
 
@@ -228,7 +228,7 @@ class Conclusion:
         """
         has_test_run = self.ladder.held_out.source != "folds"
         sentences = (
-            _NOISE.get(self.data.noise.source),
+            NOTES_ON_NOISE.get(self.data.noise.source),
             _standstill(self.data, self.left.residual),
             repeatability_warning(self.new_motion_share),
             None if has_test_run else _FOLDS,
@@ -391,8 +391,8 @@ def _rival_name(effect: Effect, other: Effect) -> str:
 
 
 #: What is said of a noise that no repetition shows, by its source; and of errors without
-#: a test run.
-_NOISE = {
+#: a test run. How rough a noise from the spectrum is stands in the headline.
+NOTES_ON_NOISE = {
     RESIDUAL: (
         "No motion repeats and the log shows no steady noise above the motion's band"
         " (too slow, smoothed before it was logged, or louder in motion), so noise and"
@@ -401,8 +401,7 @@ _NOISE = {
     ),
     SPECTRUM: (
         "No motion repeats: the noise is that of the torque's spectrum above the"
-        f" motion's band, {SPECTRUM_KNOWN}. Record a run with more than one period to"
-        " know it better."
+        " motion's band. Record a run with more than one period to know it better."
     ),
 }
 _FOLDS = (

@@ -829,11 +829,13 @@ class Diagnosis(Record, JsonRecord):
         nothing.
         """
         certain = [f for f in self.effects if f.effect_is_certain]
+        named = named_on_joints(certain or self.effects)
+        near_ties = [f for f in self.effects if f.rating == "near-tie"]
+        open_names = [f for f in near_ties if not f.effect_is_certain]
+        if certain and open_names:
+            named += f"; {named_on_joints(open_names)}, or what fits as well"
         findings = "finding" if len(self.effects) == 1 else "findings"
-        counted = (
-            f"{named_on_joints(certain or self.effects)}"
-            f" ({rating_counts(self.effects)} {findings})"
-        )
+        counted = f"{named} ({rating_counts(self.effects)} {findings})"
         unexplained = self.unexplained_sentence
         if unexplained and certain:
             return f"Missing: {counted}; also {unexplained}."

@@ -57,10 +57,29 @@ RESIDUAL = "residual"
 #: the part of the positions, which is noise of the model's torque and not of the sensor,
 #: the floor is up to 40 times the sensor's noise there. It is stated wherever the noise
 #: is.
-SPECTRUM_KNOWN = (
-    "rough (within a factor of two in simulations, up to four times too large on a real"
-    " arm; what encoder steps and an uneven clock make of the modelled torque is in it)"
+_HOW_ROUGH = (
+    "within a factor of two in simulations, up to four times too large on a real arm;"
+    " what encoder steps and an uneven clock make of the modelled torque is in it"
 )
+SPECTRUM_KNOWN = f"rough ({_HOW_ROUGH})"
+
+
+def said_before(text: str) -> str:
+    """Return a text of which the reader knows how rough a noise from the spectrum is.
+
+    Parameters
+    ----------
+    text : str
+        A text that may hold SPECTRUM_KNOWN.
+
+    Returns
+    -------
+    str
+        The text without what stands in parentheses there.
+    """
+    return text.replace(f" ({_HOW_ROUGH})", "")
+
+
 #: Frequencies and poses over which the noise of positions is averaged.
 _FREQUENCIES = 2001
 _POSES = 40

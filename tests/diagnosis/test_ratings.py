@@ -79,15 +79,15 @@ def test_an_effect_is_certain_where_only_its_law_is_open(effect, rivals, is_cert
     assert finding(effect, 7, *rivals).effect_is_certain == is_certain
 
 
-def test_the_headline_names_effects_whose_law_is_open():
+def test_the_headline_names_effects_whose_law_or_name_is_open():
     found = diagnosis(
         finding("presliding_hysteresis", 4),
         finding("presliding_hysteresis", 7, "maxwell_slip"),
         finding("joint_spring", 2, "base_tilt"),
     )
     assert found.headline == (
-        "Missing: pre-sliding hysteresis on joints 4 and 7"
-        " (1 confident and 2 near-tie findings)."
+        "Missing: pre-sliding hysteresis on joints 4 and 7; joint spring on joint 2, or"
+        " what fits as well (1 confident and 2 near-tie findings)."
     )
 
 

@@ -11,10 +11,13 @@ from commands import run_cli
 from small_runs import small_run
 
 import sdp_vs_penalty as sdp
+from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.conclude import NOTES_ON_NOISE
 from sdp_vs_penalty.diagnosis.findings import load_diagnosis
 from sdp_vs_penalty.render.words import finding_table
+from sdp_vs_penalty.signals.noise import SPECTRUM, SPECTRUM_KNOWN
 
 #: How long the arm is held at the end of the run [s].
 HELD = 3.0
@@ -78,3 +81,14 @@ def test_commands_report_and_files_say_the_same(
     assert "; 2.8 s of standstill left out): j1" in diagnosis.left_sentence
     sdp.report(model, "run.csv", "report.html")
     assert f"errors are those {words}" in Path("report.html").read_text()
+
+
+def test_how_rough_the_noise_is_is_said_once(model, held, capsys):
+    """Of several models, and by a diagnosis, whose headline says it."""
+    (one,) = sdp.compare(model, held)
+    rough = replace(one, noise_floor=np.full(2, 0.5), noise_source=SPECTRUM)
+    printing.verdicts([rough, replace(rough, name="another")])
+    printed = " ".join(capsys.readouterr().out.split())
+    assert printed.count("the noise is from the torque's spectrum, rough") == 2
+    assert printed.count("four times too large on a real arm") == 1
+    assert SPECTRUM_KNOWN not in NOTES_ON_NOISE[SPECTRUM]

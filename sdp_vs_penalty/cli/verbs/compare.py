@@ -39,8 +39,7 @@ def verb(
         oldest.preprocessing,
         noise=results[0].noise,
     )
-    for result in results:
-        printing.verdict(result.verdict, result.name)
+    printing.verdicts(results)
     units = estimate.robot.torque_units
     printing.comparison(results, units)
     printing.where_it_fails(failures, newest)
