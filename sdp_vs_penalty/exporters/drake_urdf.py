@@ -9,4 +9,5 @@ FILE = "robot.drake.urdf"
 ABOUT = "for Drake, with rotor inertias"
 EDITS = True
 HOLDS = urdf.HOLDS | {"rotor_inertia"}
+RESTS = True
 write = partial(urdf.write, drake=True)

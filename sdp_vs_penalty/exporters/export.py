@@ -84,12 +84,48 @@ def write_model(
         verdict = verdict_line(estimate)
         if left_out and hasattr(home, "HOLDS"):
             verdict = exported_verdict(left_out, judged)
-        content = _with_verdict(content, out.suffix.lower(), verdict)
+        line = " ".join(filter(None, (verdict, friction_at_rest(estimate, out))))
+        content = _with_verdict(content, out.suffix.lower(), line)
     if getattr(home, "BODIES", True):
         for doubt in doubts_of_bodies(estimate):
             warnings.warn(f"{out}: {doubt}", Remark, stacklevel=2)
     write_bytes(out, content)
     return left_out
+
+
+def friction_at_rest(estimate: Estimate, out: str | Path) -> str:
+    """Say how a simulator's dry friction differs from the model's near standstill.
+
+    A simulator holds a joint at rest up to the friction F. The model's torque is
+    F tanh(dq / v_s): a drive torque of F / 2 lets it creep at v_s atanh(1/2).
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    out : path
+        The file's name.
+
+    Returns
+    -------
+    str
+        The sentence; "" for formats without dry friction of a simulator, and models
+        without Coulomb friction.
+    """
+    joints = {
+        joint
+        for effect in estimate.model.effects
+        if effect.name == "coulomb_friction"
+        for joint in effect.joints
+    }
+    if not joints or not getattr(format_of(out), "RESTS", False):
+        return ""
+    width = max(estimate.model.sign_width[joint] for joint in joints)
+    return (
+        "Near standstill: a simulator's dry friction holds a joint at rest; the model's,"
+        f" here and in `simulate`, turns round within about {width:.2g} rad/s or m/s, so"
+        " that a joint creeps."
+    )
 
 
 def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:

@@ -13,10 +13,11 @@ Written = tuple[bytes, tuple[str, ...]]
 class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
-    Three more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
+    Four more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
     the names of the effects that have a place in them (:class:`HoldsModel`).
     ``EDITS = True`` is of formats that can edit the user's own file, ``options.urdf``.
-    ``BODIES = False`` is of formats that hold neither links nor a payload.
+    ``BODIES = False`` is of formats that hold neither links nor a payload, ``RESTS =
+    True`` of formats whose simulators hold a joint at rest by dry friction.
     """
 
     #: How the names of such files end, ".sdf"; the longest that fits a name decides.

@@ -27,6 +27,7 @@ ENDING = ".xml"
 FILE = "robot.xml"
 ABOUT = "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears"
 HOLDS = HELD | {"rotor_inertia", "joint_spring", "torque_offset"}
+RESTS = True
 
 
 def write(estimate: Estimate, options: Options) -> Written:

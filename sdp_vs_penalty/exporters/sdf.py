@@ -23,6 +23,7 @@ ENDING = ".sdf"
 FILE = "robot.sdf"
 ABOUT = "SDFormat, for Gazebo"
 HOLDS = HELD
+RESTS = True
 
 
 def write(estimate: Estimate, options: Options) -> Written:

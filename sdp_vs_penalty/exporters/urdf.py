@@ -212,6 +212,7 @@ FILE = "robot.urdf"
 ABOUT = "for ROS and simulators"
 EDITS = True
 HOLDS = HELD
+RESTS = True
 
 
 def write(

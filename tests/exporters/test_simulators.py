@@ -7,8 +7,9 @@ from random_robots import states
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
+from sdp_vs_penalty import Estimate, InputError, Problem, export, load_problem
 from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.exporters.export import friction_at_rest
 
 ARMS = ("two_link", "panda")
 
@@ -133,3 +134,31 @@ def test_a_covariance_is_labelled_on_both_sides(identified, is_base):
     assert list(frame.index) == list(frame.columns)
     names = {p.name for p in identified.model.parameters}
     assert set(frame.index) <= names
+
+
+def test_mujoco_holds_a_joint_at_rest_where_the_model_creeps(tmp_path):
+    """Half the dry friction drives joint 1, without gravity; a file and a command say
+    that both differ."""
+    mujoco = pytest.importorskip("mujoco")
+    robot = load_problem("two_link").robot
+    estimate = estimate_of(robot, FULL, 3)
+    names = [p.name for p in estimate.model.parameters]
+    friction = estimate.theta[names.index("f_c1")]
+    model = estimate.to_mjspec().compile()
+    model.opt.gravity[:] = 0.0
+    model.jnt_stiffness[:] = 0.0
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 0.5 * friction
+    while data.time < 1.0:
+        mujoco.mj_step(model, data)
+    width = estimate.model.sign_width[0]
+    creep = width * np.arctanh(0.5)  # [rad/s], where F tanh(dq / v_s) = F / 2
+    assert abs(data.qvel[0]) < 0.05 * creep
+    words = f"turns round within about {width:.2g} rad/s"
+    for name in ("a.xml", "a.urdf", "a.sdf", "a.drake.urdf"):
+        assert words in friction_at_rest(estimate, name)
+        export(estimate, tmp_path / name, force=True)
+        assert words in (tmp_path / name).read_text()
+    assert friction_at_rest(estimate, "a.h") == ""  # its formula is the model's own
+    without = estimate_of(robot, "rigid_body,viscous_friction", 3)
+    assert friction_at_rest(without, "a.xml") == ""

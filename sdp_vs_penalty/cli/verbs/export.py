@@ -33,7 +33,7 @@ def verb(
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.exporters.export import write_model
+    from sdp_vs_penalty.exporters.export import friction_at_rest, write_model
 
     estimate = load_estimate(model)
     x, y, z = numbers("--flange", flange or "0,0,0", 3)
@@ -51,6 +51,8 @@ def verb(
         _say_what_is_lost(left_out, judged)
     else:
         _say_verdict(estimate)
+    if at_rest := friction_at_rest(estimate, out):
+        console.paragraph(at_rest)
     console.written(out)
     if urdf is None:
         _warn_of_names(out)
