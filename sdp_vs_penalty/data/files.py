@@ -191,6 +191,7 @@ def _one(
                 remedy,
                 what.replace("...", given(part)),
             )
+        _refuse_transposed(part, columns, what)
         header = Header.of(
             f"run{number}",
             list(columns),
@@ -218,6 +219,20 @@ def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
         with suppress(TypeError, ValueError), np.errstate(over="ignore"):
             out[str(key)] = np.asarray(part[key], float)
     return out
+
+
+def _refuse_transposed(
+    part: Any, columns: Mapping[str, NDArray[np.float64]], what: str
+) -> None:
+    """Raise InputError for a DataFrame whose rows have the names of channels, where its
+    columns should have them."""
+    rows = [str(label) for label in getattr(part, "index", ())[:2]]
+    if "t" in rows and "t" not in columns:
+        raise InputError(
+            "a DataFrame is transposed: its rows have the channels' names",
+            "give frame.T, a column a channel",
+            what,
+        )
 
 
 def for_testing(name: str | Path) -> bool:

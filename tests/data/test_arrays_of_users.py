@@ -9,6 +9,7 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
+from sdp_vs_penalty import load_measurements as load
 
 
 def test_lists_and_pandas_objects_are_arrays(two_link: Problem):
@@ -77,3 +78,13 @@ def test_a_model_and_a_black_box_say_what_is_transposed(two_link, tmp_path):
     np.savez(tmp_path / "all.npz", **everything)
     with pytest.raises(InputError, match=r"array q has shape .* it is transposed"):
         identify(two_link, tmp_path / "all.npz")
+
+
+def test_a_transposed_frame_is_called_so(two_link):
+    run = small_run(two_link)
+    channels = {"t": run.t, "q1": run.q[:, 0], "q2": run.q[:, 1]}
+    channels |= {"tau1": run.tau[:, 0], "tau2": run.tau[:, 1]}
+    frame = pd.DataFrame(channels)
+    np.testing.assert_array_equal(load(frame).q, run.q)
+    with pytest.raises(InputError, match=r"DataFrame is transposed.* give frame\.T"):
+        load(frame.T)
