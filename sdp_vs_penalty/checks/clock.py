@@ -18,7 +18,7 @@ from sdp_vs_penalty.checks.glance import (
     with_time_steps,
 )
 from sdp_vs_penalty.checks.issue import Issue, rows_text
-from sdp_vs_penalty.data.files import REVERSED
+from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.formats.inferred_units import unit_of_dates
 from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
@@ -138,7 +138,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         append=len(glance.run.t) - 1,
     )
     repair: Callable[[Measurements], Measurements]
-    if len(bad) > REVERSED * len(glance.steps):
+    if is_last_row_first(glance.steps):
         how = "the last row comes first"
         remedy = "turn the order of the rows round"
         repair = _first_row_first

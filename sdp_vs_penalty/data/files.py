@@ -34,6 +34,7 @@ from sdp_vs_penalty.errors import (
     other_robot,
 )
 from sdp_vs_penalty.files import reading
+from sdp_vs_penalty.robot.arrays import Array
 
 #: "test" where a word of a run's name begins: "test", "run_test3", "armTest".
 _TEST_WORD = re.compile(r"(?<![A-Za-z])(?i:test)|(?<=[a-z])Test")
@@ -575,8 +576,29 @@ def _no_measurement(
     return RepairableError(f"{where} is not a finite number", remedy, path)
 
 
-#: Share of the steps backwards in time from which the last row comes first.
-REVERSED = 0.9
+#: Share of the steps that go backwards in time from which the last row comes first.
+_REVERSED = 0.9
+
+
+def is_last_row_first(steps: Array) -> bool:
+    """Return whether the rows of a run are in the reverse order of time.
+
+    They are where more than nine in ten of the steps that are not zero go backwards. A
+    stamp that repeats says nothing about the order.
+
+    Parameters
+    ----------
+    steps : Array
+        (N - 1,) differences of the time stamps from row to row [s].
+
+    Returns
+    -------
+    bool
+        False for a run in which no step is other than zero.
+    """
+    n_backwards = int(np.sum(steps < 0.0))
+    n_forwards = int(np.sum(steps > 0.0))
+    return n_backwards > _REVERSED * (n_backwards + n_forwards)
 
 
 def _require_advancing_clock(
@@ -600,9 +622,8 @@ def _require_advancing_clock(
     many = formatting.count(len(stays), f"such {word}")
     steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
     what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
-    is_reversed = len(stays) > REVERSED * len(m.t)
     remedy = "delete them, or cut the file there"
-    if is_reversed and how == "runs backwards":
+    if is_last_row_first(np.diff(m.t)):
         remedy = "turn the order of the rows round"
     raise RepairableError(what, remedy, path)
 

@@ -16,6 +16,8 @@ from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.channels import find_bad_torque_channels
 from sdp_vs_penalty.checks.facts import RULES
 from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.data.files import check_usable
+from sdp_vs_penalty.errors import InputError
 
 ROBOT = load_problem("two_link").robot
 RATE = 250
@@ -287,6 +289,20 @@ def test_rows_that_come_last_first_are_turned_round():
     mended_run = issue.repair(run.rows(reverse))
     np.testing.assert_array_equal(mended_run.t, run.t)
     np.testing.assert_array_equal(mended_run.tau, run.tau)
+
+
+def test_stamps_that_repeat_say_nothing_about_the_order_of_the_rows():
+    """The reader counted them as steps backwards, the check as steps forwards."""
+    clean = motion()
+    coarse = np.repeat(clean.t[::2], 2)[: len(clean.t)]  # every second stamp repeats
+    backwards = replace(clean, t=coarse).rows(np.arange(len(clean.t))[::-1])
+    issue = found("time runs backwards", backwards)
+    assert issue is not None
+    assert "the last row comes first" in issue.what
+    with pytest.raises(InputError, match="turn the order of the rows round"):
+        check_usable("run.csv", backwards)
+    with pytest.raises(InputError, match="delete them, or cut"):
+        check_usable("run.csv", replace(clean, t=coarse))
 
 
 def test_a_time_that_repeats_keeps_the_first_of_its_rows():
