@@ -24,6 +24,8 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range an encoder's zero may put a joint [rad, m].
 _ZERO = 0.2
+#: Geometric mean of 180 / pi, of degrees, and 60, of a clock in minutes.
+_BETWEEN_DEGREES_AND_MINUTES = math.sqrt(60.0 * 180.0 / math.pi)
 #: What else large angles may be.
 _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 
@@ -273,7 +275,7 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
 
 def _check_derivative(robot: Robot, run: Measurements) -> None:
     """Raise RepairableError where dq is the derivative of q but for a factor of 180 /
-    pi: one of the two is in degrees."""
+    pi: one of the two is in degrees, or, near 60, the clock is in minutes."""
     if run.dq is None:
         return
     for j, (way_2, step_2, step_way) in enumerate(_sums_of_steps(run, run.dq)):
@@ -288,8 +290,10 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
             if not is_in_degrees:
                 continue
             what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
-            remedy = f"convert {name} from degrees to radians"
-            raise RepairableError(what, remedy, run.names[0])
+            change = f"{name} from degrees to radians"
+            if name == "q" and value > _BETWEEN_DEGREES_AND_MINUTES:
+                change = f"t from minutes to seconds, or {change}"
+            raise RepairableError(what, f"convert {change}", run.names[0])
 
 
 def _sums_of_steps(run: Measurements, velocities: Array) -> list[list[float]]:

@@ -26,6 +26,8 @@ _JOINTS = frozenset(_TABLE["joints"])
 _COUNTERS = frozenset(_TABLE["counters"])
 #: Words of columns that are something else than was measured.
 _OTHERS = frozenset(_TABLE["others"])
+#: Symbols of units have at most so many letters; longer ones are words.
+_LONGEST_SYMBOL = 3
 #: Units by which a torque is a current.
 _AMPERES = ("a", "amps", "ma")
 #: Two words that mean one.
@@ -241,6 +243,37 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
     )
 
 
+def read_time_by_unit(name: str) -> Reading | None:
+    """Read a name of unknown words that ends with a unit of time, "run_minutes", as a
+    clock.
+
+    Durations end so too ("delay_ms"): a clock's values rise, which whoever asks has to
+    see.
+
+    Parameters
+    ----------
+    name : str
+        Name of the column.
+
+    Returns
+    -------
+    Reading | None
+        Ranks behind all names with a word of time. None for names without a unit of
+        time, with numbers, or with a word for what was not measured.
+    """
+    for unit in units_of_name(name):
+        tokens = split_tokens(unit.remainder)
+        is_clock = unit.quantity == "t" and not any(map(str.isdigit, tokens))
+        # "q_min" is a limit of positions, "error_min" an error.
+        says_no_quantity = _quantity_of(tokens) in (None, "t")
+        # Alone "s" may be a length, and "min" a minimum; "minutes" are a time.
+        is_clock = is_clock and (bool(tokens) or len(unit.text) > _LONGEST_SYMBOL)
+        if is_clock and says_no_quantity and not _OTHERS & set(tokens):
+            rank = len(WORDS["t"]) + 1
+            return Reading("t", rank, None, None, tuple(tokens), unit.text, unit.factor)
+    return None
+
+
 def read_bare_joint(name: str) -> Reading | None:
     """Read a name that says nothing but a joint's number, "j1" or "AxisAct_A1", as a
     position.
@@ -294,7 +327,7 @@ def _read_words(tokens: list[str], joint: int | None) -> Reading | None:
     ``joint`` is the place, from 0, of the robot's joint that was found in the name.
     None where they say no quantity, or one that was not measured.
     """
-    tokens = _join_compounds(tokens)
+    tokens = _without_port(_join_compounds(tokens))
     words = [token for token in tokens if token.isalpha()]
     numbers = [token for token in tokens if token.isdigit()]
     if _OTHERS & set(words):
@@ -314,6 +347,14 @@ def _read_words(tokens: list[str], joint: int | None) -> Reading | None:
         other_words=(*other_words, *numbers[:-1]),
         words=its_words,
     )
+
+
+def _without_port(tokens: list[str]) -> list[str]:
+    """Leave out the port of a block at a name's end, "q2/Out1", by which Simulink and
+    dSPACE call signals, where the name has another number."""
+    is_port = len(tokens) > 2 and tokens[-2] in ("out", "in") and tokens[-1].isdigit()
+    has_number = any(token.isdigit() for token in tokens[:-2])
+    return tokens[:-2] if is_port and has_number else tokens
 
 
 def _quantity_of(words: Sequence[str]) -> str | None:

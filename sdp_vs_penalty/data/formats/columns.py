@@ -33,7 +33,7 @@ from sdp_vs_penalty.data.formats.renaming import (
     parts_of,
     scale_words,
 )
-from sdp_vs_penalty.data.formats.stamps import second_part_unit
+from sdp_vs_penalty.data.formats.stamps import past_midnight, units_of_parts
 from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.formats.wrapping import POSITIONS, unwrapped
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, gathered
@@ -130,7 +130,7 @@ class Header:
     ----------
     path : path of the file
     groups : the file's columns of each channel group (t, q, dq, tau ...): one a joint,
-        or one block; of t two where a stamp is in two parts, no entry without a clock
+        or one block; of t several where a stamp is in parts, no entry without a clock
     factors : factors to SI by the file's names, where they are not 1
     what : how messages call the file
     names : names of all its columns
@@ -348,6 +348,8 @@ class Header:
     def _finished(self, run: Measurements) -> Measurements:
         """Put episodes one after the other, undo jumps of degrees by a turn, and remark
         on recognised columns."""
+        if self._has_time_of_day:
+            run = replace(run, t=past_midnight(run.t))
         if self.episode is not None and len(run.t) > 1:
             run = self._episodes_in_a_row(run)
         degrees = self._groups_in_degrees()
@@ -414,10 +416,13 @@ class Header:
         """Return the time stamps (N,) [s] of the samples.
 
         They come from the rate where one is given, from one column, or from the sum of
-        two columns (seconds and nanoseconds). A file without rows needs no clock.
+        several columns (seconds and nanoseconds; hours, minutes and seconds). A file
+        without rows needs no clock.
         """
         clock = self.groups.get("t", ())
         if clock and self.rate is None:
+            if self._has_time_of_day:
+                self._require_whole(clock[:2], columns)
             parts = [np.ravel(self._in_si(name, columns)) for name in clock]
             return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
         positions = groups_read["q"]
@@ -430,6 +435,23 @@ class Header:
         if n_samples and has_values:
             raise self._no_clock(groups_read)
         return np.zeros(n_samples)
+
+    @property
+    def _has_time_of_day(self) -> bool:
+        """Whether the clock is in columns of hours, minutes and seconds."""
+        return len(self.groups.get("t", ())) > 2 and self.rate is None
+
+    def _require_whole(
+        self, names: Sequence[str], columns: Mapping[str, Array]
+    ) -> None:
+        """Raise InputError where hours or minutes are no whole numbers: then each of
+        these columns is a clock of its own."""
+        for name in names:
+            values = np.ravel(columns[name])
+            if np.any(np.isfinite(values) & (values != np.round(values))):
+                what = f"column {name} holds no whole numbers, as a time of day does"
+                remedy = "name the clock with `convert --rename t=NAME`"
+                raise InputError(what, remedy, self.what)
 
     def _no_clock(self, groups_read: Mapping[str, Sequence[Array]]) -> InputError:
         """Return the error of a file without a clock.
@@ -674,10 +696,9 @@ def _factors(
     """
     scale = recognition.scale if recognition else {}
     factors = {rename[our_name]: x for our_name, x in scale.items() if our_name != "t"}
-    if clock:
-        factors[clock[0]] = scale.get("t", 1.0)
-    for name in clock[1:]:
-        factors[name] = second_part_unit(name)
+    factors |= dict(zip(clock, units_of_parts(clock), strict=True))
+    if len(clock) == 1 or "t" in scale:
+        factors |= {name: scale.get("t", 1.0) for name in clock[:1]}
     return factors
 
 

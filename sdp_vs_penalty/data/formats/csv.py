@@ -30,6 +30,7 @@ from sdp_vs_penalty.data.formats.text_columns import (
     read_pieces,
 )
 from sdp_vs_penalty.data.formats.text_table import (
+    MarkupError,
     TextTable,
     inspect_table,
     plain_number,
@@ -48,7 +49,8 @@ def read(path: Path, choice: Choice) -> Measurements:
     """Read the run of a text table.
 
     Three layouts are read: a column for each channel (RUN.csv), a table without a
-    header, and the long layout with a row for each joint and instant.
+    header, and the long layout with a row for each joint and instant. Messages that
+    `ros2 topic echo` has printed are read, too.
 
     Parameters
     ----------
@@ -67,7 +69,19 @@ def read(path: Path, choice: Choice) -> Measurements:
     InputError
         Naming the row and column that cannot be used.
     """
-    table = inspect_table(path)
+    try:
+        table = inspect_table(path)
+    except MarkupError as error:
+        if not error.is_yaml:
+            raise
+        from sdp_vs_penalty.data.formats import ros_echo
+
+        return ros_echo.read(path, choice)
+    if choice.rate is None and table.rate is not None:
+        said = f"{path}: {table.rate:g} rows a second, as the file's header says"
+        warnings.warn(said, Remark, stacklevel=2)
+        choice = replace(choice, rate=table.rate)
+    _require_equal_clocks(table)
     names = list(table.names)
     is_unnamed = not table.has_header and names[0] == "#1"
     if is_unnamed and not choice.rename:
@@ -99,9 +113,24 @@ def read(path: Path, choice: Choice) -> Measurements:
         run = _run_of_columns(table, header, names, chosen)
     else:
         run = header.read(in_first_order(_numeric_columns(table, names), places))
+    if table.rate is not None and choice.rate == table.rate:
+        run = replace(run, t=np.arange(len(run.t)) / table.rate)
     clock = () if choice.rate is not None else header.groups.get("t", ())
     has_times_of_day = any(table.kinds[names.index(x)] == "stamp" for x in clock)
     return replace(run, t=past_midnight(run.t)) if has_times_of_day else run
+
+
+def _require_equal_clocks(table: TextTable) -> None:
+    """Raise InputError where channels have columns of stamps of their own, and these
+    differ."""
+    if len(table.clocks) < 2:
+        return
+    for first, *others in read_pieces(table, table.clocks):
+        for place, other in zip(table.clocks[1:], others, strict=True):
+            if not np.array_equal(first, other):
+                what = f"columns {table.clocks[0] + 1} and {place + 1} are clocks that differ"
+                remedy = "export all channels with one sample time and one clock"
+                raise InputError(what, remedy, table.path)
 
 
 def _has_channels_alone(table: TextTable) -> bool:

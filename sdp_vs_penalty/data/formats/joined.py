@@ -20,7 +20,7 @@ from sdp_vs_penalty.data.formats.column_names import (
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.formats.recognition import CellTable, find_clock, recognise
 from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
-from sdp_vs_penalty.data.formats.stamps import second_part_unit
+from sdp_vs_penalty.data.formats.stamps import units_of_parts
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.merging import half_period, nearest_rows
 from sdp_vs_penalty.errors import InputError, Remark
@@ -80,9 +80,9 @@ class FilePart:
         parts = self.clock_columns
         if not parts:
             return None
-        stamps = np.ravel(self.columns[parts[0]])
-        for name in parts[1:]:  # such as nanoseconds beside seconds
-            stamps = stamps + second_part_unit(name) * np.ravel(self.columns[name])
+        stamps = np.zeros(self.n_rows)
+        for name, unit in zip(parts, units_of_parts(parts), strict=True):
+            stamps = stamps + unit * np.ravel(self.columns[name])
         return stamps
 
     def channels(self, is_prefixed: bool) -> dict[str, str]:

@@ -45,21 +45,33 @@ def read(path: Path, choice: Choice) -> Measurements:
         A file that cannot be read, or a channel that is missing.
     """
     columns, joints = _columns_and_joints(path)
-    table = _cell_table(columns, joints)
+    table = cell_table(columns, joints)
     return Header.of(path, list(table.kinds), choice, table=table).read(columns)
 
 
 def inspect(path: Path) -> CellTable:
     """Describe the fields of JSON lines by their kinds and first values. See
     :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
-    return _cell_table(*_columns_and_joints(path))
+    return cell_table(*_columns_and_joints(path))
 
 
-def _cell_table(
+def cell_table(
     columns: Mapping[str, Array], joints: Mapping[str, Sequence[str]]
 ) -> CellTable:
-    """Describe fields by their kinds and first values; ``joints`` are the joints' names
-    by the field that holds them."""
+    """Describe fields by their kinds and first values.
+
+    Parameters
+    ----------
+    columns : Mapping[str, Array]
+        (N,) numbers or (N, n) blocks by the field's name.
+    joints : Mapping[str, Sequence[str]]
+        The joints' names by the field that holds them.
+
+    Returns
+    -------
+    CellTable
+        For the recogniser of columns.
+    """
     numbers = table_of_arrays(columns)
     kinds = dict.fromkeys(joints, "text")
     cells = {name: [str(list(texts))] for name, texts in joints.items()}
@@ -91,11 +103,7 @@ def read_columns(path: Path) -> dict[str, Array]:
 def _columns_and_joints(
     path: Path,
 ) -> tuple[dict[str, Array], dict[str, Sequence[str]]]:
-    """Read the fields of numbers, and the joints' names by the field that holds them.
-
-    Where lines name the same joints in different orders, each number goes back to its
-    joint: all lists are in the first line's order.
-    """
+    """Read the fields of numbers, and the joints' names by the field that holds them."""
     samples = list[dict[str, Any]]()
     line_numbers = list[int]()
     for first, lines in iter_rows(path):
@@ -103,6 +111,43 @@ def _columns_and_joints(
             if line.strip():
                 samples.append(_parse_line(path, number, line))
                 line_numbers.append(number)
+    return columns_and_joints_of(path, samples, line_numbers, SAMPLE)
+
+
+def columns_and_joints_of(
+    path: Path,
+    samples: Sequence[Mapping[str, Any]],
+    line_numbers: Sequence[int],
+    word: str,
+) -> tuple[dict[str, Array], dict[str, Sequence[str]]]:
+    """Put the fields of N samples together to columns.
+
+    Where samples name the same joints in different orders, each number goes back to its
+    joint: all lists are in the first sample's order.
+
+    Parameters
+    ----------
+    path : Path
+        How messages call the file.
+    samples : Sequence[Mapping[str, Any]]
+        Numbers, and lists of numbers or texts, by the field's name.
+    line_numbers : Sequence[int]
+        Number in the file, from 1, of each sample.
+    word : str
+        What messages call a sample.
+
+    Returns
+    -------
+    columns : dict of str to array
+        (N,) numbers or (N, n) of lists, of fields that hold numbers in every sample.
+    joints : dict of str to sequence of str
+        The joints' names by the field that holds them.
+
+    Raises
+    ------
+    InputError
+        Lists of different lengths, or joints that change.
+    """
     columns = dict[str, Array]()
     joints = dict[str, Sequence[str]]()
     places = list[Places]()
@@ -113,7 +158,7 @@ def _columns_and_joints(
                 continue
             rows = [_texts_of(value) for value in values]
             joints[name] = rows[0]
-            found = places_of_joints(path, rows, line_numbers, SAMPLE)
+            found = places_of_joints(path, rows, line_numbers, word)
             places += [] if found is None else [found]
         elif not any(value is None or _is_list_of_texts(value) for value in values):
             columns[name] = _block(path, name, values)
@@ -139,19 +184,31 @@ def _parse_line(
         raise InputError(what, remedy, path) from error
     if not isinstance(content, dict):
         raise InputError(f"line {number} is no JSON object", remedy, path)
-    return dict(_leaves(content))
+    return dict(leaves(content))
 
 
-def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Iterate over the numbers, and lists of numbers or texts, of nested objects, named
-    like "header.stamp.sec"."""
+def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Iterate over the numbers, and lists of numbers or texts, of nested objects.
+
+    Parameters
+    ----------
+    content : Mapping[str, Any]
+        The objects, as JSON or YAML has them.
+    prefix : str
+        What the names begin with.
+
+    Yields
+    ------
+    tuple of str and Any
+        A name like "header.stamp.sec", and its value. Empty lists are left out.
+    """
     for key, value in content.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{key}.")
+            yield from leaves(value, f"{prefix}{key}.")
         elif (
             _is_number(value)
             or _is_list_of_texts(value)
-            or (isinstance(value, list) and all(map(_is_number, value)))
+            or (isinstance(value, list) and value and all(map(_is_number, value)))
         ):
             yield f"{prefix}{key}", value
 

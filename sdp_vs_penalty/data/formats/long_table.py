@@ -10,7 +10,7 @@ from sdp_vs_penalty.data.formats.column_names import read_name, split_tokens
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.formats.recognition import CellTable, find_clock
 from sdp_vs_penalty.data.formats.renaming import parts_of
-from sdp_vs_penalty.data.formats.stamps import second_part_unit
+from sdp_vs_penalty.data.formats.stamps import units_of_parts
 from sdp_vs_penalty.data.formats.text_columns import (
     iter_cells,
     parse_with_gaps,
@@ -171,7 +171,10 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
     clock_columns = parts_of(clock, table.names)
     labels, values = _labels_and_values(table, form)
     # (N,) stamps of the rows; channels are the other columns, or the one of values.
-    parts = [_unit_of(k, name) * values[name] for k, name in enumerate(clock_columns)]
+    units = units_of_parts(clock_columns)
+    parts = [
+        unit * values[name] for name, unit in zip(clock_columns, units, strict=True)
+    ]
     stamps = np.sum(parts, axis=0)
     channels = {name: x for name, x in values.items() if name not in clock_columns}
     if form.channel is not None:
@@ -207,12 +210,6 @@ def _labels_and_values(
         for k, texts in zip(numeric, cells[len(labels) :], strict=True)
     }
     return cells[: len(labels)], values
-
-
-def _unit_of(place: int, name: str) -> float:
-    """Return the unit of a stamp's part relative to the first part: 1 for the first
-    (place 0), 1e-9 for nanoseconds behind seconds."""
-    return second_part_unit(name) if place else 1.0
 
 
 def _columns_of_labels(

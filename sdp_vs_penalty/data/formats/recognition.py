@@ -33,6 +33,7 @@ from sdp_vs_penalty.data.formats.renaming import (
     scale_words,
 )
 from sdp_vs_penalty.data.formats.stamps import (
+    find_time_of_day,
     find_two_parts,
     fraction_column,
     has_fraction,
@@ -115,7 +116,7 @@ class Recognition:
     Parameters
     ----------
     rename : the file's names by ours (t, q1 ..., or q for a block); t is
-        "sec+nanosec" where a stamp is in two parts
+        "sec+nanosec" where a stamp is in two parts, "hour+minute+second" of a time of day
     scale : factors to SI by our names, where they are not 1
     logger : the program that writes such files, in words
     units : sentences on the units that are not SI, with the reasons
@@ -405,7 +406,8 @@ def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | No
 
     Among several, the best word wins ("time" before "tick"), then the name with the
     fewest other words. Where no name says it, the only column of stamps is the clock, or
-    else an index without a name that rises in fractions.
+    else an index without a name that rises in fractions, or else the only column of
+    unknown words that ends with a unit of time and rises ("run_minutes").
 
     Parameters
     ----------
@@ -417,11 +419,14 @@ def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | No
     Returns
     -------
     str | None
-        The column's name; "sec+nanosec" for a stamp in two columns; None without a
-        clock.
+        The column's name; "sec+nanosec" for a stamp in two columns,
+        "hour+minute+second" for a time of day in three; None without a clock.
     """
     from sdp_vs_penalty.data.formats.column_names import read_name
 
+    time_of_day = find_time_of_day(names)
+    if time_of_day is not None and _are_whole(time_of_day[:2], table):
+        return "+".join(time_of_day)
     pair = find_two_parts(names)
     if pair is not None:
         return "+".join(pair)
@@ -434,12 +439,38 @@ def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | No
     clock = min(clocks)[2] if clocks else None
     if table is None:
         return clock
-    clock = clock or _clock_without_name(names, table)
+    for find in (_clock_without_name, _clock_by_unit):
+        clock = find(names, table) if clock is None else clock
     stamps = table.cells.get(clock, ()) if clock is not None else ()
     if table.kinds.get(clock or "") == "stamp" and not any(map(has_fraction, stamps)):
         fraction = fraction_column([name for name in names if name != clock])
         return f"{clock}+{fraction}" if fraction is not None else clock
     return clock
+
+
+def _are_whole(names: Sequence[str], table: CellTable | None) -> bool:
+    """Return whether the first cells of columns hold whole numbers, as those of hours and
+    minutes do; a clock in minutes rises in fractions. True without cells."""
+    if table is None:
+        return True
+    values = np.concatenate([table.values(name) for name in names])
+    return bool(np.all(values == np.round(values)))
+
+
+def _clock_by_unit(names: Sequence[str], table: CellTable) -> str | None:
+    """Return the only column that ends with a unit of time, "run_minutes", says nothing
+    else that is known, and whose first values rise; None without one, or with several."""
+    from sdp_vs_penalty.data.formats.column_names import read_name, read_time_by_unit
+
+    clocks = list[str]()
+    for name in names:
+        says_time_alone = (
+            read_name(name) is None and read_time_by_unit(name) is not None
+        )
+        values = table.values(name) if says_time_alone else np.zeros(0)
+        if len(values) > 2 and np.all(np.diff(values) > 0.0):
+            clocks.append(name)
+    return clocks[0] if len(clocks) == 1 else None
 
 
 def _clock_without_name(names: Sequence[str], table: CellTable) -> str | None:
@@ -673,12 +704,17 @@ def _by_words(
 
     ``usable`` are the columns that can hold numbers, ``names`` all columns.
     """
+    from sdp_vs_penalty.data.formats.column_names import read_time_by_unit
+
     readings, choice = _read_and_choose(usable, joints)
     if choice is not None and not joints:
         choice = _one_joint_of_several(readings, choice, table)
     if choice is None:
         return None
     clock = find_clock(usable, table)
+    if clock is not None and clock in usable and clock not in readings:
+        by_unit = read_time_by_unit(clock)
+        readings = readings if by_unit is None else {**readings, clock: by_unit}
     if choice.rivals:
         raise _ambiguous(choice, clock)
     positions = choice.sets["q"]
@@ -1010,8 +1046,15 @@ def _words_of_list(text: str) -> list[str]:
 def _with_unit_of_clock(
     recognition: Recognition, table: CellTable | None
 ) -> Recognition:
-    """Add the unit of a clock whose stamps are dates in that unit."""
+    """Add the unit of a clock whose stamps are dates in that unit, and say of a time of
+    day in several columns that the date is not read."""
     clock = recognition.rename.get("t")
+    known = () if table is None else table.kinds
+    if clock is not None and clock not in known and clock.count("+") > 1:
+        said = (
+            "t is the time of day, of hours, minutes and seconds; the date is not read"
+        )
+        return replace(recognition, units=(*recognition.units, said))
     if table is None or clock is None or "t" in recognition.scale:
         return recognition
     if table.kinds.get(clock) != "number":

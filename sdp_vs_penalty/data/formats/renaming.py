@@ -37,14 +37,15 @@ def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
     Parameters
     ----------
     their_name : str
-        Name of a column, or of the two columns of a stamp: "sec+nanosec".
+        Name of a column, or of the columns of a stamp: "sec+nanosec", or
+        "hour+minute+second".
     names : Sequence[str]
         Names of the file's columns.
 
     Returns
     -------
     tuple[str, ...]
-        One or two names.
+        One name or several.
     """
     if their_name in names or "+" not in their_name:
         return (their_name,)

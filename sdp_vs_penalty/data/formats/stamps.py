@@ -1,4 +1,4 @@
-"""Stamps as seconds: text with or without a date, and numbers in two parts."""
+"""Stamps as seconds: text with or without a date, and numbers in several parts."""
 
 import datetime
 import re
@@ -11,10 +11,15 @@ import numpy as np
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
+_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text("utf-8"))
 #: Words that the second part of a stamp ends with, by its unit [s].
-SECOND_PARTS: dict[str, float] = tomllib.loads(
-    Path(__file__).with_name("words.toml").read_text("utf-8")
-)["second_parts"]
+SECOND_PARTS: dict[str, float] = _TABLE["second_parts"]
+#: Words of the columns of a time of day: hours, minutes and seconds, in this order.
+_TIMES_OF_DAY: tuple[tuple[str, ...], ...] = tuple(
+    tuple(_TABLE["times_of_day"][name]) for name in ("hour", "minute", "second")
+)
+#: Units of these columns [s].
+_UNITS_OF_DAY = (3600.0, 60.0, 1.0)
 #: Words that the first part ends with.
 FIRST_PARTS = ("sec", "secs", "seconds", "s")
 _DAY = 86_400.0
@@ -119,19 +124,59 @@ def find_two_parts(names: Sequence[str]) -> tuple[str, str] | None:
     return None
 
 
-def second_part_unit(name: str) -> float:
-    """Return the unit of a split stamp's second column, by its name.
+def find_time_of_day(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Find the columns of a time of day: hours, minutes and seconds, side by side.
+
+    A column with the fraction of a second can follow. Side by side they tell minutes
+    from months, which are both written "MM".
 
     Parameters
     ----------
-    name : str
-        Name of the column.
+    names : Sequence[str]
+        Names of the columns, in the file's order.
 
     Returns
     -------
-    float
-        Unit [s]; nanoseconds where the name does not say it.
+    tuple[str, ...] | None
+        Names of three or four columns, such as ("hour", "minute", "second"); None
+        without such columns.
     """
+    parts = [_stem_and_word(name) for name in names]
+    for k in range(len(parts) - 2):
+        stems = {stem for stem, _ in parts[k : k + 3]}
+        words = [word for _, word in parts[k : k + 3]]
+        pairs = zip(words, _TIMES_OF_DAY, strict=True)
+        if len(stems) > 1 or not all(word in known for word, known in pairs):
+            continue
+        has_fraction = parts[k + 3 : k + 4] and parts[k + 3][1] in SECOND_PARTS
+        return tuple(names[k : k + 4 if has_fraction else k + 3])
+    return None
+
+
+def units_of_parts(names: Sequence[str]) -> tuple[float, ...]:
+    """Return the units of the columns whose sum is a clock.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Names of the columns: one; two of a stamp in seconds and a fraction; three or
+        four of a time of day in hours, minutes, seconds and a fraction. None without a
+        clock.
+
+    Returns
+    -------
+    tuple[float, ...]
+        Units [s], one a column. That of one column is 1, for only its name or its
+        values say it; a fraction is in nanoseconds where its name does not say it.
+    """
+    whole = _UNITS_OF_DAY if len(names) > 2 else (1.0,)[: len(names)]
+    fractions = names[len(whole) :]
+    return (*whole, *(_unit_of_fraction(name) for name in fractions))
+
+
+def _unit_of_fraction(name: str) -> float:
+    """Return the unit [s] of the column that holds a fraction of a second, by its
+    name."""
     return SECOND_PARTS.get(_stem_and_word(name)[1], 1e-9)
 
 

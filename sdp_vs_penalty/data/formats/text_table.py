@@ -12,6 +12,7 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
+from sdp_vs_penalty.data.formats.program_header import find_program_header
 from sdp_vs_penalty.data.formats.stamps import is_stamp
 from sdp_vs_penalty.data.formats.text_file import (
     BROKEN,
@@ -76,6 +77,15 @@ _KNOWN_UNITS = frozenset(
 )
 
 
+class MarkupError(InputError):
+    """A text is no table, but YAML, XML or JSON."""
+
+    @property
+    def is_yaml(self) -> bool:
+        """Whether the text is YAML."""
+        return self.what.startswith("YAML")
+
+
 @dataclass(frozen=True)
 class TextTable:
     """Layout of a text file: separator, decimal mark, header and columns, by its first
@@ -97,6 +107,8 @@ class TextTable:
     header_row : the row of names as the file writes it
     is_plain_utf_8 : whether the file is UTF-8 and not packed
     cell_units : unit that follows the numbers in the cells, by the column's place
+    clocks : places of the columns of stamps, where a program writes one for each channel
+    rate : sampling rate [Hz] that a program's header says of a table without stamps
     """
 
     path: Path
@@ -113,6 +125,8 @@ class TextTable:
     header_row: str = ""
     is_plain_utf_8: bool = True
     cell_units: Mapping[int, str] = field(default_factory=dict)
+    clocks: tuple[int, ...] = ()
+    rate: float | None = None
 
     @property
     def width(self) -> int:
@@ -347,13 +361,19 @@ def inspect_table(path: Path) -> TextTable:
     numbered = _first_rows(path)
     if not numbered or not numbered[0][1].strip():
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
-    # What stands above the table: comments, and the lines of a title.
+    # What stands above the table: a program's header, or comments and lines of a title.
+    program = find_program_header(numbered)
     comments, rows = _split_comments(numbered)
-    _refuse_markup(path, rows[0][1] if rows else "")
-    rows = _without_titles(rows)
+    if program is not None:
+        rows = program.rows
+    else:
+        _refuse_markup(path, rows[0][1] if rows else "")
+        rows = _without_titles(rows)
     lines = [line for _, line in rows]
     # The marks between and within the numbers.
     delimiter = _find_delimiter(lines or comments[-1:])
+    if program is not None:
+        delimiter = program.delimiter
     cells = [split_cells(line, delimiter) for line in lines]
     decimal = _find_decimal(cells)
     number = partial(is_number, decimal=decimal)
@@ -379,6 +399,8 @@ def inspect_table(path: Path) -> TextTable:
         header_row=lines[0].strip() if n_head_rows else "",
         is_plain_utf_8=is_plain_utf_8(path),
         cell_units=columns.cell_units,
+        clocks=() if program is None else program.clocks,
+        rate=None if program is None else program.rate,
     )
 
 
@@ -420,12 +442,12 @@ def _columns_of(
 
 
 def _refuse_markup(path: Path, line: str) -> None:
-    """Raise InputError where a text's first line shows that it is YAML, XML or JSON, or
-    what a download leaves in place of a file."""
+    """Raise MarkupError where a text's first line shows that it is YAML, XML or JSON,
+    InputError where it is what a download leaves in place of a file."""
     refuse_stand_in(path, line.encode())
     for pattern, (what, remedy) in _MARKUPS.items():
         if re.match(pattern, line.strip()):
-            raise InputError(what, remedy, path)
+            raise MarkupError(what, remedy, path)
 
 
 def _find_header(
@@ -634,7 +656,7 @@ def _split_comments(
 
 def is_comment(line: str) -> bool:
     """Return whether a line is a comment, or "sep=;", by which a spreadsheet names its
-    separator.
+    separator, or TwinCAT's mark of the end, "EOF".
 
     Parameters
     ----------
@@ -646,7 +668,8 @@ def is_comment(line: str) -> bool:
     bool
         True for a comment.
     """
-    return line.startswith(_COMMENTS) or line.lower().startswith("sep=")
+    is_mark = line.lower().startswith("sep=") or line.strip() == "EOF"
+    return is_mark or line.startswith(_COMMENTS)
 
 
 def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:

@@ -1,0 +1,188 @@
+"""What `ros2 topic echo` and `rostopic echo` print: one YAML document a message, with
+"---" between two.
+
+Read are JointState, the state of a trajectory controller, DynamicJointState, and other
+messages whose fields hold a list a sample. Of YAML only the part is known that these
+programs write: maps and lists by indentation, numbers, texts, and lists in brackets.
+"""
+
+import re
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.data.formats.columns import Choice, Header
+from sdp_vs_penalty.data.formats.jsonl import (
+    cell_table,
+    columns_and_joints_of,
+    leaves,
+)
+from sdp_vs_penalty.data.formats.text_table import iter_rows
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError, Remark
+
+_REMEDY = "print the topic with `ros2 topic echo --csv`, or record a bag"
+#: What stands between two messages.
+_BETWEEN = "---"
+#: How lines begin that the programs print beside the messages.
+_REMARKS = ("WARNING:", "A message was lost", "\ttotal count", "#")
+#: A key, and what stands behind it in its line.
+_ENTRY = re.compile(r"(?P<key>[A-Za-z_]\w*):(?: +(?P<value>.*))?")
+#: Words of YAML for numbers.
+_NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf"}
+
+#: A line's indentation, and its text without it.
+_Line = tuple[int, str]
+
+
+def read(path: Path, choice: Choice) -> Measurements:
+    """Read the run of printed messages.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the text.
+    choice : Choice
+        The robot's joints, the fields chosen by ``--rename``, and the rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a message.
+
+    Raises
+    ------
+    InputError
+        A text that is no such YAML, or a channel that is missing.
+    """
+    numbers = list[int]()
+    samples = list[dict[str, Any]]()
+    for number, lines in _documents(path):
+        try:
+            content = _map(lines, 0, lines[0][0])[0]
+        except (ValueError, IndexError, RecursionError) as error:
+            what = f"line {number} begins no message that `ros2 topic echo` prints"
+            raise InputError(what, _REMEDY, path) from error
+        samples.append(dict(leaves(_with_interfaces(content))))
+        numbers.append(number)
+    samples = _without_cut_message(path, samples)
+    columns, joints = columns_and_joints_of(path, samples, numbers, "line")
+    if all(name.startswith("header.") for name in columns):
+        raise InputError("YAML text without the joints' states", _REMEDY, path)
+    table = cell_table(columns, joints)
+    return Header.of(path, list(table.kinds), choice, table=table).read(columns)
+
+
+def _documents(path: Path) -> Iterator[tuple[int, list[_Line]]]:
+    """Iterate over the messages: the number of the first line, and the lines that are
+    not empty."""
+    lines = list[_Line]()
+    begin = 1
+    for first, rows in iter_rows(path):
+        for number, row in enumerate(rows, start=first):
+            if row.rstrip() == _BETWEEN:
+                if lines:
+                    yield begin, lines
+                lines = []
+            elif row.strip() and not row.startswith(_REMARKS):
+                begin = number if not lines else begin
+                text = row.strip()
+                lines.append((len(row) - len(row.lstrip()), text))
+    if lines:
+        yield begin, lines
+
+
+def _map(
+    lines: Sequence[_Line], k: int, indentation: int
+) -> tuple[dict[str, Any], int]:
+    """Parse the map that begins in line k; return it, and the line behind it.
+
+    Raises ValueError for a line that is no entry of a map.
+    """
+    content = dict[str, Any]()
+    while k < len(lines) and lines[k][0] == indentation and not _is_item(lines[k][1]):
+        match = _ENTRY.fullmatch(lines[k][1])
+        if match is None:
+            raise ValueError(lines[k][1])
+        k += 1
+        if match["value"]:
+            content[match["key"]] = _scalar(match["value"])
+        elif k < len(lines) and lines[k][0] >= indentation and _is_item(lines[k][1]):
+            content[match["key"]], k = _list(lines, k, lines[k][0])
+        elif k < len(lines) and lines[k][0] > indentation:
+            content[match["key"]], k = _map(lines, k, lines[k][0])
+    if k < len(lines) and lines[k][0] > indentation:
+        raise ValueError(lines[k][1])
+    return content, k
+
+
+def _list(lines: Sequence[_Line], k: int, indentation: int) -> tuple[list[Any], int]:
+    """Parse the list that begins in line k; return it, and the line behind it. An item
+    can be a map, whose first entry stands behind the dash."""
+    items = list[Any]()
+    while k < len(lines) and lines[k][0] == indentation and _is_item(lines[k][1]):
+        text = lines[k][1][1:].strip()
+        if _ENTRY.fullmatch(text) is None:
+            items.append(_scalar(text))
+            k += 1
+            continue
+        n_before = len(lines[k][1]) - len(text)
+        inner = [(indentation + n_before, text), *lines[k + 1 :]]
+        item, n_read = _map(inner, 0, indentation + n_before)
+        items.append(item)
+        k += n_read
+    return items, k
+
+
+def _is_item(text: str) -> bool:
+    """Return whether a line begins an item of a list: "- 0.5", not the number -0.5."""
+    return text == "-" or text.startswith("- ")
+
+
+def _scalar(text: str) -> Any:
+    """Parse a number, a text, or a list in brackets."""
+    if text.startswith("[") and text.endswith("]"):
+        cells = [cell.strip() for cell in text[1:-1].split(",")]
+        return [_scalar(cell) for cell in cells if cell]
+    try:
+        return float(_NUMBERS.get(text, text))
+    except ValueError:
+        return text.strip("'\"")
+
+
+def _with_interfaces(message: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a DynamicJointState message with a field for each joint and interface,
+    "elbow/position"; other messages as they are."""
+    joints = message.get("joint_names")
+    states = message.get("interface_values")
+    if not isinstance(joints, list) or not isinstance(states, list):
+        return dict(message)
+    fields = {
+        f"{joint}/{name}": value
+        for joint, state in zip(joints, states, strict=False)
+        for name, value in zip(
+            state.get("interface_names", ()), state.get("values", ()), strict=False
+        )
+    }
+    return {"header": message.get("header", {}), **fields}
+
+
+def _without_cut_message(
+    path: Path, samples: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Leave out the last message where it lacks a part of the one before: whoever stops
+    the program cuts it."""
+    if len(samples) < 2 or _shape(samples[-1]) == _shape(samples[-2]):
+        return samples
+    said = f"{path}: the last message ends early and is left out"
+    warnings.warn(said, Remark, stacklevel=3)
+    return samples[:-1]
+
+
+def _shape(sample: Mapping[str, Any]) -> dict[str, int]:
+    """Return the length of each list of a message, 0 for a number."""
+    return {
+        name: len(value) if isinstance(value, list) else 0
+        for name, value in sample.items()
+    }

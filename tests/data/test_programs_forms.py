@@ -1,0 +1,374 @@
+"""Forms in which other programs write a clock or a whole log: dates in columns, clocks in
+minutes, LabVIEW, TwinCAT, printed ROS messages. The same numbers come out of each."""
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded import refusal
+
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.data import read_run
+from sdp_vs_penalty.errors import ColumnsRemark
+
+JOINTS = ("turn", "shoulder", "elbow")
+RATE = 100.0
+T = np.arange(300) / RATE
+#: The arm moves, so that dq is the derivative of q.
+PHASES = np.array([0.0, 1.0, 2.0])
+Q = np.sin(2.0 * T[:, None] + PHASES)
+DQ = 2.0 * np.cos(2.0 * T[:, None] + PHASES)
+TAU = np.round(np.random.default_rng(8).normal(size=(300, 3)), 6)
+
+
+def read(path: Path, joints: Sequence[str] | None = JOINTS) -> Measurements:
+    with warnings.catch_warnings(action="ignore"):
+        return read_run(path, 3, joints)
+
+
+def told(path: Path) -> str:
+    """What is said of the columns that were recognised."""
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        read_run(path, 3, JOINTS)
+    (remark,) = [x for x in heard if issubclass(x.category, ColumnsRemark)]
+    return str(remark.message)
+
+
+def same(run: Measurements, *, has_velocities: bool = True) -> None:
+    np.testing.assert_allclose(run.t - run.t[0], T, atol=1e-6)
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-7)
+    if has_velocities:
+        assert run.dq is not None
+        np.testing.assert_allclose(run.dq, DQ, atol=1e-7)
+
+
+def numbered(*patterns: str) -> list[str]:
+    return [pattern.format(k) for pattern in patterns for k in (1, 2, 3)]
+
+
+def rows(*blocks: np.ndarray, mark: str = ",", decimal: str = ".") -> list[str]:
+    """Lines of columns (N,) and blocks (N, n)."""
+    table = np.column_stack(blocks)
+    lines = [mark.join(f"{x:.12g}" for x in row) for row in table]
+    return [line.replace(".", decimal) for line in lines]
+
+
+def write(path: Path, lines: Sequence[str], encoding: str = "utf-8") -> Path:
+    path.write_text("\n".join(lines) + "\n", encoding=encoding)
+    return path
+
+
+# -- clocks ---------------------------------------------------------------------------
+
+#: Two seconds before a midnight: minutes, hours and the day change within the log.
+SECONDS = 86_398.0 + T
+DAY = 86_400.0
+PARTS = np.floor(SECONDS % DAY / [[3600.0], [60.0]]) % [[24.0], [60.0]]
+SECOND = SECONDS % 60.0
+WHOLE = np.floor(SECOND + 1e-9)
+DATE = np.array([np.full(300, 2026.0), np.full(300, 11.0), 28.0 + (SECONDS >= DAY)])
+TIMES_OF_DAY = {
+    "year,month,day,hour,minute,second": (*DATE, *PARTS, SECOND),
+    "Year,Month,Day,Hour,Minute,Second,Millisecond": (
+        *(*DATE, *PARTS, WHOLE),
+        np.round(1e3 * (SECOND - WHOLE)),
+    ),
+    "YYYY,MM,DD,hh,mm,ss": (*DATE, *PARTS, SECOND),
+    "hour,min,sec": (*PARTS, SECOND),
+    "stamp_h,stamp_m,stamp_s,stamp_us": (
+        *(*PARTS, WHOLE),
+        np.round(1e6 * (SECOND - WHOLE)),
+    ),
+}
+
+
+@pytest.mark.parametrize("head", TIMES_OF_DAY)
+def test_a_time_of_day_in_columns_goes_on_past_midnight(head, tmp_path):
+    names = [head, *numbered("pos{}", "vel{}", "trq{}")]
+    lines = rows(*TIMES_OF_DAY[head], Q, DQ, TAU)
+    path = write(tmp_path / "run.csv", [",".join(names), *lines])
+    same(read(path))
+    assert "the date is not read" in told(path)
+
+
+def test_hours_minutes_and_seconds_that_are_three_clocks_are_no_time_of_day(tmp_path):
+    """The same stamp in three units; the first hours and minutes are rounded to 0."""
+    clocks = T / 3600.0, T / 60.0, T
+    head = ",".join(["t_hour", "t_min", "t_sec", *numbered("q{}", "tau{}")])
+    path = write(tmp_path / "exact.csv", [head, *rows(*clocks, Q, TAU)])
+    assert "t = t_hour+t_min" not in told(path)
+    rounded = [np.round(2.0 * clock, 1) for clock in clocks]
+    path = write(tmp_path / "rounded.csv", [head, *rows(*rounded, Q, TAU)])
+    refusal(lambda: read(path), "no whole numbers", "--rename t=NAME")
+
+
+@pytest.mark.parametrize(
+    ("clock", "unit"),
+    [
+        ("minutes", 60.0),
+        ("run_minutes", 60.0),
+        ("Laufzeit_ms", 1e-3),
+        ("gone [h]", 3600.0),
+        ("time_min", 60.0),
+    ],
+)
+def test_a_clock_is_known_by_its_unit_where_its_word_is_not(clock, unit, tmp_path):
+    head = ",".join([clock, *numbered("pos{}", "vel{}", "trq{}")])
+    path = write(tmp_path / "run.csv", [head, *rows(T / unit, Q, DQ, TAU)])
+    same(read(path))
+    assert f"t = {clock}" in told(path)
+
+
+@pytest.mark.parametrize("name", ["s", "min", "q_min", "delay_ms"])
+def test_what_ends_like_a_unit_of_time_and_is_no_clock(name, tmp_path):
+    """A length, limits, and a duration, which does not rise."""
+    values = np.zeros(300) if name == "delay_ms" else T
+    head = ",".join([name, *numbered("pos{}", "vel{}", "trq{}")])
+    path = write(tmp_path / "run.csv", [head, *rows(values, Q, DQ, TAU)])
+    refusal(lambda: read(path), "no column t", "--rate 100")
+
+
+def test_a_clock_in_minutes_that_does_not_say_so_is_no_log_in_degrees(tmp_path):
+    from sdp_vs_penalty.data import check_plausible
+    from sdp_vs_penalty.problem import load_problem
+
+    urdf = Path(__file__).parents[2] / "docs" / "my_arm.urdf"
+    run = Measurements(T / 60.0, Q, TAU, DQ)
+    robot = load_problem(urdf).robot
+    refusal(lambda: check_plausible(robot, run), "t from minutes to seconds")
+
+
+# -- LabVIEW --------------------------------------------------------------------------
+
+CHANNELS = numbered("Position {}", "Velocity {}", "Torque {}")
+LABELS = [*["deg"] * 3, *["deg/s"] * 3, *["Nm"] * 3]
+IN_DEGREES = np.degrees(Q), np.degrees(DQ), TAU
+
+
+def labview_head(x_columns: str, labels: Sequence[str], decimal: str) -> list[str]:
+    """The rows above the names."""
+    step = f"{1.0 / RATE:.6f}".replace(".", decimal)
+    return [
+        "LabVIEW Measurement\t",
+        "Separator\tTab",
+        f"Decimal_Separator\t{decimal}",
+        f"X_Columns\t{x_columns}",
+        "Time\t09:51:39",
+        "***End_of_Header***\t",
+        "\t",
+        "Channels\t9",
+        "\t".join(["Y_Unit_Label", *labels]),
+        "\t".join(["Delta_X", *[step] * 9]),
+        "***End_of_Header***\t",
+    ]
+
+
+def test_labview_with_one_clock(tmp_path):
+    head = labview_head("One", LABELS, ".")
+    names = "\t".join(["X_Value", *CHANNELS, "Comment"])
+    values = rows(T, *IN_DEGREES, mark="\t")
+    path = write(tmp_path / "run.lvm", [*head, names, *values])
+    same(read(path))
+    assert "q in deg" in told(path)
+
+
+def test_labview_with_a_comment_in_each_row(tmp_path):
+    head = labview_head("One", LABELS, ".")
+    names = "\t".join(["X_Value", *CHANNELS, "Comment"])
+    values = [f"{row}\tOK" for row in rows(T, *IN_DEGREES, mark="\t")]
+    same(read(write(tmp_path / "run.lvm", [*head, names, *values])))
+
+
+def test_labview_without_a_clock_says_the_step_in_its_header(tmp_path):
+    head = labview_head("No", LABELS, ",")
+    names = "\t".join(["X_Value", *CHANNELS, "Comment"])
+    values = [f"\t{row}" for row in rows(*IN_DEGREES, mark="\t", decimal=",")]
+    path = write(tmp_path / "run.lvm", [*head, names, *values])
+    with pytest.warns(UserWarning, match="100 rows a second, as the file's header"):
+        run = read_run(path, 3, JOINTS)
+    same(run)
+
+
+def paired(clock: np.ndarray, *blocks: np.ndarray) -> list[np.ndarray]:
+    """A clock before each column."""
+    return [x for block in blocks for column in block.T for x in (clock, column)]
+
+
+def test_labview_with_a_clock_for_each_channel(tmp_path):
+    labels = [x for label in LABELS for x in (label, "")]
+    head = labview_head("Multi", labels, ".")
+    names = "\t".join(x for name in CHANNELS for x in ("X_Value", name))
+    values = rows(*paired(T, *IN_DEGREES), mark="\t")
+    same(read(write(tmp_path / "run.lvm", [*head, names, *values])))
+
+
+def test_channels_whose_clocks_differ_are_refused(tmp_path):
+    head = labview_head("Multi", [], ".")
+    names = "\t".join(x for name in CHANNELS for x in ("X_Value", name))
+    columns = paired(T, *IN_DEGREES)
+    columns[2] = T + 0.002
+    path = write(tmp_path / "run.lvm", [*head, names, *rows(*columns, mark="\t")])
+    refusal(lambda: read(path), "columns 1 and 3 are clocks that differ")
+
+
+# -- TwinCAT --------------------------------------------------------------------------
+
+SIGNALS = numbered("ActPos_J{}", "ActVelo_J{}", "ActTorque_J{}")
+UNITS = [*["deg (Angle)"] * 3, *["deg/s (Velocity)"] * 3, *["Nm (Torque)"] * 3]
+SCOPE = [
+    "Name{0}cell 3",
+    "File{0}cell3.csv",
+    "Starttime of export{0}132959733843760000{0}Montag, 2. Mai 2022{0}15:56:24.376",
+    "Endtime of export{0}132959733853750000{0}Montag, 2. Mai 2022{0}15:56:25.375",
+    "",
+]
+
+
+def scope_head(mark: str, details: dict[str, Sequence[str]]) -> list[str]:
+    """The rows above the values, with a clock for each channel."""
+    head = [line.format(mark) for line in SCOPE]
+    for key, cells in details.items():
+        head.append(mark.join(x for cell in cells for x in (key, cell)))
+    return [*head, ""]
+
+
+def test_twincat_with_a_clock_for_each_channel(tmp_path):
+    details = {
+        "Name": SIGNALS,
+        "SymbolComment": [""] * 9,
+        "SampleTime[ms]": ["10"] * 9,
+        "Unit": UNITS,
+        "Unit ScaleFactor": ["1"] * 9,
+    }
+    columns = paired(1e3 * T, *IN_DEGREES)
+    values = rows(*columns, mark="\t", decimal=",")
+    path = write(tmp_path / "run.csv", [*scope_head("\t", details), *values])
+    same(read(path))
+    assert "t in ms" in told(path)
+
+
+@pytest.mark.parametrize("start", [0.0, 132_959_733_843_760_000.0])
+def test_twincat_with_names_alone_and_one_clock(start, tmp_path):
+    """Milliseconds since the start of the export, or the time stamps of Windows."""
+    stamps = 1e3 * T if start == 0.0 else start + 1e7 * T
+    head = [line.format(",") for line in SCOPE]
+    values = [
+        f"{stamp:.0f},{row}"
+        for stamp, row in zip(stamps, rows(Q, DQ, TAU), strict=True)
+    ]
+    path = write(
+        tmp_path / "run.csv", [*head, ",".join(["Name", *SIGNALS]), *values, "EOF"]
+    )
+    same(read(path))
+
+
+# -- printed messages of ROS ----------------------------------------------------------
+
+ORDER = (2, 0, 1)
+
+
+def listed(key: str, values: Sequence[object], blanks: str = "") -> list[str]:
+    if not len(values):
+        return [f"{blanks}{key}: []"]
+    return [f"{blanks}{key}:", *(f"{blanks}- {value}" for value in values)]
+
+
+def header(k: int) -> list[str]:
+    stamp = round(1e9 * T[k])
+    return [
+        *("header:", "  stamp:", f"    sec: {1_740_000_000 + stamp // 10**9}"),
+        *(f"    nanosec: {stamp % 10**9}", "  frame_id: ''"),
+    ]
+
+
+def joint_state(k: int) -> list[str]:
+    order = list(ORDER)
+    return [
+        *header(k),
+        *listed("name", [JOINTS[j] for j in order]),
+        *listed("position", Q[k, order]),
+        *listed("velocity", DQ[k, order]),
+        *listed("effort", TAU[k, order]),
+    ]
+
+
+def flow_joint_state(k: int) -> list[str]:
+    """As `rostopic echo` of ROS 1 prints lists."""
+    stamp = round(1e9 * T[k])
+    return [
+        *("header: ", "  seq: 7", "  stamp: ", f"    secs: {stamp // 10**9}"),
+        *(f"    nsecs: {stamp % 10**9:>9}", "  frame_id: ''"),
+        f"name: [{', '.join(JOINTS)}]",
+        f"position: {Q[k].tolist()}",
+        f"velocity: {DQ[k].tolist()}",
+        f"effort: {TAU[k].tolist()}",
+    ]
+
+
+def point(name: str, q: Sequence, dq: Sequence, tau: Sequence) -> list[str]:
+    return [
+        f"{name}:",
+        *listed("positions", q, "  "),
+        *listed("velocities", dq, "  "),
+        *listed("effort", tau, "  "),
+        *("  time_from_start:", "    sec: 0", "    nanosec: 0"),
+    ]
+
+
+def controller_state(k: int) -> list[str]:
+    return [
+        *header(k),
+        *listed("joint_names", JOINTS),
+        *point("reference", Q[k] + 0.01, DQ[k], []),
+        *point("feedback", Q[k], DQ[k], []),
+        *point("error", 0.0 * Q[k] + 0.01, [], []),
+        *point("output", [], [], TAU[k]),
+        *("multi_dof_joint_names: []", "speed_scaling_factor: 1.0"),
+    ]
+
+
+def dynamic_joint_state(k: int) -> list[str]:
+    lines = [*header(k), *listed("joint_names", JOINTS), "interface_values:"]
+    for j in range(3):
+        names = ["position", "velocity", "effort"]
+        first, *others = listed("interface_names", names, "  ")
+        values = [Q[k, j], DQ[k, j], TAU[k, j]]
+        lines += [f"- {first.strip()}", *others, *listed("values", values, "  ")]
+    return lines
+
+
+@pytest.mark.parametrize(
+    "message", [joint_state, flow_joint_state, controller_state, dynamic_joint_state]
+)
+@pytest.mark.parametrize("name", ["log.yaml", "log.txt"])
+def test_printed_messages_are_read(message, name, tmp_path):
+    lines = [line for k in range(300) for line in (*message(k), "---")]
+    same(read(write(tmp_path / name, lines)))
+
+
+def test_the_controller_s_output_is_said_to_be_the_torque(tmp_path):
+    lines = [line for k in range(300) for line in (*controller_state(k), "---")]
+    said = told(write(tmp_path / "log.yaml", lines))
+    assert "q = feedback.positions" in said
+    assert "tau = output.effort" in said
+
+
+def test_a_message_that_is_cut_at_the_end_is_left_out(tmp_path):
+    lines = [line for k in range(300) for line in (*joint_state(k), "---")]
+    lines += joint_state(5)[:-2]
+    path = write(tmp_path / "log.yaml", lines)
+    with pytest.warns(UserWarning, match="the last message ends early"):
+        run = read_run(path, 3, JOINTS)
+    same(run)
+
+
+@pytest.mark.parametrize(
+    "text", ["header:\n  stamp:\n    sec: 1\n", "a:\n- b\n  - ]: c\n", "---\n"]
+)
+def test_other_yaml_is_refused_in_one_sentence(text, tmp_path):
+    path = tmp_path / "settings.yaml"
+    path.write_text(text)
+    refusal(lambda: read(path), "ros2 topic echo")
