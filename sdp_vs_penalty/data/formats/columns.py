@@ -211,7 +211,7 @@ class Header:
         missing = _missing_groups(groups)
         if missing:
             problem = f"no column {' or '.join(missing)}"
-            raise _lacking(path, names, problem, missing, what, remedy)
+            raise _lacking(path, names, problem, missing, what, remedy, choice.joints)
         unused = _unused_columns(groups, names, what)
         if unused and not rename:
             _say_unused(path, unused)
@@ -647,13 +647,16 @@ def _lacking(
     missing: Sequence[str],
     what: str,
     remedy: str,
+    joints: Sequence[str] | None = None,
 ) -> InputError:
     """Return the error of a file that lacks columns, with the command that names
-    them."""
+    them; ``joints`` are the robot's."""
     from sdp_vs_penalty.data.catalogue import fetch_remedy
 
     shown = f"{problem} (columns: {brief_names(names)})"
-    how = remedy or fetch_remedy(path) or _rename_command(path, names, missing)
+    n_joints = None if joints is None else len(joints)
+    how = remedy or fetch_remedy(path)
+    how = how or _rename_command(path, names, missing, n_joints)
     return InputError(shown, how, what)
 
 
@@ -770,10 +773,15 @@ def _rename_command(
     path: Path,
     names: Sequence[str],
     missing: Sequence[str],
+    n_joints: int | None,
 ) -> str:
     """Format the remedy for missing columns: a `convert` command that names them, by
-    the file's names where some fit."""
-    pairs = propose_columns(names, missing)
+    the file's names where some fit.
+
+    ``n_joints`` is the robot's number of joints, where it is known.
+    """
+    pairs = _columns_in_order(names, missing, n_joints)
+    pairs = pairs or propose_columns(names, missing)
     words = [
         "--rename",
         ",".join(f"{group}={name}" for group, name in pairs.items()),
@@ -791,6 +799,61 @@ def _rename_command(
         joined = formatting.convert_command(f"{path}+TORQUES.csv")
         how += f"; or join the file that holds torques with `{joined}`"
     return how
+
+
+def _columns_in_order(
+    names: Sequence[str], missing: Sequence[str], n_joints: int | None
+) -> dict[str, str]:
+    """Propose columns by their order alone: t, q, dq and tau, or t, q and tau.
+
+    For tables in which no name says more than a number, as MATLAB writes them: "Var1"
+    and the blocks "Var2_1", "Var2_2" ..., or "Var1", "Var2" ... of all channels.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the file's columns.
+    missing : sequence of str
+        Missing groups among t, q and tau.
+    n_joints : int or None
+        The robot's number of joints.
+
+    Returns
+    -------
+    dict of str to str
+        The file's name by ours; empty where names say a quantity, or the columns are
+        not as many as these groups have.
+    """
+    quantities = {_quantity_of(name) for name in names}
+    if not {"q", "tau"} <= set(missing) or not quantities <= {None, "t"}:
+        return {}
+    families = numbered_families(names)
+    blocks = {pattern: x for pattern, x in families.items() if len(x) > 1}
+    in_blocks = {name for columns in blocks.values() for name in columns}
+    single = [name for name in names if name not in in_blocks]
+    if len(single) > 1 or not blocks:
+        return {}
+    if len(blocks) == 1:
+        (columns,) = blocks.values()
+        return _channels_in_order([*single, *columns], n_joints)
+    sizes = {len(columns) for columns in blocks.values()}
+    groups = {3: ("q*", "dq*", "tau*"), 2: ("q*", "tau*")}.get(len(blocks), ())
+    if not groups or not single or len(sizes) > 1:
+        return {}
+    return {"t": single[0], **dict(zip(groups, blocks, strict=True))}
+
+
+def _channels_in_order(names: Sequence[str], n_joints: int | None) -> dict[str, str]:
+    """Propose t, q1 ..., dq1 ..., tau1 ... for columns in this order, or without dq;
+    empty where the columns are not as many as a clock and these groups have."""
+    clock, *channels = names
+    for groups in (("q", "dq", "tau"), ("q", "tau")):
+        n, n_left = divmod(len(channels), len(groups))
+        if n_left or n == 0 or n_joints not in (None, n):
+            continue
+        our_names = [f"{group}{k}" for group in groups for k in range(1, n + 1)]
+        return {"t": clock, **dict(zip(our_names, channels, strict=True))}
+    return {}
 
 
 def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, str]:

@@ -1,7 +1,8 @@
-"""MATLAB .mat files (versions 4 to 7) with variables t, q, tau (dq optional), or q1,
+"""MATLAB .mat files (versions 4 to 7; 7.3 with h5py) with variables t, q, tau (dq optional), or q1,
 q2, ..."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from sdp_vs_penalty.data.formats.columns import (
 from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, install_command
 from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -66,11 +67,7 @@ def read_columns(path: Path) -> dict[str, Array]:
         with path.open("rb") as file:
             start = file.read(128)
         if start.startswith(b"MATLAB 7.3") or start.startswith(b"\x89HDF"):
-            raise InputError(
-                "a version 7.3 file (HDF5)",
-                "save it with save(..., '-v7')",
-                path,
-            )
+            return _columns_of_hdf5(path)
         for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
             arrays |= part
     arrays = {name: np.atleast_1d(block) for name, block in arrays.items()}
@@ -80,6 +77,20 @@ def read_columns(path: Path) -> dict[str, Array]:
     if len(arrays) == 1 and tables:
         return columns_of_array(path, tables[0])  # as Simulink writes it to a file
     return arrays
+
+
+def _columns_of_hdf5(path: Path) -> dict[str, Array]:
+    """Read the numeric variables of a file of version 7.3, which is HDF5.
+
+    MATLAB writes a matrix (N, n) as (n, N), which whoever makes a run of it turns.
+    Raises InputError where h5py is not installed.
+    """
+    from sdp_vs_penalty.data.formats import hdf5
+
+    if find_spec("h5py") is None:
+        remedy = f"save it with save(..., '-v7'), or {install_command('formats')}"
+        raise InputError("a version 7.3 file (HDF5)", remedy, path)
+    return hdf5.read_columns(path)
 
 
 def load_scipy() -> None:

@@ -107,7 +107,7 @@ def read_columns(path: Path) -> dict[str, Array]:
         kinds = _cell_table(file).kinds
         names = [name for name, kind in kinds.items() if kind != "text"]
         table = file.read(columns=names, use_threads=False)
-    return {name: _numbers(path, name, table.column(name)) for name in names}
+    return {name: numbers_of(path, name, table.column(name)) for name in names}
 
 
 def _header(path: Path, choice: Choice, file: Any) -> Header:
@@ -126,7 +126,7 @@ def _cell_table(file: Any) -> CellTable:
     joints' names."""
     schema = file.schema_arrow
     names_of_joints = _columns_of_joints(file)
-    kinds = {field.name: _kind_of(field.type) for field in schema}
+    kinds = {field.name: kind_of(field.type) for field in schema}
     kinds |= dict.fromkeys(_columns_of_stamps(file), "stamp")
     kinds = {
         name: kind
@@ -201,13 +201,23 @@ def _pieces(
     )
     batches = file.iter_batches(batch_size=PART, columns=chosen, use_threads=False)
     for table in empty or (arrow.Table.from_batches([batch]) for batch in batches):
-        columns = {name: _numbers(path, name, table.column(name)) for name in chosen}
+        columns = {name: numbers_of(path, name, table.column(name)) for name in chosen}
         yield header.run(columns)
 
 
-def _kind_of(kind: Any) -> str:
-    """Return what a column of this Arrow type holds: "number", "list", "stamp" or
-    "text"."""
+def kind_of(kind: Any) -> str:
+    """Return what a column of an Arrow type holds.
+
+    Parameters
+    ----------
+    kind : Any
+        Type of the column.
+
+    Returns
+    -------
+    str
+        "number", "list" (of numbers), "stamp" or "text".
+    """
     from pyarrow import types
 
     kind = kind.value_type if types.is_dictionary(kind) else kind
@@ -218,7 +228,7 @@ def _kind_of(kind: Any) -> str:
         or types.is_large_list(kind)
         or types.is_fixed_size_list(kind)
     ):
-        return "list" if _kind_of(kind.value_type) == "number" else "text"
+        return "list" if kind_of(kind.value_type) == "number" else "text"
     is_time = types.is_timestamp(kind) or types.is_duration(kind)
     return "stamp" if is_time else "text"
 
@@ -228,13 +238,30 @@ def _texts(batch: Any, name: str) -> list[str]:
     return [] if batch is None else [str(x) for x in batch.column(name).to_pylist()]
 
 
-def _numbers(path: Path, name: str, column: Any) -> Array:
-    """Convert a column to numbers: (N,); (N, n) where cells hold lists; seconds since
-    1970 [s] for time stamps, also in words; seconds for durations.
+def numbers_of(path: Path, name: str, column: Any) -> Array:
+    """Convert a column of Arrow's to numbers.
 
-    Raises InputError where lists have different lengths.
+    Parameters
+    ----------
+    path : Path
+        How messages call the file.
+    name : str
+        Name of the column.
+    column : Any
+        Arrow's column of N cells.
+
+    Returns
+    -------
+    Array
+        (N,) numbers; (N, n) where cells hold lists; seconds since 1970 [s] for time
+        stamps, also in words; seconds [s] for durations.
+
+    Raises
+    ------
+    InputError
+        Lists of different lengths, or texts that are no time stamps.
     """
-    kind = _kind_of(column.type)
+    kind = kind_of(column.type)
     if kind == "text":
         try:
             return seconds_of([str(x) for x in column.to_pylist()])

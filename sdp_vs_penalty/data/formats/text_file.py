@@ -4,11 +4,13 @@ not."""
 import bz2
 import codecs
 import gzip
+import io
 import lzma
 import re
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -26,20 +28,17 @@ _UNPACKERS: dict[bytes, Callable[..., IO[Any]]] = {
 BROKEN = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile)
 #: How files begin that are no text, what they are, and what to do.
 _NO_TEXTS: dict[bytes, tuple[str, str]] = {
-    b"PK\x03\x04": (
-        "a zip archive, as Excel workbooks are",
-        "save its sheet as CSV, or unpack it",
-    ),
+    b"PK\x03\x04": ("a zip archive, and no Excel workbook", "unpack it"),
     b"\xd0\xcf\x11\xe0": ("an old Excel workbook", "save its sheet as CSV"),
     b"\x89HDF": (
         "an HDF5 file",
-        "save its arrays with numpy.savez(path, t=..., q=..., tau=...)",
+        "give it the suffix .h5, or save its arrays with numpy.savez(path, t=..., q=..., tau=...)",
     ),
     b"\x80": (
         "a pickle, which can run a program when it is read",
         "save its arrays with numpy.savez(path, t=..., q=..., tau=...)",
     ),
-    b"ARROW1": ("a Feather file", "save it as Parquet or CSV"),
+    b"ARROW1": ("a Feather file", "give it the suffix .feather"),
     b"TDSm": ("a LabVIEW file (TDMS)", "export it as CSV"),
     b"ULog": ("a ULog file", "export it as CSV with `ulog2csv`"),
 }
@@ -66,7 +65,8 @@ def open_text(path: Path) -> Iterator[IO[str]]:
     ----------
     path : Path
         Path of a text in UTF-8, UTF-16, UTF-32 with a byte-order mark, or in an encoding
-        of Windows or of East Asia; it may be packed by gzip, bzip2 or xz.
+        of Windows or of East Asia; it may be packed by gzip, bzip2 or xz. Of an Excel
+        workbook its longest sheet, with tabs between the cells.
 
     Yields
     ------
@@ -78,6 +78,12 @@ def open_text(path: Path) -> Iterator[IO[str]]:
     InputError
         The file's first bytes show that it is no text (a workbook, HDF5, a pickle ...).
     """
+    if is_workbook(path):
+        from sdp_vs_penalty.data.formats.workbook import text_of_workbook
+
+        stat = path.stat()
+        yield io.StringIO(text_of_workbook(path, stat.st_mtime_ns, stat.st_size))
+        return
     unpack = _unpacker_of(path)
     with (unpack or open)(path, "rb") as file:
         head = file.read(_HEAD)
@@ -88,8 +94,29 @@ def open_text(path: Path) -> Iterator[IO[str]]:
         yield file
 
 
+def is_workbook(path: Path) -> bool:
+    """Return whether a file is an Excel workbook (.xlsx).
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    bool
+        Decided by the file's content, not by its name.
+    """
+    with path.open("rb") as file:
+        if file.read(4) != b"PK\x03\x04":
+            return False
+    with suppress(zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
+        return "xl/workbook.xml" in archive.namelist()
+    return False
+
+
 def is_packed(path: Path) -> bool:
-    """Return whether a file is packed by gzip, bzip2 or xz.
+    """Return whether a file is packed by gzip, bzip2 or xz, or is a workbook.
 
     Parameters
     ----------
@@ -101,7 +128,7 @@ def is_packed(path: Path) -> bool:
     bool
         Decided by the file's first bytes, not by its name.
     """
-    return _unpacker_of(path) is not None
+    return _unpacker_of(path) is not None or is_workbook(path)
 
 
 def is_plain_utf_8(path: Path) -> bool:

@@ -1,0 +1,57 @@
+"""Feather files: Apache Arrow's tables on the disk, as pandas and polars write them."""
+
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.data.formats.columns import Choice, table_of_arrays, understood
+from sdp_vs_penalty.data.formats.npy import run_of_columns
+from sdp_vs_penalty.data.formats.parquet import kind_of, numbers_of
+from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.files import path_or_file
+from sdp_vs_penalty.robot.arrays import Array
+
+SUFFIXES = (".feather", ".arrow")
+
+
+def read(path: Path, choice: Choice) -> Measurements:
+    """Read the run of a Feather file.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    choice : Choice
+        The robot's joints, the columns chosen by ``--rename``, and the rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
+    """
+    return run_of_columns(path, read_columns(path), choice)
+
+
+def inspect(path: Path) -> CellTable:
+    """Describe the columns of a Feather file by their kinds and first rows. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
+    return table_of_arrays(read_columns(path))
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """Read the columns that are no texts: (N,) numbers or (N, n) blocks, by name. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.read_columns`."""
+    from pyarrow import feather
+
+    with understood(path, "Feather file", "write it anew, or convert it to CSV"):
+        table: Any = feather.read_table(path_or_file(path), use_threads=False)
+        return {
+            field.name: numbers_of(path, field.name, table.column(field.name))
+            for field in table.schema
+            if kind_of(field.type) != "text"
+        }
