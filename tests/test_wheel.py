@@ -63,6 +63,8 @@ def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
 EXTRAS = (
     "matplotlib",
     "rosbags",
+    "h5py",
+    "openpyxl",
     "plotly",
     "nicegui",
     "scs",

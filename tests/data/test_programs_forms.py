@@ -1,12 +1,19 @@
 """Forms in which other programs write a clock or a whole log: dates in columns, clocks in
-minutes, LabVIEW, TwinCAT, printed ROS messages. The same numbers come out of each."""
+minutes, LabVIEW, TwinCAT, printed ROS messages, MATLAB's names, Feather, Excel, HDF5.
+The same numbers come out of each."""
 
+import re
+import shlex
+import sys
 import warnings
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from commands import run_cli
 from recorded import refusal
 
 from sdp_vs_penalty import Measurements
@@ -372,3 +379,178 @@ def test_other_yaml_is_refused_in_one_sentence(text, tmp_path):
     path = tmp_path / "settings.yaml"
     path.write_text(text)
     refusal(lambda: read(path), "ros2 topic echo")
+
+
+# -- names that say nothing -----------------------------------------------------------
+
+#: Tables as MATLAB's writetable names them.
+UNNAMED = {
+    "blocks": ["Var1", *numbered("Var2_{}", "Var3_{}", "Var4_{}")],
+    "blocks beside a clock": ["t", *numbered("Var2_{}", "Var3_{}", "Var4_{}")],
+    "columns": [f"Var{k}" for k in range(1, 11)],
+}
+
+
+@pytest.mark.parametrize("form", UNNAMED)
+def test_the_command_for_columns_without_names_reads_them(form, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write(Path("run.csv"), [",".join(UNNAMED[form]), *rows(T, Q, DQ, TAU)])
+    said = refusal(lambda: read(path), "if they are that")
+    (command,) = re.findall("`sdp-vs-penalty (.*?)`", said)
+    assert run_cli(*shlex.split(command)) == 0
+    same(read(Path("run_converted.csv")))
+
+
+def test_columns_without_names_that_are_not_of_this_robot_get_no_command(tmp_path):
+    names = [f"Var{k}" for k in range(1, 10)]
+    path = write(tmp_path / "run.csv", [",".join(names), *rows(T, Q, DQ, TAU[:, :2])])
+    refusal(lambda: read(path), "q=NAME,tau=NAME")
+
+
+def test_the_port_of_a_block_is_no_joint(tmp_path):
+    """As Simulink and dSPACE call the signals of a model."""
+    names = numbered(
+        "Model/Arm/q{}/Out1", "Model/Arm/dq{}/Out1", "Model/Arm/tau{}/Out1"
+    )
+    path = write(
+        tmp_path / "run.csv", [",".join(["time", *names]), *rows(T, Q, DQ, TAU)]
+    )
+    same(read(path))
+
+
+# -- files of other libraries ---------------------------------------------------------
+
+
+def frame(clock: str = "time") -> pd.DataFrame:
+    names = [clock, *numbered("pos_{}", "vel_{}", "torque_{}")]
+    return pd.DataFrame(np.column_stack([T, Q, DQ, TAU]), columns=names)
+
+
+@pytest.mark.parametrize("name", ["run.feather", "run.arrow"])
+def test_feather(name, tmp_path):
+    frame().to_feather(tmp_path / name)
+    same(read(tmp_path / name))
+
+
+def test_feather_with_stamps_and_lists(tmp_path):
+    stamps = pd.Timestamp("2026-11-28") + pd.to_timedelta(T, unit="s")
+    blocks = {"position": Q, "velocity": DQ, "effort": TAU}
+    lists = {name: list(block) for name, block in blocks.items()}
+    pd.DataFrame({"time": stamps, **lists}).to_feather(tmp_path / "run.feather")
+    same(read(tmp_path / "run.feather"))
+
+
+def test_a_workbook_s_longest_sheet_is_read(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(["Robot", "cell 3"])
+    sheet = book.create_sheet("log")
+    sheet.append(["Log of cell 3"])
+    sheet.append(["Zeit", *numbered("Winkel {}", "Moment {}")])
+    sheet.append(["s", *["°"] * 3, *["Nm"] * 3])
+    for row in np.column_stack([T, np.degrees(Q), TAU]).tolist():
+        sheet.append(row)
+    path = tmp_path / "run.xlsx"
+    book.save(path)
+    with pytest.warns(UserWarning, match="sheet 'log' of 2 is read"):
+        run = read_run(path, 3, JOINTS)
+    same(run, has_velocities=False)
+    sheet.delete_rows(len(T))  # a changed file is read anew
+    book.save(path)
+    assert len(read(path).t) == len(T) - 1
+
+
+def test_a_workbook_with_dates(tmp_path):
+    pytest.importorskip("openpyxl")
+    table = frame()
+    table["time"] = pd.Timestamp("2026-11-28") + pd.to_timedelta(T, unit="s")
+    table.to_excel(tmp_path / "run.xlsx", index=False)
+    same(read(tmp_path / "run.xlsx"))
+
+
+def hdf5_of(path: Path, arrays: dict[str, np.ndarray], userblock: int = 0) -> Path:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=userblock) as file:
+        for name, array in arrays.items():
+            file[name] = array
+    return path
+
+
+RECORDS = np.array(
+    list(zip(T, Q, DQ, TAU, strict=True)),
+    [("time", "f8"), ("position", "f8", 3), ("velocity", "f8", 3), ("effort", "f8", 3)],
+)
+PANDAS = ["t", *numbered("q{}", "dq{}", "tau{}")]
+LAYOUTS = {
+    "blocks": {"t": T, "q": Q, "dq": DQ, "tau": TAU},
+    "groups": {
+        **{"robot/timestamps": T, "observations/qpos": Q, "observations/qvel": DQ},
+        **{"observations/effort": TAU, "observations/images/cam": np.zeros((5, 4, 4))},
+    },
+    "records": {"log/states": RECORDS},
+    "pandas": {
+        "df/axis0": np.array(PANDAS, "S"),
+        "df/block0_items": np.array(PANDAS, "S"),
+        "df/block0_values": np.column_stack([T, Q, DQ, TAU]),
+    },
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_hdf5(layout, tmp_path):
+    same(read(hdf5_of(tmp_path / "run.h5", LAYOUTS[layout])))
+
+
+def test_a_mat_file_of_version_7_3(tmp_path):
+    """MATLAB's matrices lie the other way round in HDF5."""
+    arrays = {"t": T[None], "q": Q.T, "dq": DQ.T, "tau": TAU.T}
+    path = hdf5_of(tmp_path / "run.mat", arrays, userblock=512)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    same(read(path))
+
+
+def test_data_sets_in_other_files_are_not_read(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    hdf5_of(tmp_path / "other.h5", {"q": Q})
+    path = hdf5_of(tmp_path / "run.h5", {"t": T, "tau": TAU})
+    with h5py.File(path, "r+") as file:
+        file["q"] = h5py.ExternalLink("other.h5", "q")
+    refusal(lambda: read(path), "no column q")
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "words"),
+    [
+        ("h5py", "run.h5", ["HDF5 files need the extra [formats]"]),
+        ("h5py", "run.mat", ["'-v7'", "[formats]"]),
+        ("openpyxl", "run.xlsx", ["Excel workbooks need the extra [formats]"]),
+    ],
+)
+def test_without_its_library_a_file_is_refused_in_one_sentence(
+    module, name, words, tmp_path, monkeypatch
+):
+    path = tmp_path / name
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(200))
+    if name == "run.xlsx":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("xl/workbook.xml", "<workbook/>")
+    monkeypatch.setitem(sys.modules, module, None)
+    refusal(lambda: read(path), *words)
+
+
+@pytest.mark.parametrize("name", ["run.h5", "run.feather", "run.xlsx"])
+def test_broken_files_of_libraries_are_refused(name, tmp_path):
+    pytest.importorskip("h5py")
+    pytest.importorskip("openpyxl")
+    path = tmp_path / name
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(200))
+    if name == "run.xlsx":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("xl/workbook.xml", "<workbook/>")
+    refusal(lambda: read(path), "not a readable")
+
+
+def test_a_table_in_an_archive_is_read_beside_other_arrays(tmp_path):
+    np.savez(tmp_path / "run.npz", log=RECORDS, joints=np.array(JOINTS), rate=RATE)
+    same(read(tmp_path / "run.npz"))

@@ -230,6 +230,27 @@ def plotjuggler(path: Path, run: Measurements) -> None:
     path.write_text("\n".join(rows) + "\n")
 
 
+def pyfri(path: Path, run: Measurements) -> None:
+    """Measured and interpolated positions, measured and external torques."""
+    seconds, nanoseconds = _two_parts(run)
+    head = ["index", "time", "record_time_nsec", "tsec", "tnsec"]
+    head += [f"{word}{k}" for word in ("mp", "ip", "mt", "et") for k in (1, 2)]
+    count = [str(k) for k in range(len(run.t))]
+    blocks = _blocks(run.q, run.q + 1e-4, run.tau, 0.1 * run.tau)
+    stamps = [str(START * 10**9 + round(1e9 * t) + 1000) for t in run.t]
+    columns = [count, run.t, stamps, seconds, nanoseconds, *blocks]
+    _write(path, [*head, "dt"], [*columns, np.full(len(run.t), 0.02)])
+
+
+def kortex(path: Path, run: Measurements) -> None:
+    """Feedback of the actuators; angles from 0 to 360 degrees."""
+    words = ("position", "velocity", "torque", "current_motor")
+    names = _numbered(*(f"actuators[{{}}].{word}" for word in words))
+    degrees = np.degrees(run.q) % 360.0, np.degrees(run.dq)
+    columns = [run.t, *_blocks(*degrees, run.tau, 0.3 * run.tau)]
+    _write(path, ["time", *names], columns)
+
+
 def lerobot_current(path: Path, run: Measurements) -> None:
     """As :func:`lerobot`, with the currents of the motors."""
     lerobot(path, run, "current")
@@ -338,6 +359,8 @@ SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "kuka_variables.csv": kuka_variables,
     "abb_rapid.csv": abb_rapid,
     "franka_old.csv": franka_old,
+    "pyfri.csv": pyfri,
+    "kortex.csv": kortex,
     "plotjuggler.csv": plotjuggler,
     "lerobot.parquet": lerobot,
     "lerobot_current.parquet": lerobot_current,

@@ -88,11 +88,23 @@ def _table_of_joints(file: Any) -> CellTable | None:
 
 def _is_text(file: Any, name: str) -> bool:
     """Return whether an array of an archive holds texts, by its header alone."""
+    dtype = _type_of(file, name)
+    return dtype is not None and dtype.kind in "US"
+
+
+def _is_of_records(file: Any, name: str) -> bool:
+    """Return whether an array of an archive has named fields, by its header alone."""
+    dtype = _type_of(file, name)
+    return dtype is not None and dtype.names is not None
+
+
+def _type_of(file: Any, name: str) -> np.dtype[Any] | None:
+    """Read the type of an array from its header in the archive; None where the archive
+    has no such array."""
     if f"{name}.npy" not in file.zip.namelist():
-        return False
+        return None
     with file.zip.open(f"{name}.npy") as member:
-        _, dtype = _row_layout(member)
-    return dtype.kind in "US"
+        return _row_layout(member)[1]
 
 
 def _pieces(header: Header, arrays: Mapping[str, Array]) -> Iterator[Measurements]:
@@ -156,12 +168,15 @@ def _rows(
 
 
 def _columns_of_one_table(path: Path, file: Any) -> dict[str, Array] | None:
-    """Read an archive that holds one table, perhaps beside an array with its columns'
-    names.
+    """Read an archive that holds one table: an array of records with named fields, or a
+    matrix alone or beside an array with its columns' names.
 
     Returns (N,) columns by name ("#1", "#2" ... without names); None for other
     archives.
     """
+    records = [name for name in file.files if _is_of_records(file, name)]
+    if len(records) == 1:
+        return columns_of_array(path, file[records[0]])
     if not 1 <= len(file.files) <= 2:
         return None
     arrays = [file[name] for name in file.files]
