@@ -2,6 +2,7 @@
 minutes, LabVIEW, TwinCAT, printed ROS messages, MATLAB's names, Feather, Excel, HDF5.
 The same numbers come out of each."""
 
+import json
 import re
 import shlex
 import sys
@@ -381,6 +382,70 @@ def test_other_yaml_is_refused_in_one_sentence(text, tmp_path):
     refusal(lambda: read(path), "ros2 topic echo")
 
 
+# -- JSON, and the XML of KUKA's RSI ---------------------------------------------------
+
+RECORD = [
+    {"t": t, "q": q, "dq": dq, "tau": tau}
+    for t, q, dq, tau in zip(*(x.tolist() for x in (T, Q, DQ, TAU)), strict=True)
+]
+LISTS = {"t": T.tolist(), "q": Q.tolist(), "dq": DQ.tolist(), "tau": TAU.tolist()}
+OWN_NAMES = ["t", *numbered("q{}", "dq{}", "tau{}")]
+NAMED = pd.DataFrame(np.column_stack([T, Q, DQ, TAU]), columns=OWN_NAMES)
+JSON_TEXTS = {
+    "objects": json.dumps(RECORD, indent=1),
+    "lists": json.dumps({"robot": "arm", "log": LISTS}),
+    "pandas": NAMED.to_json(double_precision=12),
+    "pandas, split": NAMED.to_json(orient="split", double_precision=12),
+    "pandas, records": NAMED.to_json(orient="records", double_precision=12),
+    "lines": "\n".join(map(json.dumps, RECORD)),
+}
+
+
+@pytest.mark.parametrize("form", JSON_TEXTS)
+def test_json(form, tmp_path):
+    path = tmp_path / "run.json"
+    path.write_text(JSON_TEXTS[form])
+    same(read(path))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"format": 2, "names": ["a", "b"]}',
+        '{"columns": 1, "index": 2, "data": 3}',
+        '{"a":' * 100_000,
+        '{"t": [1, 2',
+    ],
+)
+def test_json_without_samples_is_refused(text, tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text(text)
+    refusal(lambda: read(path), "JSON text")
+
+
+def tag(name: str, values: np.ndarray) -> str:
+    """A tag with one attribute an axis, as RSI writes it."""
+    attributes = [f'A{j}="{value:.9f}"' for j, value in enumerate(values, start=1)]
+    return f"<{name} {' '.join(attributes)}/>"
+
+
+def cycle(k: int) -> str:
+    """One message of RSI; its clock counts milliseconds."""
+    degrees = np.degrees(Q[k])
+    tags = tag("AIPos", degrees) + tag("ASPos", degrees + 1.0) + tag("MACur", TAU[k])
+    place = '<RIst X="1.0" Y="2.0" Z="3.0"/>'
+    clock = f"<IPOC>{4_000_000 + 10 * k}</IPOC>"
+    return f'<Rob Type="KUKA">{place}{tags}{clock}</Rob>'
+
+
+@pytest.mark.parametrize("between", ["\n", "", "\n<Sen><IPOC>1</IPOC></Sen>\n"])
+def test_messages_of_kuka_s_rsi(between, tmp_path):
+    path = tmp_path / "rsi.xml"
+    path.write_text(between.join(map(cycle, range(300))))
+    same(read(path), has_velocities=False)
+    assert "columns recognised (KUKA RSI)" in told(path)
+
+
 # -- names that say nothing -----------------------------------------------------------
 
 #: Tables as MATLAB's writetable names them.
@@ -480,7 +545,6 @@ RECORDS = np.array(
     list(zip(T, Q, DQ, TAU, strict=True)),
     [("time", "f8"), ("position", "f8", 3), ("velocity", "f8", 3), ("effort", "f8", 3)],
 )
-PANDAS = ["t", *numbered("q{}", "dq{}", "tau{}")]
 LAYOUTS = {
     "blocks": {"t": T, "q": Q, "dq": DQ, "tau": TAU},
     "groups": {
@@ -489,8 +553,8 @@ LAYOUTS = {
     },
     "records": {"log/states": RECORDS},
     "pandas": {
-        "df/axis0": np.array(PANDAS, "S"),
-        "df/block0_items": np.array(PANDAS, "S"),
+        "df/axis0": np.array(OWN_NAMES, "S"),
+        "df/block0_items": np.array(OWN_NAMES, "S"),
         "df/block0_values": np.column_stack([T, Q, DQ, TAU]),
     },
 }

@@ -49,8 +49,8 @@ def read(path: Path, choice: Choice) -> Measurements:
     """Read the run of a text table.
 
     Three layouts are read: a column for each channel (RUN.csv), a table without a
-    header, and the long layout with a row for each joint and instant. Messages that
-    `ros2 topic echo` has printed are read, too.
+    header, and the long layout with a row for each joint and instant. Read, too, are
+    messages that `ros2 topic echo` has printed, JSON, and what KUKA's RSI sends.
 
     Parameters
     ----------
@@ -72,11 +72,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     try:
         table = inspect_table(path)
     except MarkupError as error:
-        if not error.is_yaml:
-            raise
-        from sdp_vs_penalty.data.formats import ros_echo
-
-        return ros_echo.read(path, choice)
+        return _read_markup(path, choice, error)
     if choice.rate is None and table.rate is not None:
         said = f"{path}: {table.rate:g} rows a second, as the file's header says"
         warnings.warn(said, Remark, stacklevel=2)
@@ -118,6 +114,22 @@ def read(path: Path, choice: Choice) -> Measurements:
     clock = () if choice.rate is not None else header.groups.get("t", ())
     has_times_of_day = any(table.kinds[names.index(x)] == "stamp" for x in clock)
     return replace(run, t=past_midnight(run.t)) if has_times_of_day else run
+
+
+def _read_markup(path: Path, choice: Choice, error: MarkupError) -> Measurements:
+    """Read the run of a text that is YAML, XML or JSON instead of a table; raise the
+    error where it holds none."""
+    if error.language == "YAML":
+        from sdp_vs_penalty.data.formats import ros_echo
+
+        return ros_echo.read(path, choice)
+    if error.language == "JSON":
+        from sdp_vs_penalty.data.formats import json_text
+
+        return json_text.read(path, choice, error)
+    from sdp_vs_penalty.data.formats import rsi_xml
+
+    return rsi_xml.read(path, choice, error)
 
 
 def _require_equal_clocks(table: TextTable) -> None:

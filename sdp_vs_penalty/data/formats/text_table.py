@@ -81,9 +81,9 @@ class MarkupError(InputError):
     """A text is no table, but YAML, XML or JSON."""
 
     @property
-    def is_yaml(self) -> bool:
-        """Whether the text is YAML."""
-        return self.what.startswith("YAML")
+    def language(self) -> str:
+        """What the text is: "YAML", "XML" or "JSON"."""
+        return self.what.split()[0]
 
 
 @dataclass(frozen=True)
