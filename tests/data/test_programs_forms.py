@@ -113,6 +113,15 @@ def test_hours_minutes_and_seconds_that_are_three_clocks_are_no_time_of_day(tmp_
     refusal(lambda: read(path), "no whole numbers", "--rename t=NAME")
 
 
+def test_another_clock_goes_before_a_time_of_day(tmp_path):
+    """Its seconds are whole, and repeat."""
+    names = ["hour", "minute", "second", "time", *numbered("pos{}", "vel{}", "trq{}")]
+    values = rows(PARTS[0], PARTS[1], WHOLE, T, Q, DQ, TAU)
+    path = write(tmp_path / "run.csv", [",".join(names), *values])
+    same(read(path))
+    assert "t = time" in told(path)
+
+
 @pytest.mark.parametrize(
     ("clock", "unit"),
     [

@@ -2,7 +2,6 @@
 q2, ..."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from sdp_vs_penalty.data.formats.columns import (
 from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError, install_command
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -83,14 +82,16 @@ def _columns_of_hdf5(path: Path) -> dict[str, Array]:
     """Read the numeric variables of a file of version 7.3, which is HDF5.
 
     MATLAB writes a matrix (N, n) as (n, N), which whoever makes a run of it turns.
-    Raises InputError where h5py is not installed.
+    Raises InputError where h5py is not installed or cannot read the file.
     """
     from sdp_vs_penalty.data.formats import hdf5
 
-    if find_spec("h5py") is None:
-        remedy = f"save it with save(..., '-v7'), or {install_command('formats')}"
-        raise InputError("a version 7.3 file (HDF5)", remedy, path)
-    return hdf5.read_columns(path)
+    try:
+        return hdf5.read_columns(path)
+    except InputError as error:
+        what = f"a version 7.3 file ({error.what})"
+        remedy = f"save it with save(..., '-v7'), or {error.remedy}"
+        raise InputError(what, remedy, path) from error
 
 
 def load_scipy() -> None:

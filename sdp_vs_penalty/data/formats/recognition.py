@@ -424,9 +424,13 @@ def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | No
     """
     from sdp_vs_penalty.data.formats.column_names import read_name
 
-    time_of_day = find_time_of_day(names)
-    if time_of_day is not None and _are_whole(time_of_day[:2], table):
-        return "+".join(time_of_day)
+    time_of_day = find_time_of_day(names) or ()
+    if not _are_whole(time_of_day[:2], table):
+        time_of_day = ()
+    if time_of_day:
+        # Another clock goes first: its stamps may be finer.
+        others = [name for name in names if name not in time_of_day]
+        return find_clock(others, table) or "+".join(time_of_day)
     pair = find_two_parts(names)
     if pair is not None:
         return "+".join(pair)
@@ -451,7 +455,7 @@ def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | No
 def _are_whole(names: Sequence[str], table: CellTable | None) -> bool:
     """Return whether the first cells of columns hold whole numbers, as those of hours and
     minutes do; a clock in minutes rises in fractions. True without cells."""
-    if table is None:
+    if table is None or not names:
         return True
     values = np.concatenate([table.values(name) for name in names])
     return bool(np.all(values == np.round(values)))
