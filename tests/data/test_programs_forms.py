@@ -86,6 +86,7 @@ TIMES_OF_DAY = {
     ),
     "YYYY,MM,DD,hh,mm,ss": (*DATE, *PARTS, SECOND),
     "hour,min,sec": (*PARTS, SECOND),
+    "date,hour,minute,second": (20261100.0 + DATE[2], *PARTS, SECOND),
     "stamp_h,stamp_m,stamp_s,stamp_us": (
         *(*PARTS, WHOLE),
         np.round(1e6 * (SECOND - WHOLE)),

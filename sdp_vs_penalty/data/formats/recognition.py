@@ -428,9 +428,11 @@ def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | No
     if not _are_whole(time_of_day[:2], table):
         time_of_day = ()
     if time_of_day:
-        # Another clock goes first: its stamps may be finer.
+        # Another clock goes first, for its stamps may be finer; a date is none.
         others = [name for name in names if name not in time_of_day]
-        return find_clock(others, table) or "+".join(time_of_day)
+        other = find_clock(others, table)
+        is_clock = other is not None and not _stands_still(other, table)
+        return other if is_clock else "+".join(time_of_day)
     pair = find_two_parts(names)
     if pair is not None:
         return "+".join(pair)
@@ -459,6 +461,15 @@ def _are_whole(names: Sequence[str], table: CellTable | None) -> bool:
         return True
     values = np.concatenate([table.values(name) for name in names])
     return bool(np.all(values == np.round(values)))
+
+
+def _stands_still(name: str, table: CellTable | None) -> bool:
+    """Return whether the first cells of a column hold one number; False without
+    cells."""
+    if table is None or table.kinds.get(name) != "number":
+        return False
+    values = table.values(name)
+    return len(values) > 0 and bool(np.all(values == values[0]))
 
 
 def _clock_by_unit(names: Sequence[str], table: CellTable) -> str | None:
