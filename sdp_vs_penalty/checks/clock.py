@@ -37,16 +37,25 @@ _UNITS = {
     "microseconds": "us",
     "nanoseconds": "ns",
     "hundreds of nanoseconds": "100ns",
+    "minutes": "min",
+    "hours": "h",
     "days": "day",
 }
+#: Rows from which the speed of a long run is taken.
+_ROWS_OF_SPEED = 100_000
+#: Speed that the median joint of no arm reaches in a tenth of its time: three turns a
+#: second [rad/s].
+_FASTEST = 20.0
 
 
 def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where the clock counts another unit than seconds.
 
-    The time steps are outside those of any log in seconds; of the units that bring them
-    inside, the one is named in which the stamps are dates of today, or else that makes
-    the arm's speed nearest to 1 rad/s.
+    The time steps are outside those of any log in seconds, or in seconds the arm were
+    faster than any. Of the units that bring the steps inside, the one is named in which
+    the stamps are dates of today, or else that makes the arm's speed nearest to 1 rad/s.
+    An arm whose joints swing through more than a turn can as well be logged in degrees:
+    its speed says nothing of the clock.
 
     Parameters
     ----------
@@ -70,21 +79,20 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         for name, factor in factors.items()
         if shortest <= glance.usual_step * factor <= longest
     }
-    if shortest <= glance.usual_step <= longest or not fits:
+    speed = _usual_speed(glance)
+    q = glance.run.q[:, glance.moving]
+    stays_within_a_turn = bool(np.all(np.ptp(q, axis=0) < 2.0 * np.pi))
+    is_too_fast = speed > _FASTEST and stays_within_a_turn
+    is_usual_step = shortest <= glance.usual_step <= longest
+    if (is_usual_step and not is_too_fast) or not fits:
         return
-    if shortest <= (t[-1] - t[0]) / len(t) <= longest:
+    is_usual_on_the_whole = shortest <= (t[-1] - t[0]) / len(t) <= longest
+    if is_usual_on_the_whole and not is_usual_step:
         # Stamps come in bursts, or were written with too few digits: on the whole the
         # clock counts seconds.
         return
-    # Speed of the faster tenth of the motion, of the median joint.
-    q = glance.run.q[:, glance.moving]
-    travel = np.quantile(
-        np.abs(q[10:] - q[:-10]),
-        0.9,
-        axis=0,
-    )
-    speed = float(np.median(travel)) / (10.0 * glance.usual_step)
-    unit = min(fits, key=lambda name: abs(np.log(speed / fits[name])))
+    expected = {name: (speed or 1.0) / factor for name, factor in fits.items()}
+    unit = min(fits, key=lambda name: abs(np.log(expected[name])))
     factor = fits[unit]
     yield Issue(
         kind="time unit",
@@ -101,6 +109,21 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         apply=f"time:{_UNITS[unit]}",
         figures={"factor": factor},
     )
+
+
+def _usual_speed(glance: RunSummary) -> float:
+    """Return the speed of the faster tenth of the motion, of the median joint
+    [rad/s, m/s]; 0 of an arm that stands still, or of a run of few rows.
+
+    Of a long run every k-th row is taken, some 100 000 of them.
+    """
+    q = glance.run.q[:, glance.moving]
+    stride = max(1, len(q) // _ROWS_OF_SPEED)
+    steps = np.abs(q[10::stride] - q[:-10:stride])
+    if steps.size == 0 or glance.usual_step == 0.0:
+        return 0.0
+    travel = np.quantile(steps, 0.9, axis=0)
+    return float(np.median(travel)) / (10.0 * glance.usual_step)
 
 
 def _goes_on(glance: RunSummary, rows: NDArray[np.intp]) -> Rows:

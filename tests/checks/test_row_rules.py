@@ -291,6 +291,24 @@ def test_rows_that_come_last_first_are_turned_round():
     np.testing.assert_array_equal(mended_run.tau, run.tau)
 
 
+@pytest.mark.parametrize(
+    ("unit", "seconds"), [("minutes", 60.0), ("hours", 3600.0), ("milliseconds", 1e-3)]
+)
+def test_a_clock_in_another_unit_is_named_without_velocities(unit, seconds):
+    clean = motion()
+    issue = found("time unit", replace(clean, t=clean.t / seconds))
+    assert issue is not None
+    assert f"time is in {unit}" in issue.what
+    assert issue.figures["factor"] == seconds
+
+
+def test_positions_in_degrees_say_nothing_about_the_clock():
+    clean = motion()
+    assert found("time unit", replace(clean, q=np.degrees(clean.q))) is None
+    at_rest = replace(clean, q=np.zeros_like(clean.q))
+    assert found("time unit", at_rest) is None
+
+
 def test_stamps_that_repeat_say_nothing_about_the_order_of_the_rows():
     """The reader counted them as steps backwards, the check as steps forwards."""
     clean = motion()

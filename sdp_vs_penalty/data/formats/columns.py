@@ -897,9 +897,24 @@ def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, s
             pairs[f"{group}*"] = patterns[0]
         elif have_equal_sizes and is_one_to_one:
             pairs[f"{group}*"] = unknown.pop(0)
+        elif len(blocks := _blocks_of(group, names)) == 1:
+            pairs[group] = blocks[0]
         else:
             pairs[group] = "NAME"
     return pairs
+
+
+def _blocks_of(group: str, names: Sequence[str]) -> list[str]:
+    """List the columns without a number whose names say a quantity: each can hold all
+    joints."""
+    from sdp_vs_penalty.data.formats.column_names import read_name
+
+    readings = {name: read_name(name) for name in names}
+    return [
+        name
+        for name, reading in readings.items()
+        if reading is not None and reading.quantity == group and reading.number is None
+    ]
 
 
 def _unknown_families(quantities: Mapping[str, str | None]) -> list[str]:
@@ -924,7 +939,8 @@ def _scale_of_proposal(
     scale = dict[str, float]()
     for our_name, pattern in pairs.items():
         columns = numbered_families(names).get(pattern, [pattern])
-        reading = read_name(columns[0]) if pattern != "NAME" else None
+        is_one_column = pattern != "NAME" and len(parts_of(pattern, names)) == 1
+        reading = read_name(columns[0]) if is_one_column else None
         if reading is not None and reading.factor != 1.0:
             scale[our_name.rstrip("*")] = reading.factor
     return scale

@@ -200,11 +200,16 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
     Yields
     ------
     tuple of str and Any
-        A name like "header.stamp.sec", and its value. Empty lists are left out.
+        A name like "header.stamp.sec" or "actuators[0].position", and its value. Empty
+        lists are left out.
     """
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from leaves(value, f"{prefix}{key}.")
+        elif isinstance(value, list) and any(isinstance(x, Mapping) for x in value):
+            for k, item in enumerate(value):
+                if isinstance(item, Mapping):
+                    yield from leaves(item, f"{prefix}{key}[{k}].")
         elif (
             _is_number(value)
             or _is_list_of_texts(value)
