@@ -374,6 +374,44 @@ def test_the_controller_s_output_is_said_to_be_the_torque(tmp_path):
     assert "tau = output.effort" in said
 
 
+@pytest.mark.parametrize("field", ["positions", "effort"])
+def test_the_controller_s_output_is_left_out_beside_its_feedback(field, tmp_path):
+    state = "/controller_state/{}/{}[{{}}]"
+    feedback = [state.format("feedback", x) for x in ("positions", "effort")]
+    names = [*feedback, state.format("output", field)]
+    head = ",".join(["__time", *numbered(*names)]).replace("[", "[0")
+    other = 0.5 * (Q if field == "positions" else TAU)
+    path = write(tmp_path / "run.csv", [head, *rows(T, Q, TAU, other)])
+    same(read(path), has_velocities=False)
+    assert "what the controller puts out" in told(path)
+
+
+def test_a_list_of_joints_in_each_sample(tmp_path):
+    """As a message of Kinova's API becomes JSON."""
+    states = [
+        {"position": q, "velocity": dq, "torque": tau}
+        for k in range(300)
+        for q, dq, tau in zip(
+            *(x[k].tolist() for x in (np.degrees(Q), np.degrees(DQ), TAU)), strict=True
+        )
+    ]
+    path = tmp_path / "run.jsonl"
+    lines = [
+        json.dumps({"time": T[k], "actuators": states[3 * k : 3 * k + 3]})
+        for k in range(300)
+    ]
+    write(path, lines)
+    same(read(path))
+    assert "Kinova Kortex" in told(path)
+
+
+def test_printed_messages_without_efforts_are_refused_with_what_is_there(tmp_path):
+    lines = [x for k in range(300) for x in (*joint_state(k)[:-4], "effort: []", "---")]
+    path = write(tmp_path / "log.yaml", lines)
+    said = refusal(lambda: read(path), "q=position,tau=NAME")
+    assert "--scale" not in said
+
+
 def test_a_message_that_is_cut_at_the_end_is_left_out(tmp_path):
     lines = [line for k in range(300) for line in (*joint_state(k), "---")]
     lines += joint_state(5)[:-2]

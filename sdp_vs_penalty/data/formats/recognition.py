@@ -57,6 +57,9 @@ _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
 _NAMES_OF_INDICES = ("", "index", "unnamed: 0", "__index_level_0__", "row")
 #: A unit, or what else stands in brackets at the end of a name.
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\W\d][^\[\]()]{0,11})[\])]\s*$")
+#: The part of a controller's state that it puts out, and those that it measures.
+_OUTPUT = re.compile(r"\boutput\b")
+_FEEDBACK = ("feedback", "actual")
 #: Words of torques that are currents.
 _CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
 
@@ -373,8 +376,25 @@ def recognise(
     usable = [name for name in names if kinds.get(name) != "text"]
     recognition = _by_logger(usable, names, joints, table)
     if recognition is None:
-        recognition = _by_words(usable, names, joints, table)
+        outputs = _outputs_beside_feedback(usable)
+        measured = [name for name in usable if name not in outputs]
+        recognition = _by_words(measured, names, joints, table)
+        if recognition is not None and outputs:
+            said = f"what the controller puts out ({outputs[0]}, ...) is not used"
+            recognition = replace(recognition, units=(*recognition.units, said))
     return None if recognition is None else _with_unit_of_clock(recognition, table)
+
+
+def _outputs_beside_feedback(names: Sequence[str]) -> list[str]:
+    """List the columns of a controller's output that have a column of its feedback
+    beside them: "output/effort[0]" beside "feedback/effort[0]"."""
+    known = set(names)
+    return [
+        name
+        for name in names
+        if _OUTPUT.search(name)
+        and any(_OUTPUT.sub(word, name) in known for word in _FEEDBACK)
+    ]
 
 
 def recognised(
