@@ -22,6 +22,7 @@ from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.formats.inferred_units import unit_of_dates
 from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import column_range
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
 
@@ -80,9 +81,7 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         if shortest <= glance.usual_step * factor <= longest
     }
     speed = _usual_speed(glance)
-    q = glance.run.q[:, glance.moving]
-    stays_within_a_turn = bool(np.all(np.ptp(q, axis=0) < 2.0 * np.pi))
-    is_too_fast = speed > _FASTEST and stays_within_a_turn
+    is_too_fast = speed > _FASTEST and _stays_within_a_turn(glance)
     is_usual_step = shortest <= glance.usual_step <= longest
     if (is_usual_step and not is_too_fast) or not fits:
         return
@@ -117,13 +116,20 @@ def _usual_speed(glance: RunSummary) -> float:
 
     Of a long run every k-th row is taken, some 100 000 of them.
     """
-    q = glance.run.q[:, glance.moving]
+    q = glance.run.q
     stride = max(1, len(q) // _ROWS_OF_SPEED)
-    steps = np.abs(q[10::stride] - q[:-10:stride])
+    steps = np.abs(q[10::stride] - q[:-10:stride])[:, glance.moving]
     if steps.size == 0 or glance.usual_step == 0.0:
         return 0.0
     travel = np.quantile(steps, 0.9, axis=0)
     return float(np.median(travel)) / (10.0 * glance.usual_step)
+
+
+def _stays_within_a_turn(glance: RunSummary) -> bool:
+    """Return whether no joint swings through a full turn: then its angles are hardly in
+    degrees."""
+    smallest, largest = column_range(glance.run.q)
+    return bool(np.all(largest - smallest < 2.0 * np.pi))
 
 
 def _goes_on(glance: RunSummary, rows: NDArray[np.intp]) -> Rows:
