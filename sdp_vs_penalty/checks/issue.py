@@ -1,11 +1,11 @@
 """What the data check says: one issue a problem."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.certainty import CERTAIN, Certainty
+from sdp_vs_penalty.checks.certainty import CERTAIN, Certainty, possible
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 
@@ -156,6 +156,33 @@ class Issue:
             "figures": dict(self.figures),
             "gravity": self.gravity,
         }
+
+
+def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:
+    """Return an explanation that is only possible, because effects of the arm explain
+    the same torques; the issue itself where there are none.
+
+    Parameters
+    ----------
+    issue : Issue
+        The explanation.
+    effects : sequence of str
+        In words, such as "a tilted base".
+
+    Returns
+    -------
+    Issue
+        That names the effects.
+    """
+    if not effects:
+        return issue
+    return replace(
+        issue,
+        what=f"{issue.what} It may be instead: {'; '.join(effects)}.",
+        certainty=possible("an effect of the arm explains the same torques"),
+        equivalents=(*issue.equivalents, *effects),
+        figures={**issue.figures, "rival_effects": [*effects]},
+    )
 
 
 def joints_text(joints: Any) -> str:

@@ -19,9 +19,21 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.faults.fault import Fault
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
+from sdp_vs_penalty.checks.issue import (
+    EXPLANATION,
+    Issue,
+    joints_text,
+    with_rival_effects,
+)
 from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.passing_load import (
+    PARAMETERS_OF_LOAD,
+    fit_passing_load,
+    has_load_columns,
+    load_columns,
+)
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
+from sdp_vs_penalty.checks.rival_effects import is_clearly_worse
 from sdp_vs_penalty.regression.evidence import (
     jackknifed,
     log_odds,
@@ -82,9 +94,7 @@ _ZERO_STEP = 0.01
 _POSSIBLE_GAINS = (0.2, 5.0)
 #: Largest offset of a revolute encoder's zero that is claimed of one run [rad].
 _LARGEST_ZERO_SHIFT_RAD = 0.5
-#: Parameters of one rigid link: mass, first moments (3), inertia (6).
-_PARAMETERS_PER_LINK = 10
-#: Of these, Ixx, Iyy and Izz.
+#: Of a load's parameters, Ixx, Iyy and Izz.
 _MOMENTS_OF_INERTIA = (4, 6, 9)
 #: Directions of a joint's own columns below this share of the largest are noise [-].
 _OWN_RANK = 1e-3
@@ -94,11 +104,13 @@ _FARTHEST_LOAD = 2.0
 
 @dataclass(frozen=True)
 class RunLog:
-    """A run's rows, their repair, and the run's name."""
+    """A run's rows, their repair, and the run's name; is_part : whether the rows are a
+    part of a run, whose clock the other parts share."""
 
     log: Likelihood
     repair: LogTransform
     name: str
+    is_part: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -534,7 +546,7 @@ class RunComparison:
         ):
             return None
         if difference.kind == "another load":
-            loads = arms[:, -_PARAMETERS_PER_LINK:]
+            loads = arms[:, -PARAMETERS_OF_LOAD:]
             if not is_a_body(loads):
                 return None
         return size
@@ -696,6 +708,44 @@ class RunComparison:
         is_likely = log_likelihood >= _ODDS_OF_A_DIFFERENCE
         return cause.clearness >= cause.required_sigmas and is_likely
 
+    def effects_as_likely(self, cause: Cause) -> list[str]:
+        """List, in words, what the arm does that explains the parts left out as well as
+        a gain or a zero of one run.
+
+        It is a load that the last link carries for a stretch of the suspect runs, of its
+        own beginning and end, if it may be a body. It explains as much unless it is
+        clearly worse (:func:`~sdp_vs_penalty.checks.rival_effects.is_clearly_worse`).
+
+        Parameters
+        ----------
+        cause : Cause
+            The difference to report.
+
+        Returns
+        -------
+        list of str
+            Empty for a cause that is no gain and no zero.
+        """
+        runs = [self.runs[number] for number in self.suspects]
+        if cause.difference.kind not in _USUAL or not has_load_columns(runs[0].log):
+            return []
+        others = _sum_of_normal_equations(
+            [
+                normal
+                for number, normal in enumerate(self.normal_equations)
+                if number not in self.suspects
+            ]
+        )
+        load = fit_passing_load(runs, self.weights[self.suspects], others)
+        errors, _ = self.held_out_errors(cause.difference)
+        shape = len(runs), c.PARTS, -1
+        is_worse = is_clearly_worse(
+            load.errors.reshape(shape),
+            errors.reshape(shape),
+            self.moving[self.suspects],
+        )
+        return [load.what] if is_a_body(load.parameters) and not is_worse else []
+
     def _in_the_heavier_run(self, cause: Cause) -> Cause:
         """Return a cause with the load assigned to the run that carries more.
 
@@ -739,7 +789,7 @@ class RunComparison:
             what = f"in {run.name} only: {difference.fault.what.rstrip('.')}"
             remedy = f"{difference.fault.remedy} in this run"
             joints = [*difference.fault.joints]
-        return Issue(
+        issue = Issue(
             kind=difference.kind,
             severity="warning",
             where=joints_text(joints) if joints else "the run",
@@ -757,6 +807,7 @@ class RunComparison:
             apply="" if difference.fault is None else difference.fault.apply,
             equivalents=cause.equivalents,
         )
+        return with_rival_effects(issue, self.effects_as_likely(cause))
 
     def _words_of_number(self, cause: Cause) -> tuple[str, str]:
         """Return the sentence and the remedy for a run whose gain, zero, load or arm
@@ -894,11 +945,13 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         log.select_rows(slice(row)),
         repair,
         f"the part before t = {t:.4g} s",
+        is_part=True,
     )
     after = RunLog(
         log.select_rows(slice(row, None)),
         repair,
         f"the part from t = {t:.4g} s on",
+        is_part=True,
     )
     # Within a log friction changes as well: the arms have to differ by more than
     # those of two runs.
@@ -1033,6 +1086,4 @@ def _list_numbers(
         slope = (residual - log.unexplained(shifted, theta)) / _ZERO_STEP
         yield "encoder offset", joint, slope[:, :, None]
     if log.data.shared is not None:
-        of_last_link = log.data.shared.rigid_indices[-_PARAMETERS_PER_LINK:]
-        columns = log.columns(repair.arm_part)[:, :, of_last_link]
-        yield "another load", log.n - 1, log.torque_mask(repair)[:, :, None] * columns
+        yield "another load", log.n - 1, load_columns(log, repair)

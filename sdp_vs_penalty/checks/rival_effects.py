@@ -15,11 +15,17 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import COULOMB_WIDTHS
+from sdp_vs_penalty.checks.constants import (
+    COULOMB_WIDTHS,
+    LEAST_RATIO_WITH_SIZE,
+    REQUIRED_SIGMAS,
+)
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.effects.links import BaseTilt
+from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Fits of a tilted base, and of a coupling: the columns of the next fit hold what the
@@ -43,6 +49,36 @@ class RivalEffect:
     what: str
     errors: Array
     is_of_gravity: bool = False
+
+
+def is_clearly_worse(errors: Array, than: Array, moving: NDArray[np.bool_]) -> bool:
+    """Whether one explanation of R logs is clearly worse than another.
+
+    With e[r, p, j] and f[r, p, j] their errors on part p of log r left out, two things
+    have to hold: the energy that it leaves is larger by a factor, the product over the
+    joints of sum_rp e / sum_rp f > LEAST_RATIO_WITH_SIZE; and so it is in most parts:
+    the mean over the parts of sum_j log(e / f) lies REQUIRED_SIGMAS standard errors
+    above zero.
+
+    Parameters
+    ----------
+    errors, than : (R, PARTS, n) array
+        Of the one and of the other.
+    moving : (R, n) array
+        Joints that count in each log.
+
+    Returns
+    -------
+    bool
+        Whether both hold.
+    """
+    counts = np.broadcast_to(moving[:, None], errors.shape)
+    energies = [np.where(counts, x, 0.0).sum(axis=(0, 1)) for x in (errors, than)]
+    is_counted = moving.any(axis=0)
+    ratio = float(np.prod(energies[0][is_counted] / energies[1][is_counted]))
+    log_rises = np.where(counts, np.log(errors / than), 0.0).sum(axis=2)  # (R, PARTS)
+    clearness = standard_errors_above_zero(log_rises)
+    return ratio > LEAST_RATIO_WITH_SIZE and clearness > REQUIRED_SIGMAS
 
 
 def rival_effects(

@@ -18,14 +18,23 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
-from sdp_vs_penalty.checks.certainty import likely, possible
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.faults import FAULTS
 from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
+from sdp_vs_penalty.checks.issue import (
+    EXPLANATION,
+    Issue,
+    joints_text,
+    with_rival_effects,
+)
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.rival_effects import RivalEffect, rival_effects
+from sdp_vs_penalty.checks.rival_effects import (
+    RivalEffect,
+    is_clearly_worse,
+    rival_effects,
+)
 from sdp_vs_penalty.checks.torque_size import far_from_nominal
 from sdp_vs_penalty.regression.evidence import (
     log_odds,
@@ -1044,19 +1053,13 @@ class RepairSearch:
             figures["as_likely"] = [
                 {"kind": x.kind, "joints": [j + 1 for j in x.joints]} for x in rivals
             ]
-        certainty = likely(self._reason(fault, net))
-        if effects:
-            equivalents = (*equivalents, *effects)
-            figures["rival_effects"] = [*effects]
-            what = f"{what} It may be instead: {'; '.join(effects)}."
-            certainty = possible("an effect of the arm explains the same torques")
-        return Issue(
+        issue = Issue(
             kind=fault.kind,
             nature=EXPLANATION,
             severity=fault.severity,
             where=fault.place or joints_text(fault.joints),
             what=what,
-            certainty=certainty,
+            certainty=likely(self._reason(fault, net)),
             remedy=fault.remedy,
             repair=self.keep_only(net, fault).apply if fault.is_repairable else None,
             figures=figures,
@@ -1065,6 +1068,7 @@ class RepairSearch:
             equivalents=equivalents,
             by_clock=by_clock if fault.by_clock else None,
         )
+        return with_rival_effects(issue, effects)
 
     def _reason(self, fault: Fault, net: LogTransform) -> str:
         """Say in a sentence what speaks for a fault.
@@ -1153,14 +1157,8 @@ class RepairSearch:
         return {name: [*dict.fromkeys(names)] for name, names in found.items()}
 
     def _is_clearly_worse(self, errors: Array, than: Array) -> bool:
-        """Whether errors (PARTS, n) on parts left out are clearly larger than others:
-        by REQUIRED_SIGMAS standard errors, and by a factor of LEAST_RATIO_WITH_SIZE.
-        """
-        moving = self.log.moving
-        ratios = (errors.mean(axis=0) / than.mean(axis=0))[moving]
-        is_large = float(np.prod(ratios)) > c.LEAST_RATIO_WITH_SIZE
-        clearness = self.log.clearness_of_fall(errors, than)
-        return is_large and clearness > c.REQUIRED_SIGMAS
+        """Whether errors (PARTS, n) on parts left out are clearly larger than others."""
+        return is_clearly_worse(errors[None], than[None], self.log.moving[None])
 
     def _rivals_of(self, fault: Fault, net: LogTransform) -> list[Rival]:
         """List what explains the log as well as one fault of the net repair.
