@@ -387,4 +387,5 @@ def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
         repaired_certain=run,
         unexplained=float(np.mean(shares)) if shares else None,
         gravity=next((w.gravity for w in windows if w.gravity is not None), None),
+        corrected=tuple(dict.fromkeys(x for w in windows for x in w.corrected)),
     )

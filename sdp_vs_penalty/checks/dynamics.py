@@ -17,7 +17,13 @@ from sdp_vs_penalty.checks.faults.order import Exchange
 from sdp_vs_penalty.checks.faults.sign import Sign
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import OUTLYING, RunComparison, RunLog, two_arms
+from sdp_vs_penalty.checks.one_arm import (
+    NOT_REPAIRED,
+    OUTLYING,
+    RunComparison,
+    RunLog,
+    two_arms,
+)
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
@@ -308,7 +314,8 @@ class LoggerJudge:
         repair = replace(net, events=()) if change_of_arm else net
         unexplained = [] if is_poor_motion else [*unexplained_torque(log, repair)]
         of_this_run = [*size, *unexplained, *change_of_arm]
-        explanations = [*self._explanations(number, stated, net), *of_this_run]
+        of_log = self._explanations(number, stated, net)
+        explanations = [*of_log, *of_this_run]
         new = [
             issue for issue in explanations if not is_explained_by_a_fact(issue, report)
         ]
@@ -322,6 +329,7 @@ class LoggerJudge:
             issues=(*report.issues, *new),
             repaired_all=run,
             unexplained=log.fit(net).unexplained,
+            corrected=_kinds_corrected(report.issues, of_log),
             gravity=net.gravity if log.spare_share > 0.0 else None,
         )
 
@@ -380,6 +388,21 @@ class LoggerJudge:
         return [
             issue for issue in candidates if not issue.apply or issue.apply in remaining
         ]
+
+
+def _kinds_corrected(
+    facts: Sequence[Issue], explanations: Sequence[Issue]
+) -> tuple[str, ...]:
+    """Return the kinds of issue that the fit of one arm to a run is corrected for, each
+    once.
+
+    They are the facts that have a repair, and what the search found wrong with the log.
+    Notes are none: laws of friction are the arm's. Another load or arm stays in the rows.
+    """
+    repaired = [issue for issue in facts if issue.repair is not None]
+    found = [issue for issue in explanations if issue.kind not in NOT_REPAIRED]
+    kinds = [x.kind for x in [*repaired, *found] if x.severity != "note"]
+    return tuple(dict.fromkeys(kinds))
 
 
 def with_issues(report: Report, issues: Sequence[Issue]) -> Report:

@@ -68,6 +68,8 @@ _WORDS = {
         "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }
+#: Kinds of difference that no change of the log can undo.
+NOT_REPAIRED = "another load", "another arm"
 #: Faults that one run's log may have, by the run's number, and the repair of each.
 Proposals = Callable[[int], Sequence[tuple[Fault, LogTransform]]]
 #: Log-odds (natural logarithm) that a difference of runs has to exceed: three times

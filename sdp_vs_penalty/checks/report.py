@@ -30,7 +30,8 @@ class Report(Record):
     the torques' energy that the arm's dynamics leave, after repair; None where there is
     nothing to fit; gravity : that the torques show [m/s^2]; None for a run with fewer
     samples than one arm has parameters; original : the run as logged; lockstep : joints
-    that move in proportion; None where none do.
+    that move in proportion; None where none do; corrected : kinds of issue that
+    ``unexplained`` is corrected for, each once.
     """
 
     run: str
@@ -53,6 +54,7 @@ class Report(Record):
         compare=False,
         repr=False,
     )
+    corrected: tuple[str, ...] = ()
 
     @property
     def meaningless(self) -> bool:
@@ -110,19 +112,23 @@ class Report(Record):
             repaired_all=nothing,
             repaired_certain=nothing,
             unexplained=None if percent is None else (percent / 100.0) ** 2,
+            corrected=tuple(data.get("corrected", ())),
         )
 
     @property
     def verdict(self) -> str:
         """One sentence: the number of problems, and the share of the torque that the
-        arm's dynamics leave unexplained.
+        arm's dynamics leave unexplained, with what is corrected first.
 
-        Without such a share (``unexplained`` is None) it says why there is none.
+        The share is that of the log as repaired, which may be far better than the log
+        as recorded. Without such a share (``unexplained`` is None) it says why there is none.
         """
         problems = formatting.count(len(self.errors_and_warnings), "problem")
         if self.unexplained is not None:
             share = self.facts()["unexplained_percent"].text
             torque = f"the arm's dynamics leave {share} of the torque unexplained (RMS)"
+            if self.corrected:
+                torque = f"with {formatting.words(self.corrected)} corrected, {torque}"
         elif not self.repaired_all.torque_logged:
             torque = "no torque was logged"
         elif self.meaningless:  # errors of facts: no row can be believed
@@ -185,6 +191,7 @@ class Report(Record):
             "run": self.run,
             "meaningless": self.meaningless,
             "unexplained_percent": self.unexplained_percent,
+            "corrected": [*self.corrected],
             "findings": [f.to_dict() for f in self.issues],
             "facts": self.facts_to_dict(),
         }

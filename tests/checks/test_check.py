@@ -17,7 +17,7 @@ from sdp_vs_penalty import (
     load_estimate,
     load_problem,
 )
-from sdp_vs_penalty.checks import Issue, check, mended
+from sdp_vs_penalty.checks import Issue, Report, check, mended
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import consented, needs_check
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -333,6 +333,24 @@ def test_the_verb(tmp_path, two_link, capsys):
         "good.csv",
         "good_changes.txt",
     ]
+
+
+def test_the_verdict_says_what_is_corrected_before_the_share_is_taken(two_link):
+    """A sign that is turned leaves much as logged, and little when it is turned back."""
+    run = quarter_rate(two_link)
+    (good,) = check(two_link, run, thorough=False)
+    (bad,) = check(two_link, FLIPPED(run), thorough=False)
+    assert "corrected" not in good.verdict
+    assert ": 1 problem; with torque sign corrected, the arm's dynamics leave" in (
+        bad.verdict
+    )
+    assert bad.unexplained == pytest.approx(good.unexplained, rel=0.1)
+    assert Report.from_dict(bad.to_dict()).corrected == ("torque sign",)
+
+
+def test_the_verdict_names_facts_that_are_corrected(two_link):
+    (report,) = check(two_link, spiked(quarter_rate(two_link)), thorough=False)
+    assert "; with spikes corrected, the arm's" in report.verdict
 
 
 SPIKES = [700, 1900, 2600]
