@@ -21,7 +21,6 @@ from sdp_vs_penalty.checks.one_arm import (
     NOT_REPAIRED,
     OUTLYING,
     RunComparison,
-    RunLog,
     two_arms,
 )
 from sdp_vs_penalty.checks.problem_units import problem_units
@@ -33,6 +32,7 @@ from sdp_vs_penalty.checks.residual import (
     unexplained_torque,
     unrelated_torque,
 )
+from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.checks.search import RepairSearch
 from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
 from sdp_vs_penalty.data.measurements import Measurements

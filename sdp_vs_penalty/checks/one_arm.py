@@ -34,6 +34,7 @@ from sdp_vs_penalty.checks.passing_load import (
 )
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 from sdp_vs_penalty.checks.rival_effects import is_clearly_worse
+from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.regression.evidence import (
     jackknifed,
     log_odds,
@@ -102,17 +103,6 @@ _MOMENTS_OF_INERTIA = (4, 6, 9)
 _OWN_RANK = 1e-3
 #: No load is held farther from the last joint [m].
 _FARTHEST_LOAD = 2.0
-
-
-@dataclass(frozen=True)
-class RunLog:
-    """A run's rows, their repair, and the run's name; is_part : whether the rows are a
-    part of a run, whose clock the other parts share."""
-
-    log: Likelihood
-    repair: LogTransform
-    name: str
-    is_part: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,22 +14,17 @@ a load makes the same change exactly. Of a joint before it the change of the wei
 alike where the motion is slow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sdp_vs_penalty.checks.constants import PARTS
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.regression.normal_equations import Normal, NormalEquations, solve
 from sdp_vs_penalty.robot.arrays import Array
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.checks.one_arm import RunLog
 
 #: Parameters of one rigid link: mass, first moments (3), inertia (6).
 PARAMETERS_OF_LOAD = 10

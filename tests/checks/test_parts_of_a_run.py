@@ -14,10 +14,10 @@ from sdp_vs_penalty.checks.one_arm import (
     Cause,
     Difference,
     RunComparison,
-    RunLog,
     two_arms,
 )
 from sdp_vs_penalty.checks.regression_data import RegressionData
+from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.simulation import experiment
 
 #: Factor of the torque of joint 1 in the second half.

@@ -11,10 +11,11 @@ from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.checks.constants import LEAST_RATIO_WITH_SIZE, PARTS
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import Difference, RunComparison, RunLog
+from sdp_vs_penalty.checks.one_arm import Difference, RunComparison
 from sdp_vs_penalty.checks.passing_load import fit_passing_load
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.rival_effects import is_clearly_worse
+from sdp_vs_penalty.checks.run_log import RunLog
 
 #: Of a load [kg, kg m, kg m^2]: half a kilogram near the flange.
 LOAD = np.array([0.5, 0.02, 0.01, 0.03, 2e-3, 0.0, 2e-3, 0.0, 0.0, 2e-3])

@@ -9,8 +9,9 @@ import pytest
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.checks import Issue, Report, check
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import RunComparison, RunLog, is_a_body
+from sdp_vs_penalty.checks.one_arm import RunComparison, is_a_body
 from sdp_vs_penalty.checks.regression_data import RegressionData
+from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.simulation import experiment
 
