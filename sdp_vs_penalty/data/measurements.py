@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -281,6 +281,22 @@ class Measurements(Shown):
             self.t[keep],
             groups,
             (name or self.names[0],),
+        )
+
+    def copied(self) -> Measurements:
+        """Return the same measurements in arrays of their own."""
+        commanded = {name: np.array(block) for name, block in self.commanded.items()}
+        return replace(
+            self,
+            t=np.array(self.t),
+            q=np.array(self.q),
+            tau=np.array(self.tau),
+            dq=None if self.dq is None else np.array(self.dq),
+            run=None if self.run is None else np.array(self.run),
+            temperature=(
+                None if self.temperature is None else np.array(self.temperature)
+            ),
+            commanded=commanded,
         )
 
     def without_joints(self, places: Sequence[int]) -> Measurements:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from typing import Any
 
@@ -10,17 +11,19 @@ _UNREAD = object()
 
 
 class Provenance(MutableMapping[str, Any]):
-    """A dictionary of plain JSON, of which some entries are worked out when one of them is
-    first read.
+    """Plain JSON by name, of which some entries are worked out when one of them is first
+    read, by whichever thread.
 
-    Readers see no difference. What the function that works them out needs (a recording
-    behind its filters) is kept until then, and no longer.
+    It is read and changed like a dictionary; ``dict(provenance)`` is one. What the
+    function that works them out needs (a recording behind its filters) is kept until
+    then, and no longer.
     """
 
     def __init__(self, entries: Mapping[str, Any]) -> None:
         """Begin with entries that are known; their order is kept."""
         self._entries = dict(entries)
         self._make: Callable[[], Mapping[str, Any]] | None = None
+        self._lock = threading.Lock()
 
     def work_out_later(
         self, names: tuple[str, ...], make: Callable[[], Mapping[str, Any]]
@@ -40,12 +43,18 @@ class Provenance(MutableMapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         """Return an entry; work it out if nobody has read it yet."""
         if self._entries[name] is _UNREAD:
-            assert self._make is not None
-            for made, value in self._make().items():
-                if self._entries.get(made) is _UNREAD:
-                    self._entries[made] = value
-            self._make = None
+            with self._lock:
+                self._work_out()
         return self._entries[name]
+
+    def _work_out(self) -> None:
+        """Work out what nobody has read yet, unless another thread just has."""
+        if self._make is None:
+            return
+        for made, value in self._make().items():
+            if self._entries.get(made) is _UNREAD:
+                self._entries[made] = value
+        self._make = None
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set an entry."""

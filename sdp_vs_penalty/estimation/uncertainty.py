@@ -25,6 +25,7 @@ freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -571,16 +572,22 @@ class LateUncertainty(Uncertainty):
     """
 
     def __init__(self, make: Callable[[], Uncertainty]) -> None:
-        """Keep ``make``, which works the uncertainty out; it is called once."""
-        vars(self)["_make"] = make
+        """Keep ``make``, which works the uncertainty out; it is called once, whichever
+        thread reads first."""
+        vars(self).update(_make=make, _lock=threading.Lock())
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute that is not there yet: work all fields out first."""
-        fields_by_name = vars(vars(self)["_make"]())
-        vars(self).clear()
-        vars(self).update(fields_by_name)
-        object.__setattr__(self, "__class__", Uncertainty)
-        return getattr(self, name)
+        lock = vars(self).get("_lock")
+        if lock is None:  # another thread has worked them out meanwhile
+            return object.__getattribute__(self, name)
+        with lock:
+            make = vars(self).get("_make")
+            if make is not None:
+                vars(self).update(vars(make()))
+                object.__setattr__(self, "__class__", Uncertainty)
+                del vars(self)["_make"], vars(self)["_lock"]
+        return object.__getattribute__(self, name)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle or copy it as what it stands for: another process cannot work it

@@ -1,6 +1,7 @@
 """Intervals that hold the truth as often as they say, and verdicts that mean something."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -236,6 +237,21 @@ def test_intervals_are_worked_out_once_when_they_are_first_read():
         _ = late.widths
     again = replace(late, spread=2.0 * late.spread)
     assert np.array_equal(again.spread, 2.0 * late.spread)
+
+
+def test_threads_read_intervals_that_one_of_them_works_out():
+    estimate = identify(
+        "two_link", sdp_vs_penalty.simulate("two_link", seed=1).train[0], check=False
+    )
+    make = vars(estimate.uncertainty)["_make"]
+
+    def read(late: LateUncertainty) -> float:
+        return float(late.spread.sum())
+
+    for _ in range(20):
+        with ThreadPoolExecutor(8) as threads:
+            sums = set(threads.map(read, [LateUncertainty(make)] * 16))
+        assert len(sums) == 1
 
 
 def test_intervals_of_long_runs_are_worked_out_at_once(monkeypatch):
