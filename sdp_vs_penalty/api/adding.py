@@ -9,6 +9,7 @@ from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.diagnosis.adding import add as add_effects
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
+from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 
@@ -39,7 +40,8 @@ def add(
         (``coulomb_friction:7@v_s=0.08``). Intervals of findings include what the
         search says of their sizes; those of effects that are named do not.
     measurements : path, arrays, DataFrame, Measurements, list of these
-        The runs to identify it from.
+        The runs to identify it from, and judge it on; with a diagnosis without the spans
+        in which it says that something acts for a part of the time.
     frozen : bool
         Keep all other parameters. The same happens with the findings of a frozen
         diagnosis, and wherever the model has a payload or gets one: refitted links
@@ -79,6 +81,8 @@ def add(
         progress=progress,
         gain_uncertainty=gain_uncertainty,
     )
+    if isinstance(effects, Diagnosis):
+        runs = beside_causes(runs, effects.passing) or runs
     progress("comparing measured with modelled")
     judged = compare(extended, runs)[0]
     extended.provenance["verdict"] = judged.verdict.to_dict()

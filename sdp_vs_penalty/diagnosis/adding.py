@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
+from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
@@ -78,7 +79,8 @@ def add(
         (``coulomb_friction:7@v_s=0.08``). Intervals of findings include what the
         search says of their sizes; those of effects that are named do not.
     measurements : path, arrays, DataFrame, Measurements, list of these
-        The runs to identify it from.
+        The runs to identify it from; with a diagnosis without the spans in which it says
+        that something acts for a part of the time.
     frozen : bool
         Keep all other parameters. The same happens with the findings of a frozen
         diagnosis, and wherever the model has a payload or gets one: refitted links
@@ -112,6 +114,8 @@ def add(
     measurements.require_torque("add")
     if isinstance(effects, Diagnosis):
         frozen = frozen or effects.frozen
+        rest = beside_causes(measurements, effects.passing)
+        measurements = measurements if rest is None else rest
     added, retuned = _read_effects(estimate, effects, frozen)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
@@ -176,10 +180,12 @@ def _read_effects(
     Raises
     ------
     InputError
-        There is no effect, one is unknown, or the model has one already.
+        There is no effect, nor any span to leave out; an effect is unknown, or the
+        model has it already.
     """
     new_effects = parse_effects(_written(effects, estimate), estimate.robot)
-    if not new_effects:
+    leaves_spans_out = isinstance(effects, Diagnosis) and bool(effects.passing)
+    if not new_effects and (frozen or not leaves_spans_out):
         raise InputError(
             "No effect to add", "name one, such as presliding_hysteresis:7"
         )

@@ -26,6 +26,7 @@ from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.passing.cause import (
+    ENOUGH,
     Span,
     windows_without_spans,
     without_spans,
@@ -58,8 +59,6 @@ from sdp_vs_penalty.signals.segments import (
     window_subsample,
 )
 
-#: Share of the samples that has to be left without the spans in which something acts.
-_ENOUGH = 1.0 / 3.0
 #: The most causes that act for a part of the time.
 _MOST_PASSING = 3
 
@@ -146,7 +145,7 @@ def diagnose_beside_passing(
 
     A load that is carried for a time would otherwise be explained by effects that act
     all the time. What is found without its spans is the result, with all that acts for
-    a part of the time. The spans stay in where less than _ENOUGH of the samples would be
+    a part of the time. The spans stay in where less than ENOUGH of the samples would be
     left.
 
     Parameters
@@ -167,7 +166,7 @@ def diagnose_beside_passing(
     while found and len(passing) < _MOST_PASSING:
         spans = tuple(span for cause in passing for span in cause.spans)
         rest = replace(runs, left_out=spans, left_out_of_test=runs.spans_in_test)
-        if rest.searched.samples < _ENOUGH * runs.searched.samples:
+        if rest.searched.samples < ENOUGH * runs.searched.samples:
             break
         diagnosis = diagnose(rest)
         found = diagnosis.passing
@@ -180,10 +179,13 @@ def diagnose_beside_passing(
 
 def _left_out_remark(runs: DiagnosisRuns, spans: Sequence[Span]) -> str:
     """Say that spans were left out, and how commands leave them out as well."""
-    remark = "All else was judged without the spans in which something acts for a time"
+    remark = (
+        "All else was judged without the spans in which something acts for a time; `add"
+        " --from` leaves them out as well"
+    )
     windows = windows_without_spans(runs.measurements, spans)
     if windows:
-        remark += f"; `--window {windows}` leaves them out of `identify` and `add` too"
+        remark += f"; `--window {windows}` leaves them out of `identify` too"
     return f"{remark}."
 
 

@@ -596,7 +596,7 @@ class Diagnosis(Record, JsonRecord):
         retuned = [r for r in self.retuned if r.torque_is_certain or not confident]
         has_all = numbers is None and len(chosen) == len(self.effects)
         curves = self.curves if has_all else ()
-        if not chosen and not retuned and not curves:
+        if not (chosen or retuned or curves or self.passing):
             kind = "finding"
             if confident and self.effects:
                 kind = "confident finding or near-tie"

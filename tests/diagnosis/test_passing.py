@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 from point_mass_arm import MASSES, Kinematics, PointMassArm, arm_problem
 
-from sdp_vs_penalty import Measurements, Problem, diagnose, identify
+from sdp_vs_penalty import Measurements, Problem, add, compare, diagnose, identify
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, Event
 from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.diagnosis.passing.cause import (
     PassingCause,
     Span,
+    beside_causes,
     windows_without_spans,
 )
 from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
@@ -106,6 +108,17 @@ def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
     assert any("without the spans" in remark for remark in result.remarks)
     assert cause.sentence in event_lines(result)[0]
     assert "a load of" in result.headline.split(". ")[0]
+
+
+@pytest.mark.long
+def test_what_passes_is_left_out_where_a_diagnosis_is_added(problem):
+    run = loaded(1.0, (8.0, 16.0))
+    spoilt = identify(problem, run, check=False)
+    diagnosis = diagnose(spoilt, run, check=False)
+    mended = add(spoilt, diagnosis, run)
+    (clean,) = compare(mended, PointMassArm().run(1))
+    (before,) = compare(spoilt, PointMassArm().run(1))
+    assert np.all(clean.rmse < 0.2 * before.rmse)
 
 
 @pytest.mark.long
@@ -299,6 +312,19 @@ def test_the_point_of_a_force_is_found():
     point, covariance = point_of_force(Z.T @ Z, Z.T @ (Z @ theta), reach=1.0)
     np.testing.assert_allclose(point, POINT, atol=1e-3)
     assert np.all(np.diag(covariance) < 1.0)
+
+
+def test_spans_are_left_out_of_the_run_that_they_name():
+    one = PointMassArm().run(1)
+    two = concatenate([replace(one, names=("a",)), replace(one, names=("b",))])
+    rest = beside_causes(two, [cause(Span("b", 10.0, 20.0))])
+    a, b = rest.runs()
+    assert a.samples == one.samples
+    assert not np.any((b.t > 10.0) & (b.t < 20.0))
+    assert beside_causes(two, [cause(Span("another", 10.0, 20.0))]) is None
+    assert beside_causes(two, [cause(Span("", 10.0, 20.0))]) is None
+    assert beside_causes(one, [cause(Span("", 1.0, 29.0))]) is None
+    assert beside_causes(one, []) is None
 
 
 def test_what_is_left_without_spans_is_written_as_commands_take_it():

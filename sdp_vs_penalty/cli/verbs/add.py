@@ -37,6 +37,7 @@ def verb(
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
 
@@ -55,7 +56,10 @@ def verb(
             progress=progress,
         )
         models = {"before": estimate, "after": bigger}
-        before, after = compare(models, runs.judge, noise_from=runs.judged_recordings)
+        causes = () if isinstance(effects, str) else effects.passing
+        left_out = beside_causes(runs.train, causes)
+        judged = runs.judge if test is not None or left_out is None else left_out
+        before, after = compare(models, judged, noise_from=runs.judged_recordings)
         judge = words(data, window) if test is None else words([test], test_window)
         bigger.provenance.update(
             {
@@ -69,7 +73,12 @@ def verb(
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
-    console.paragraph(f"added: {'; '.join(effect_in_words(e.brief) for e in added)}")
+    if added:
+        named = "; ".join(effect_in_words(e.brief) for e in added)
+        console.paragraph(f"added: {named}")
+    if left_out is not None:
+        acting = "; ".join(cause.sentence for cause in causes)
+        console.paragraph(f"identified without the spans of what passes: {acting}")
     if confident and not isinstance(effects, str):
         _say_what_is_weak(effects)
     if not isinstance(effects, str) and effects.frozen:

@@ -98,9 +98,10 @@ def _what_to_add(result: Diagnosis, json_: Path | None) -> list[str]:
     """Return the arguments of `add`: the file of findings if there is one, else their
     texts.
 
-    Curves have no text: they can be added from the file only.
+    Curves have no text: they can be added from the file only. What acts for a part of
+    the time is left out by the file only.
     """
-    if not result.sure and not result.curves:
+    if not (result.sure or result.curves or result.passing):
         return []
     if json_ is None:
         return [",".join(f.text for f in result.sure)] if result.sure else []

@@ -12,6 +12,8 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.files import JsonRecord
 
+#: Share of the samples that has to be left without the spans in which something acts.
+ENOUGH = 1.0 / 3.0
 #: Time on either side of a span that is left out with it: an edge is known to so much
 #: [s].
 _MARGIN = 0.25
@@ -143,6 +145,27 @@ def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
     if begin < end:
         windows.append((begin, end))
     return ",".join(f"{a - start:.4g}:{b - start:.4g}" for a, b in windows)
+
+
+def beside_causes(
+    runs: Measurements, causes: Sequence[PassingCause]
+) -> Measurements | None:
+    """Return runs without the spans in which causes act; None if nothing is left out.
+
+    A model that is identified from the spans too would take in what acts there. They
+    stay in where less than ENOUGH of the samples would be left, and where the spans
+    name no run and there are several.
+    """
+    several = len(runs.names) > 1
+    spans = [
+        span
+        for cause in causes
+        for span in cause.spans
+        if span.run in runs.names or not (several or span.run)
+    ]
+    rest = without_spans(runs, spans)
+    is_enough = ENOUGH * runs.samples <= rest.samples < runs.samples
+    return rest if is_enough else None
 
 
 def without_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:
