@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.certainty import likely
+from sdp_vs_penalty.checks.certainty import likely, possible
 from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
 from sdp_vs_penalty.checks.glance import (
     CONTINUE,
@@ -18,6 +18,7 @@ from sdp_vs_penalty.checks.glance import (
     with_time_steps,
 )
 from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.checks.velocity import velocity_ratios
 from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.formats.inferred_units import unit_of_dates
 from sdp_vs_penalty.data.formats.units import UNITS
@@ -44,19 +45,32 @@ _UNITS = {
 }
 #: Rows from which the speed of a long run is taken.
 _ROWS_OF_SPEED = 100_000
+#: Positions are averaged over so much time before their travel is taken [s]: by a clock in
+#: minutes it is 0.6 s, in which most motions of an arm still go one way.
+_AVERAGED = 0.01
+#: Fewest rows of an average.
+_AVERAGED_ROWS = 5
+#: Averages in a stretch over which speed is taken: a tenth of a second.
+_AVERAGES = 10
+#: Logged velocities confirm a factor of the clock that they match to this share: 60 and
+#: 180 / pi differ by more than twice as much.
+_CONFIRMED = 0.02
 #: Speed that the median joint of no arm reaches in a tenth of its time: three turns a
 #: second [rad/s].
 _FASTEST = 20.0
 
 
 def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where the clock counts another unit than seconds.
+    """Yield an error where the clock counts another unit than seconds, or a warning
+    where it may.
 
-    The time steps are outside those of any log in seconds, or in seconds the arm were
-    faster than any. Of the units that bring the steps inside, the one is named in which
-    the stamps are dates of today, or else that makes the arm's speed nearest to 1 rad/s.
-    An arm whose joints swing through more than a turn can as well be logged in degrees:
-    its speed says nothing of the clock.
+    Time steps outside those of any log in seconds are an error. Of the units that bring
+    the steps inside, the one is named in which the stamps are dates of today, or else
+    that makes the arm's speed nearest to 1 rad/s.
+
+    Usual time steps at which the arm would be faster than any are a warning without a
+    repair: minutes raise its speed 60 times, and positions in degrees 57 times. Where
+    logged velocities tell the two apart, minutes are an error as well.
 
     Parameters
     ----------
@@ -80,19 +94,27 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         for name, factor in factors.items()
         if shortest <= glance.usual_step * factor <= longest
     }
-    speed = _usual_speed(glance)
-    is_too_fast = speed > _FASTEST and _stays_within_a_turn(glance)
-    is_usual_step = shortest <= glance.usual_step <= longest
-    if (is_usual_step and not is_too_fast) or not fits:
+    if not fits:
         return
+    is_usual_step = shortest <= glance.usual_step <= longest
     is_usual_on_the_whole = shortest <= (t[-1] - t[0]) / len(t) <= longest
     if is_usual_on_the_whole and not is_usual_step:
         # Stamps come in bursts, or were written with too few digits: on the whole the
         # clock counts seconds.
         return
-    expected = {name: (speed or 1.0) / factor for name, factor in fits.items()}
+    speed = _usual_speed(glance)
+    is_too_fast = speed > _FASTEST and _may_be_in_radians(glance)
+    if is_usual_step and not is_too_fast:
+        return
+    expected = {
+        name: _usual_speed(glance, factor) or 1.0 / factor
+        for name, factor in fits.items()
+    }
     unit = min(fits, key=lambda name: abs(np.log(expected[name])))
     factor = fits[unit]
+    if is_usual_step and not _velocities_confirm(glance, factor):
+        yield _speed_warning(unit, factor, speed)
+        return
     yield Issue(
         kind="time unit",
         severity="error",
@@ -110,26 +132,78 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     )
 
 
-def _usual_speed(glance: RunSummary) -> float:
+def _velocities_confirm(glance: RunSummary, factor: float) -> bool:
+    """Return whether the logged velocities are the derivative of the positions, if the
+    clock counts units of ``factor`` seconds."""
+    if glance.run.dq is None:
+        return False
+    ratios = velocity_ratios(glance)
+    known = ratios[np.isfinite(ratios)] * factor
+    return len(known) > 0 and abs(float(np.median(known)) - 1.0) < _CONFIRMED
+
+
+def _speed_warning(unit: str, factor: float, speed: float) -> Issue:
+    """Return the warning that the arm would be faster than any.
+
+    unit : of the clock, if positions are in radians; factor : that unit [s];
+    speed : of the arm, if the clock counts seconds as well [rad/s].
+    """
+    return Issue(
+        kind="time unit",
+        severity="warning",
+        where="columns t and q",
+        what=f"time is in {unit}, or positions are in another unit than radians, such as"
+        f" degrees: in seconds and radians the arm would move at {speed:.2g} rad/s.",
+        certainty=possible("speed alone does not tell which of the two it is"),
+        remedy="find out which of the two it is: `convert --units"
+        f" t={_UNITS[unit]}` multiplies t by {factor:g}, and `convert --units q=deg`"
+        " converts degrees",
+        figures={"factor": factor, "speed": speed},
+    )
+
+
+def _usual_speed(glance: RunSummary, unit: float = 1.0) -> float:
     """Return the speed of the faster tenth of the motion, of the median joint
     [rad/s, m/s]; 0 of an arm that stands still, or of a run of few rows.
 
-    Of a long run every k-th row is taken, some 100 000 of them.
+    The speed in a stretch is the travel of averaged positions over the time it takes:
+    averages hold little of the encoder's noise, whose travel from row to row may be
+    far longer than the arm's. Of a long run evenly spaced stretches are taken.
+
+    unit : what the clock counts [s].
     """
-    q = glance.run.q
-    stride = max(1, len(q) // _ROWS_OF_SPEED)
-    steps = np.abs(q[10::stride] - q[:-10:stride])[:, glance.moving]
-    if steps.size == 0 or glance.usual_step == 0.0:
+    t = glance.run.t
+    if glance.usual_step == 0.0 or not glance.moving.any():
         return 0.0
-    travel = np.quantile(steps, 0.9, axis=0)
-    return float(np.median(travel)) / (10.0 * glance.usual_step)
+    averaged = max(_AVERAGED_ROWS, round(_AVERAGED / (glance.usual_step * unit)))
+    averages = min(_AVERAGES, len(t) // averaged)
+    if averages < 2:
+        return 0.0
+    length = averages * averaged  # rows of a stretch
+    count = max(1, min(len(t), _ROWS_OF_SPEED) // length)
+    first = np.linspace(0, len(t) - length, count).astype(int)
+    rows = first[:, None] + np.arange(length)  # (stretches, rows)
+    # A wrapped angle jumps by a turn, which is no travel.
+    q = np.unwrap(glance.run.q[rows][..., glance.moving], axis=1)
+    smooth = q.reshape(count, averages, averaged, -1).mean(axis=2)
+    travel = np.abs(np.diff(smooth, axis=1)).sum(axis=1)  # (stretches, joints)
+    # From the middle of the first average to that of the last.
+    share = (averages - 1) * averaged / (length - 1)
+    took = share * unit * np.abs(np.diff(t[rows], axis=1)).sum(axis=1)
+    speeds = travel[took > 0.0] / took[took > 0.0, None]
+    if speeds.size == 0:
+        return 0.0
+    return float(np.median(np.quantile(speeds, 0.9, axis=0)))
 
 
-def _stays_within_a_turn(glance: RunSummary) -> bool:
-    """Return whether no joint swings through a full turn: then its angles are hardly in
-    degrees."""
+def _may_be_in_radians(glance: RunSummary) -> bool:
+    """Return whether each moving joint stays within a turn of its zero, and swings
+    through less than a turn: else its angles may well be in degrees."""
     smallest, largest = column_range(glance.run.q)
-    return bool(np.all(largest - smallest < 2.0 * np.pi))
+    swing = largest - smallest
+    farthest = np.maximum(largest, -smallest)
+    is_within = np.maximum(swing, farthest) < 2.0 * np.pi
+    return bool(np.all(is_within[glance.moving]))
 
 
 def _goes_on(glance: RunSummary, rows: NDArray[np.intp]) -> Rows:

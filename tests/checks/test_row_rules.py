@@ -295,11 +295,69 @@ def test_rows_that_come_last_first_are_turned_round():
     ("unit", "seconds"), [("minutes", 60.0), ("hours", 3600.0), ("milliseconds", 1e-3)]
 )
 def test_a_clock_in_another_unit_is_named_without_velocities(unit, seconds):
-    clean = motion()
+    clean = replace(motion(), dq=None)
     issue = found("time unit", replace(clean, t=clean.t / seconds))
     assert issue is not None
     assert f"time is in {unit}" in issue.what
     assert issue.figures["factor"] == seconds
+    # The steps of a clock in minutes are those of a fast log in seconds.
+    assert issue.severity == ("warning" if unit == "minutes" else "error")
+
+
+def test_velocities_tell_minutes_from_degrees():
+    clean = motion()
+    assert clean.dq is not None
+    velocities = np.gradient(clean.q, clean.t, axis=0)
+    minutes = replace(clean, t=clean.t / 60.0, dq=velocities)
+    issue = found("time unit", minutes)
+    assert issue is not None
+    assert (issue.severity, issue.apply) == ("error", "time:min")
+    assert issue.repair is not None
+    np.testing.assert_allclose(issue.repair(minutes).t, clean.t)
+    # 180 / pi instead of 60.
+    degrees = replace(clean, t=clean.t * np.pi / 180.0, dq=velocities)
+    issue = found("time unit", degrees)
+    assert issue is not None
+    assert issue.severity == "warning"
+
+
+def small_swing(
+    rate: float, noise: float, middle: float = 0.0, swing: float = 0.05
+) -> Measurements:
+    """Two joints that swing at 2 Hz and 2.7 Hz for ten seconds, under the noise of an
+    encoder [rad]."""
+    t = np.arange(0.0, 10.0, 1.0 / rate)
+    q = middle + swing * np.sin(2.0 * np.pi * np.outer(t, [2.0, 2.7]))
+    q += noise * np.random.default_rng(3).normal(size=q.shape)
+    return Measurements(t, q, np.cos(q))
+
+
+def test_a_swing_in_degrees_may_be_one_in_minutes():
+    """Degrees and minutes raise speed alike: the check names both, and repairs
+    neither."""
+    run = small_swing(500.0, 1e-5)
+    issue = found("time unit", replace(run, q=np.degrees(run.q)))
+    assert issue is not None
+    assert issue.severity == "warning"
+    assert issue.repair is None
+    assert not issue.apply
+    assert "minutes" in issue.what
+    assert "degrees" in issue.what
+    far = small_swing(500.0, 1e-5, middle=0.7)  # 40 degrees: no joint is 40 rad off
+    assert found("time unit", replace(far, q=np.degrees(far.q))) is None
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0, 4000.0, 10000.0])
+def test_noise_of_an_encoder_is_no_speed(rate):
+    assert found("time unit", small_swing(rate, 0.05, swing=0.5)) is None
+
+
+def test_an_angle_that_wraps_is_no_speed():
+    """A wheel turns once a second."""
+    run = small_swing(250.0, 1e-5)
+    angle = 2.0 * np.pi * np.outer(run.t, [1.0, -1.0])
+    wrapped = np.angle(np.exp(1j * angle))
+    assert found("time unit", replace(run, q=wrapped)) is None
 
 
 def test_positions_in_degrees_say_nothing_about_the_clock():
