@@ -49,11 +49,11 @@ class Made:
     found: Diagnosis
 
 
-def diagnosed(law: Callable[[TrueMotion], Array]) -> Made:
+def diagnosed(law: Callable[[TrueMotion], Array], duration: float = 12.0) -> Made:
     """A two-axis SCARA whose second joint has a torque that no effect of the library
     is."""
     rng = np.random.default_rng(7)
-    world = draw_world(Conditions("scara", runs=2, duration=12.0), rng)
+    world = draw_world(Conditions("scara", runs=2, duration=duration), rng)
     hidden = at_joint(JOINT, lambda _, m: SIZE * law(m))
     runs = []
     for k in range(3):
@@ -243,7 +243,8 @@ def test_a_law_is_found_as_one_and_added(law, of, constants):
 def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differs_by_direction():
     """Its table had a single point on one axis: a division by zero."""
     made = diagnosed(
-        lambda m: np.sign(np.sin(5.0 * m.q[:, JOINT])) * np.sign(m.dq[:, JOINT])
+        lambda m: np.sign(np.sin(5.0 * m.q[:, JOINT])) * np.sign(m.dq[:, JOINT]),
+        duration=16.0,
     )
     rows = diagnosis_rows(
         made.data,

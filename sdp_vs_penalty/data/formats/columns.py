@@ -937,8 +937,9 @@ def _scale_of_proposal(
     from sdp_vs_penalty.data.formats.column_names import read_name
 
     scale = dict[str, float]()
+    families = numbered_families(names)
     for our_name, pattern in pairs.items():
-        columns = numbered_families(names).get(pattern, [pattern])
+        columns = families.get(pattern, [pattern])
         is_one_column = pattern != "NAME" and len(parts_of(pattern, names)) == 1
         reading = read_name(columns[0]) if is_one_column else None
         if reading is not None and reading.factor != 1.0:
