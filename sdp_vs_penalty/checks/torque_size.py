@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
@@ -52,7 +53,10 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         At most one.
     """
     shares = _shares_of_effort(log, repair)
-    too_large = np.flatnonzero(shares > c.EFFORT[1])
+    is_too_large = shares > c.EFFORT[1]
+    if is_too_large.any():
+        is_too_large &= ~_is_as_nominal(log, repair)
+    too_large = np.flatnonzero(is_too_large)
     if 0 < len(too_large) <= _SINGLE_JOINTS * log.n:
         times = formatting.words([f"{x:.3g}" for x in shares[too_large]])
         yield Issue.of(
@@ -95,6 +99,21 @@ def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
     is_limit = (limits > 0.0) & np.isfinite(limits)
     largest = np.abs(log.torques(repair)).max(axis=1)
     return np.asarray(largest / np.where(is_limit, limits, np.nan))
+
+
+def _is_as_nominal(log: Likelihood, repair: LogTransform) -> NDArray[np.bool_]:
+    """Flag the joints (n,) whose torque is what the problem's links need for the motion.
+
+    A motion that needs more than a joint is made for tells of the limit, or of a
+    simulator without one, and not of the torque's unit. False where the masses are
+    unknown.
+    """
+    if np.all(log.problem.guessed_links):
+        return np.zeros(log.n, bool)
+    arm = log.torque_mask(repair) * log.nominal(repair).T
+    nominal = np.linalg.norm(arm, axis=1)
+    measured = np.linalg.norm(log.channels(repair), axis=1)
+    return np.asarray(measured < c.EFFORT[1] * nominal)
 
 
 @dataclass(frozen=True)

@@ -366,6 +366,17 @@ def test_an_instant_over_the_effort_limit_is_no_other_unit():
     assert "torque unit" not in [f.kind for f in report.issues]
 
 
+def test_a_motion_that_needs_more_than_a_limit_is_no_other_unit():
+    """A limit of a twentieth of the torque, as of a simulator that has none."""
+    panda = load_problem("panda")
+    run = small_run(panda, seconds=8.0)
+    joints = list(panda.robot.joints)
+    joints[1] = replace(joints[1], effort=np.abs(run.tau[:, 1]).max() / 20.0)
+    limited = replace(panda, robot=replace(panda.robot, joints=tuple(joints)))
+    (report,) = check(limited, replace(run, dq=None), thorough=False)
+    assert "torque unit" not in [f.kind for f in report.issues]
+
+
 @pytest.mark.parametrize("largest", [1000.0, 30_000.0])
 def test_torques_in_whole_numbers_are_counts(largest):
     """Permil of the rated torque, or counts of an encoder of current."""
