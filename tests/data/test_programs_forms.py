@@ -613,6 +613,15 @@ def test_hdf5(layout, tmp_path):
     same(read(hdf5_of(tmp_path / "run.h5", LAYOUTS[layout])))
 
 
+@pytest.mark.parametrize("layout", ["records", "pandas"])
+def test_tables_with_columns_of_the_same_name_are_refused(layout, tmp_path):
+    """Such as a measured and a desired state, or two runs."""
+    arrays = LAYOUTS[layout]
+    other = {f"desired/{name}": array for name, array in arrays.items()}
+    path = hdf5_of(tmp_path / "run.h5", {**arrays, **other})
+    refusal(lambda: read(path), "two columns are called t", "in desired/", "into another")
+
+
 def test_a_mat_file_of_version_7_3(tmp_path):
     """MATLAB's matrices lie the other way round in HDF5."""
     arrays = {"t": T[None], "q": Q.T, "dq": DQ.T, "tau": TAU.T}

@@ -1,7 +1,7 @@
 """HDF5 files with data sets t, q, tau, or of other names, in groups or not (extra
 [formats])."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.formats.columns import Choice, table_of_arrays, underst
 from sdp_vs_penalty.data.formats.npy import run_of_columns
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import missing_extra
+from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".h5", ".hdf5")
@@ -19,6 +19,8 @@ SUFFIXES = (".h5", ".hdf5")
 _INTERNAL = ("#refs#", "#subsystem#", "_i_table")
 #: Data sets of pandas: the names of a block's columns, and its values.
 _ITEMS, _VALUES = "_items", "_values"
+#: What stands between the name of a table and that of its column.
+_WITHIN = "\n"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
@@ -53,8 +55,8 @@ def inspect(path: Path) -> CellTable:
 def read_columns(path: Path) -> dict[str, Array]:
     """Read the numeric data sets, by name: (N,) numbers or (N, n) blocks.
 
-    Data sets in groups are called "robot/q". A process of its own parses the file: one
-    wrong byte can end it. See
+    Data sets in groups are called "robot/q", columns of a table by their own names, "q".
+    A process of its own parses the file: one wrong byte can end it. See
     :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.read_columns`.
     """
     from sdp_vs_penalty.robot.isolated import parse_isolated
@@ -63,11 +65,30 @@ def read_columns(path: Path) -> dict[str, Array]:
         import h5py  # noqa: F401
     except ImportError as error:
         raise missing_extra("HDF5 files need", "formats") from error
-    arrays = dict[str, Array]()
     remedy = "save its arrays with numpy.savez(path, t=..., q=..., tau=...)"
     with understood(path, "HDF5 file", remedy):
-        for part in parse_isolated(numeric_data_sets, path, prepare=load_h5py):
-            arrays |= part
+        parts = list(parse_isolated(numeric_data_sets, path, prepare=load_h5py))
+    return _by_bare_names(path, [item for part in parts for item in part.items()])
+
+
+def _by_bare_names(
+    path: Path, columns: Sequence[tuple[str, Array]]
+) -> dict[str, Array]:
+    """Name the columns of tables by their own names, without the tables'.
+
+    Raises InputError where two columns have the same name, such as those of a measured
+    and a desired state, or of two runs: nothing says which one is meant.
+    """
+    arrays = dict[str, Array]()
+    tables = dict[str, str]()
+    for name, values in columns:
+        table, _, column = name.rpartition(_WITHIN)
+        if column in arrays:
+            places = " and ".join(x or "the file" for x in (tables[column], table))
+            what = f"two columns are called {column}, in {places}"
+            raise InputError(what, "write the one of the run into another file", path)
+        arrays[column] = values
+        tables[column] = table
     return arrays
 
 
@@ -92,7 +113,8 @@ def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
     Yields
     ------
     dict[str, Array]
-        One name and its numbers (N,) or (N, n).
+        One name and its numbers (N,) or (N, n). The name of a column of a table has the
+        table's before it, in a line of its own.
     """
     import h5py
 
@@ -117,14 +139,15 @@ def _columns_of(file: Any, name: str, data_set: Any) -> Iterator[tuple[str, Arra
     if data_set.dtype.names:
         for field in data_set.dtype.names:
             if data_set.dtype[field].base.kind in "fiu":
-                yield field, np.asarray(data_set[field], float)
+                yield f"{name}{_WITHIN}{field}", np.asarray(data_set[field], float)
         return
     if data_set.dtype.kind not in "fiu":
         return
     items = name.removesuffix(_VALUES) + _ITEMS
+    table = name.rpartition("/")[0]
     if name.endswith(_VALUES) and items in file:
         for place, item in enumerate(file[items][()]):
             label = item.decode() if isinstance(item, bytes) else str(item)
-            yield label, np.asarray(data_set[:, place], float)
+            yield f"{table}{_WITHIN}{label}", np.asarray(data_set[:, place], float)
         return
     yield name, np.asarray(data_set[()], float)
