@@ -405,6 +405,38 @@ def test_a_list_of_joints_in_each_sample(tmp_path):
     assert "Kinova Kortex" in told(path)
 
 
+def test_a_list_of_named_joints_may_change_its_order(tmp_path):
+    """The names say whose numbers these are, in the order of the robot."""
+    path = write(tmp_path / "run.jsonl", samples_of_joints("name", ("a", "b", "c")))
+    same(read(path, ("b", "c", "a")), has_velocities=False)
+
+
+def test_a_list_of_numbered_joints_is_in_the_order_of_their_numbers(tmp_path):
+    path = write(tmp_path / "run.jsonl", samples_of_joints("id", (33, 4, 105)))
+    run = read(path)
+    np.testing.assert_allclose(run.q, Q[:, [0, 2, 1]], atol=1e-7)
+
+
+def test_a_list_with_another_joint_is_refused(tmp_path):
+    lines = samples_of_joints("name", ("a", "b", "c"))
+    lines[7] = lines[7].replace('"b"', '"d"')
+    path = write(tmp_path / "run.jsonl", lines)
+    refusal(lambda: read(path), "line 8 names other joints than the first")
+
+
+def samples_of_joints(key: str, names: Sequence) -> list[str]:
+    """A JSON object a sample, whose list of joints begins with another one each time.
+    The columns of Q and TAU are those of the second, third and first name."""
+    lines = []
+    for k in range(300):
+        joints = [
+            {key: names[j], "position": Q[k, j - 1], "torque": TAU[k, j - 1]}
+            for j in (k % 3, (k + 1) % 3, (k + 2) % 3)
+        ]
+        lines.append(json.dumps({"t": T[k], "joints": joints}))
+    return lines
+
+
 def test_printed_messages_without_efforts_are_refused_with_what_is_there(tmp_path):
     lines = [x for k in range(300) for x in (*joint_state(k)[:-4], "effort: []", "---")]
     path = write(tmp_path / "log.yaml", lines)

@@ -22,6 +22,8 @@ from sdp_vs_penalty.robot.arrays import Array
 SUFFIXES = (".jsonl", ".ndjson")
 #: What messages call a sample.
 SAMPLE = "line"
+#: Fields that say which joint an object in a list is of.
+_LABELS = ("name", "joint", "id")
 
 
 def read(path: Path, choice: Choice) -> Measurements:
@@ -123,7 +125,8 @@ def columns_and_joints_of(
     """Put the fields of N samples together to columns.
 
     Where samples name the same joints in different orders, each number goes back to its
-    joint: all lists are in the first sample's order.
+    joint: all lists are in the first sample's order. Objects in a list that are named by
+    numbers are in the order of these.
 
     Parameters
     ----------
@@ -151,19 +154,27 @@ def columns_and_joints_of(
     columns = dict[str, Array]()
     joints = dict[str, Sequence[str]]()
     places = list[Places]()
+    items = dict[str, Sequence[str]]()
     for name in samples[0] if samples else ():
         values = [sample.get(name) for sample in samples]
         if _is_list_of_texts(values[0]):
             if name not in columns_of_joint_names([name]):
                 continue
             rows = [_texts_of(value) for value in values]
-            joints[name] = rows[0]
             found = places_of_joints(path, rows, line_numbers, word)
-            places += [] if found is None else [found]
+            joints[name] = rows[0]
+            of_list = name.removesuffix(".name")
+            if any(other.startswith(f"{of_list}[") for other in samples[0]):
+                joints[name] = _in_order(rows[0])
+                items[of_list] = joints[name]
+            elif found is not None:
+                places.append(found)
         elif not any(value is None or _is_list_of_texts(value) for value in values):
             columns[name] = _block(path, name, values)
     for order in places:
         columns = in_first_order(columns, order)
+    for of_list in reversed(items):  # an inner list stands behind the outer one
+        columns = _numbered_by_place(columns, of_list, items[of_list])
     return columns, joints
 
 
@@ -200,22 +211,61 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
     Yields
     ------
     tuple of str and Any
-        A name like "header.stamp.sec" or "actuators[0].position", and its value. Empty
-        lists are left out.
+        A name like "header.stamp.sec" or "actuators[0].position", and its value. Where
+        the objects of a list have names, these stand in place of the number, and are a
+        list of texts of their own: "joints[elbow].position", "joints.name". Empty lists
+        are left out.
     """
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from leaves(value, f"{prefix}{key}.")
         elif isinstance(value, list) and any(isinstance(x, Mapping) for x in value):
-            for k, item in enumerate(value):
+            names = _names_of_items(value)
+            if names:
+                yield f"{prefix}{key}.name", names
+            for label, item in zip(names or range(len(value)), value, strict=True):
                 if isinstance(item, Mapping):
-                    yield from leaves(item, f"{prefix}{key}[{k}].")
+                    yield from leaves(item, f"{prefix}{key}[{label}].")
         elif (
             _is_number(value)
             or _is_list_of_texts(value)
             or (isinstance(value, list) and value and all(map(_is_number, value)))
         ):
             yield f"{prefix}{key}", value
+
+
+def _names_of_items(items: Sequence[Any]) -> list[str]:
+    """Return the name that each item of a list has as its field "name", "joint" or "id",
+    a text or a whole number; no names where an item has none, or two have the same."""
+    for key in _LABELS:
+        names = [item.get(key) for item in items if isinstance(item, Mapping)]
+        are_texts = all(isinstance(x, str) and x for x in names)
+        are_numbers = all(isinstance(x, int) and _is_number(x) for x in names)
+        if (are_texts or are_numbers) and len(set(names)) == len(items):
+            return list(map(str, names))
+    return []
+
+
+def _in_order(names: Sequence[str]) -> Sequence[str]:
+    """Return names that are numbers by their size, and others as they are."""
+    are_numbers = all(name.isascii() and name.isdigit() for name in names)
+    return sorted(names, key=int) if are_numbers else names
+
+
+def _numbered_by_place(
+    columns: Mapping[str, Array], of_list: str, names: Sequence[str]
+) -> dict[str, Array]:
+    """Return the columns with places, from 0, in place of the names of a list's items:
+    "joints[1].position" for "joints[elbow].position"."""
+    prefixes = {
+        f"{of_list}[{name}].": f"{of_list}[{k}]." for k, name in enumerate(names)
+    }
+    numbered = dict[str, Array]()
+    for column, values in columns.items():
+        prefix = next(filter(column.startswith, prefixes), "")
+        new = prefixes[prefix] if prefix else ""
+        numbered[new + column.removeprefix(prefix)] = values
+    return numbered
 
 
 def _texts_of(value: Any) -> Sequence[str]:
