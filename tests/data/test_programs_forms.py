@@ -503,6 +503,22 @@ def test_json_without_samples_is_refused(text, tmp_path):
     refusal(lambda: read(path), "JSON text")
 
 
+def test_columns_of_pandas_are_in_the_order_of_their_rows(tmp_path):
+    columns = json.loads(JSON_TEXTS["pandas"])
+    columns["q1"] = dict(reversed(columns["q1"].items()))
+    path = tmp_path / "run.json"
+    path.write_text(json.dumps(columns))
+    same(read(path))
+
+
+def test_columns_of_pandas_with_other_rows_are_refused(tmp_path):
+    columns = json.loads(JSON_TEXTS["pandas"])
+    columns["q1"]["300"] = columns["q1"].pop("0")
+    path = tmp_path / "run.json"
+    path.write_text(json.dumps({"log": columns}))
+    refusal(lambda: read(path), "columns t and q1 are of different rows")
+
+
 def tag(name: str, values: np.ndarray) -> str:
     """A tag with one attribute an axis, as RSI writes it."""
     attributes = [f'A{j}="{value:.9f}"' for j, value in enumerate(values, start=1)]

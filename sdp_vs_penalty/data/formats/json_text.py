@@ -54,6 +54,7 @@ def read(path: Path, choice: Choice, refused: InputError) -> Measurements:
         raise refused from None
     if not any(len(column) > 1 for column in columns.values()):
         raise refused
+    _refuse_columns_of_other_rows(path, content)
     table = jsonl.cell_table(columns, joints)
     return Header.of(path, list(table.kinds), choice, table=table).read(columns)
 
@@ -95,12 +96,39 @@ def _columns_and_joints(
 
 def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:
     """Iterate over the lists in nested objects, named like "log.q". An object whose keys
-    are all numbers is a list, as pandas writes a column."""
+    are all numbers is a list in the order of these, as pandas writes a column."""
     for key, value in content.items():
         name = f"{prefix}{key}"
-        if isinstance(value, Mapping) and value and all(map(str.isdigit, value)):
-            yield name, list(value.values())
+        if _is_keyed_by_rows(value):
+            yield name, [value[row] for row in sorted(value, key=int)]
         elif isinstance(value, Mapping):
             yield from _lists(value, f"{name}.")
         elif isinstance(value, list | tuple):
             yield name, list(value)
+
+
+def _is_keyed_by_rows(value: Any) -> bool:
+    """Return whether a JSON value is a column of pandas, {"0": 1.5, "1": 2.5}: an
+    object whose keys are the numbers of rows."""
+    return isinstance(value, Mapping) and bool(value) and all(map(_is_row, value))
+
+
+def _is_row(key: str) -> bool:
+    """Return whether a key is a whole number."""
+    return key.isascii() and key.isdigit()
+
+
+def _refuse_columns_of_other_rows(path: Path, content: Any) -> None:
+    """Raise InputError where two columns of one object have as many rows, but not the
+    same: side by side, their numbers would be of different samples."""
+    if not isinstance(content, Mapping):
+        return
+    columns = {key: x for key, x in content.items() if _is_keyed_by_rows(x)}
+    first_of_length = dict[int, str]()
+    for name, column in columns.items():
+        first = first_of_length.setdefault(len(column), name)
+        if column.keys() != columns[first].keys():
+            what = f"columns {first} and {name} are of different rows, by their keys"
+            raise InputError(what, "write the same rows in both", path)
+    for value in content.values():
+        _refuse_columns_of_other_rows(path, value)
