@@ -232,6 +232,26 @@ def test_channels_whose_clocks_differ_are_refused(tmp_path):
     refusal(lambda: read(path), "columns 1 and 3 are clocks that differ")
 
 
+def test_labview_with_commas_between_the_cells(tmp_path):
+    head = labview_head("No", LABELS, ".")
+    names = ",".join(["X_Value", *CHANNELS, "Comment"])
+    values = [f",{row}" for row in rows(*IN_DEGREES)]
+    lines = [line.replace("\t", ",").replace("Tab", "Comma") for line in head]
+    path = write(tmp_path / "run.lvm", [*lines, names, *values])
+    same(read(path))
+    assert "q in deg" in told(path)
+
+
+def test_labview_with_a_second_segment_is_refused(tmp_path):
+    head = labview_head("One", LABELS, ".")
+    names = "\t".join(["X_Value", *CHANNELS, "Comment"])
+    values = rows(T, *IN_DEGREES, mark="\t")
+    segment = [*head[6:], names]
+    lines = [*head, names, *values[:20], *segment, *values[20:]]
+    path = write(tmp_path / "run.lvm", lines)
+    refusal(lambda: read(path), "run.lvm", "row 37 ends the header of another segment")
+
+
 # -- TwinCAT --------------------------------------------------------------------------
 
 SIGNALS = numbered("ActPos_J{}", "ActVelo_J{}", "ActTorque_J{}")
@@ -281,6 +301,11 @@ def test_twincat_with_names_alone_and_one_clock(start, tmp_path):
         tmp_path / "run.csv", [*head, ",".join(["Name", *SIGNALS]), *values, "EOF"]
     )
     same(read(path))
+
+
+def test_twincat_with_a_row_that_ends_early_is_no_export(tmp_path):
+    path = write(tmp_path / "run.csv", ["Name", "Starttime of export", "1,2", "3,4"])
+    refusal(lambda: read(path))
 
 
 # -- printed messages of ROS ----------------------------------------------------------

@@ -1,9 +1,10 @@
 """What LabVIEW and TwinCAT write above the columns of their tables: settings, names and
 units in rows of their own.
 
-LabVIEW's .lvm begins with "LabVIEW Measurement"; its names stand behind the last
+LabVIEW's .lvm begins with "LabVIEW Measurement"; its names stand behind the second
 "***End_of_Header***", its units in the row "Y_Unit_Label". A channel may have a clock
-column "X_Value" of its own, or none: then the row "Delta_X" says the step.
+column "X_Value" of its own, or none: then the row "Delta_X" says the step. A further
+header between the values begins another segment: such a file is refused.
 
 An export of TwinCAT Scope has a row "Starttime of export". Then the row "Name" holds the
 channels' names, and "Name" again above each column of stamps, which are in milliseconds
@@ -11,14 +12,20 @@ or count since 1601 in steps of 100 ns. Rows about the channels follow, one of t
 "Unit".
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+
+from sdp_vs_penalty.errors import InputError
 
 #: A row of a text with its number in the file, from 1.
 Row = tuple[int, str]
 
 _LABVIEW = "LabVIEW Measurement"
 _END_OF_HEADER = "***End_of_Header***"
+#: The headers of a file of LabVIEW with one segment: the file's, and the segment's.
+_MOST_HEADERS = 2
 _TWINCAT = "Starttime of export"
 #: Rows among which the marks of TwinCAT are looked for.
 _FIRST_ROWS = 10
@@ -45,11 +52,13 @@ class ProgramHeader:
     rate: float | None = None
 
 
-def find_program_header(rows: Sequence[Row]) -> ProgramHeader | None:
+def find_program_header(path: Path, rows: Sequence[Row]) -> ProgramHeader | None:
     """Find the names and units that LabVIEW or TwinCAT has written into a text.
 
     Parameters
     ----------
+    path : Path
+        Path of the text, for messages.
     rows : Sequence[Row]
         The first rows of the text.
 
@@ -57,21 +66,31 @@ def find_program_header(rows: Sequence[Row]) -> ProgramHeader | None:
     -------
     ProgramHeader | None
         None for a text of another program.
+
+    Raises
+    ------
+    InputError
+        A file of LabVIEW with several segments.
     """
     if rows and rows[0][1].startswith(_LABVIEW):
-        return _of_labview(rows)
+        return _of_labview(path, rows)
     if any(line.startswith(_TWINCAT) for _, line in rows[:_FIRST_ROWS]):
         return _of_twincat(rows)
     return None
 
 
-def _of_labview(rows: Sequence[Row]) -> ProgramHeader | None:
+def _of_labview(path: Path, rows: Sequence[Row]) -> ProgramHeader | None:
     """Return the table of a LabVIEW file; None where its header has no end, or no row
-    of names behind it."""
+    of names behind it. Raises InputError for several segments."""
     ends = [k for k, (_, line) in enumerate(rows) if line.startswith(_END_OF_HEADER)]
     if not ends or ends[-1] + 1 >= len(rows):
         return None
-    settings = {line.split()[0]: line for _, line in rows[: ends[-1]] if line.split()}
+    if len(ends) > _MOST_HEADERS:
+        what = f"row {rows[ends[-1]][0]} ends the header of another segment of LabVIEW"
+        raise InputError(what, "write each segment into a file of its own", path)
+    settings = {
+        re.split("[\t,]", line)[0].strip(): line for _, line in rows[: ends[-1]]
+    }
     delimiter = "," if "Comma" in settings.get("Separator", "") else "\t"
     number, line = rows[ends[-1] + 1]
     names = [name.strip() for name in line.split(delimiter)]
@@ -86,7 +105,7 @@ def _of_labview(rows: Sequence[Row]) -> ProgramHeader | None:
     units += [""] * (len(names) - len(units))
     rate = None
     if cells and not cells[0][0]:
-        rate = _rate_of_step(settings.get("Delta_X", ""))
+        rate = _rate_of_step(settings.get("Delta_X", "").split(delimiter))
         names = ["" if k in clocks else name for k, name in enumerate(names)]
         units = ["" if k in clocks else unit for k, unit in enumerate(units)]
         clocks = ()
@@ -94,10 +113,9 @@ def _of_labview(rows: Sequence[Row]) -> ProgramHeader | None:
     return ProgramHeader([head, *values], delimiter, clocks, rate)
 
 
-def _rate_of_step(line: str) -> float | None:
+def _rate_of_step(cells: Sequence[str]) -> float | None:
     """Return the rate [Hz] of the first step in LabVIEW's row "Delta_X", whose decimal
     mark may be a comma; None where it holds no step above zero."""
-    cells = line.split()
     try:
         step = float(cells[1].replace(",", "."))
     except (IndexError, ValueError):
@@ -110,9 +128,11 @@ def _of_twincat(rows: Sequence[Row]) -> ProgramHeader | None:
     values are missing."""
     start = next(k for k, (_, line) in enumerate(rows) if line.startswith(_TWINCAT))
     delimiter = rows[start][1][len(_TWINCAT) :][:1]
+    if not delimiter:
+        return None
     split = [[cell.strip() for cell in line.split(delimiter)] for _, line in rows]
     first = next((k for k in range(start, len(rows)) if split[k][0] == "Name"), None)
-    if not delimiter or first is None:
+    if first is None:
         return None
     names = split[first]
     last = first

@@ -362,7 +362,7 @@ def inspect_table(path: Path) -> TextTable:
     if not numbered or not numbered[0][1].strip():
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
     # What stands above the table: a program's header, or comments and lines of a title.
-    program = find_program_header(numbered)
+    program = find_program_header(path, numbered)
     comments, rows = _split_comments(numbered)
     if program is not None:
         rows = program.rows
