@@ -478,6 +478,25 @@ def test_a_message_that_is_cut_at_the_end_is_left_out(tmp_path):
     same(run)
 
 
+@pytest.mark.parametrize("n_characters", [3, 30, 90])
+@pytest.mark.parametrize("message", ["joint_state", "dynamic_joint_state"])
+def test_a_message_without_its_end_is_left_out(message, n_characters, tmp_path):
+    """Also where it has as many numbers as the others: the last of them may be cut."""
+    print_message = {f.__name__: f for f in (joint_state, dynamic_joint_state)}[message]
+    lines = [line for k in range(300) for line in (*print_message(k), "---")]
+    cut = "\n".join(print_message(5))[:-n_characters]
+    path = write(tmp_path / "log.yaml", [*lines, cut])
+    with pytest.warns(UserWarning, match="the last message ends early"):
+        run = read_run(path, 3, JOINTS)
+    same(run)
+
+
+def test_a_message_with_fewer_values_than_names_is_refused(tmp_path):
+    lines = [line for k in range(3) for line in (*dynamic_joint_state(k)[:-1], "---")]
+    path = write(tmp_path / "log.yaml", lines)
+    refusal(lambda: read(path), "line 1 begins no message")
+
+
 @pytest.mark.parametrize(
     "text", ["header:\n  stamp:\n    sec: 1\n", "a:\n- b\n  - ]: c\n", "---\n"]
 )

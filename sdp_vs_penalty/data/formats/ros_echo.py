@@ -58,15 +58,18 @@ def read(path: Path, choice: Choice) -> Measurements:
     """
     numbers = list[int]()
     samples = list[dict[str, Any]]()
-    for number, lines in _documents(path):
+    for number, lines, is_whole in _documents(path):
+        if samples and not is_whole:
+            said = f"{path}: the last message ends early and is left out"
+            warnings.warn(said, Remark, stacklevel=2)
+            continue
         try:
-            content = _map(lines, 0, lines[0][0])[0]
+            content = _with_interfaces(_map(lines, 0, lines[0][0])[0])
         except (ValueError, IndexError, RecursionError) as error:
             what = f"line {number} begins no message that `ros2 topic echo` prints"
             raise InputError(what, _REMEDY, path) from error
-        samples.append(dict(leaves(_with_interfaces(content))))
+        samples.append(dict(leaves(content)))
         numbers.append(number)
-    samples = _without_cut_message(path, samples)
     columns, joints = columns_and_joints_of(path, samples, numbers, "line")
     if all(name.startswith("header.") for name in columns):
         raise InputError("YAML text without the joints' states", _REMEDY, path)
@@ -74,23 +77,27 @@ def read(path: Path, choice: Choice) -> Measurements:
     return Header.of(path, list(table.kinds), choice, table=table).read(columns)
 
 
-def _documents(path: Path) -> Iterator[tuple[int, list[_Line]]]:
-    """Iterate over the messages: the number of the first line, and the lines that are
-    not empty."""
+def _documents(path: Path) -> Iterator[tuple[int, list[_Line], bool]]:
+    """Iterate over the messages: the number of the first line, the lines that are not
+    empty, and whether "---" follows.
+
+    Whoever stops the program cuts the last message, maybe within a number: without the
+    "---" behind it, nothing says that it is whole.
+    """
     lines = list[_Line]()
     begin = 1
     for first, rows in iter_rows(path):
         for number, row in enumerate(rows, start=first):
             if row.rstrip() == _BETWEEN:
                 if lines:
-                    yield begin, lines
+                    yield begin, lines, True
                 lines = []
             elif row.strip() and not row.startswith(_REMARKS):
                 begin = number if not lines else begin
                 text = row.strip()
                 lines.append((len(row) - len(row.lstrip()), text))
     if lines:
-        yield begin, lines
+        yield begin, lines, False
 
 
 def _map(
@@ -153,36 +160,21 @@ def _scalar(text: str) -> Any:
 
 def _with_interfaces(message: Mapping[str, Any]) -> dict[str, Any]:
     """Return a DynamicJointState message with a field for each joint and interface,
-    "elbow/position"; other messages as they are."""
+    "elbow/position"; other messages as they are.
+
+    Raises ValueError where a joint has no interfaces, or no values of them.
+    """
     joints = message.get("joint_names")
     states = message.get("interface_values")
     if not isinstance(joints, list) or not isinstance(states, list):
         return dict(message)
-    fields = {
-        f"{joint}/{name}": value
-        for joint, state in zip(joints, states, strict=False)
-        for name, value in zip(
-            state.get("interface_names", ()), state.get("values", ()), strict=False
-        )
-    }
+    fields = dict[str, Any]()
+    for joint, state in zip(joints, states, strict=True):
+        if not isinstance(state, Mapping):
+            raise ValueError(state)
+        names, values = state.get("interface_names"), state.get("values")
+        if not isinstance(names, list) or not isinstance(values, list):
+            raise ValueError(state)
+        for name, value in zip(names, values, strict=True):
+            fields[f"{joint}/{name}"] = value
     return {"header": message.get("header", {}), **fields}
-
-
-def _without_cut_message(
-    path: Path, samples: list[dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """Leave out the last message where it lacks a part of the one before: whoever stops
-    the program cuts it."""
-    if len(samples) < 2 or _shape(samples[-1]) == _shape(samples[-2]):
-        return samples
-    said = f"{path}: the last message ends early and is left out"
-    warnings.warn(said, Remark, stacklevel=3)
-    return samples[:-1]
-
-
-def _shape(sample: Mapping[str, Any]) -> dict[str, int]:
-    """Return the length of each list of a message, 0 for a number."""
-    return {
-        name: len(value) if isinstance(value, list) else 0
-        for name, value in sample.items()
-    }
