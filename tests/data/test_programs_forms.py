@@ -767,3 +767,14 @@ def test_broken_files_of_libraries_are_refused(name, tmp_path):
 def test_a_table_in_an_archive_is_read_beside_other_arrays(tmp_path):
     np.savez(tmp_path / "run.npz", log=RECORDS, joints=np.array(JOINTS), rate=RATE)
     same(read(tmp_path / "run.npz"))
+
+
+def test_a_zip_archive_of_a_newer_version_is_refused(tmp_path):
+    path = tmp_path / "run.csv"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("run.csv", "t,q1,tau1")
+    content = path.read_bytes()
+    entry = content.index(b"PK\x01\x02")
+    needed = entry + 6  # the place of the version that the archive needs
+    path.write_bytes(content[:needed] + b"\x63" + content[needed + 1 :])
+    refusal(lambda: read(path), "a zip archive, and no Excel workbook")

@@ -110,7 +110,9 @@ def is_workbook(path: Path) -> bool:
     with path.open("rb") as file:
         if file.read(4) != b"PK\x03\x04":
             return False
-    with suppress(zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
+    # NotImplementedError: the archive asks for a newer version of the format.
+    not_readable = suppress(zipfile.BadZipFile, NotImplementedError)
+    with not_readable, zipfile.ZipFile(path) as archive:
         return "xl/workbook.xml" in archive.namelist()
     return False
 
