@@ -24,6 +24,11 @@ from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array, wrong_shape
 
 
+def _is_array_of_numbers(value: Any) -> bool:
+    """Return whether a channel is an array of numbers already."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
+
+
 def _as_numbers(name: str, value: Any) -> Array:
     """Return a channel that is a list or a pandas object as an array of floats.
 
@@ -97,9 +102,11 @@ class Measurements(Shown):
         number, and for channels of another shape."""
         for name in ("t", "q", "tau", "dq", "temperature"):
             value = getattr(self, name)
-            is_numbers = isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
-            if value is not None and not is_numbers:
+            if value is not None and not _is_array_of_numbers(value):
                 object.__setattr__(self, name, _as_numbers(name, value))
+        if not all(map(_is_array_of_numbers, self.commanded.values())):
+            blocks = {name: _as_numbers(name, x) for name, x in self.commanded.items()}
+            object.__setattr__(self, "commanded", blocks)
         self._check_shapes()
 
     def _check_shapes(self) -> None:

@@ -22,6 +22,16 @@ def test_lists_and_pandas_objects_are_arrays(two_link: Problem):
         np.testing.assert_array_equal(model.theta, expected.theta)
 
 
+def test_commands_as_lists_are_arrays():
+    t: Any = [0.0, 0.1]
+    block: Any = [[0.1], [0.2]]
+    texts: Any = [["a"], ["b"]]
+    run = Measurements(t, block, block, commanded={"qref": block})
+    assert run.commanded["qref"].shape == (2, 1)
+    with pytest.raises(InputError, match="qref holds dates or texts"):
+        Measurements(t, block, block, commanded={"qref": texts})
+
+
 @pytest.mark.parametrize(
     ("t", "q", "words"),
     [
