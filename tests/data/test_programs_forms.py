@@ -778,3 +778,9 @@ def test_a_zip_archive_of_a_newer_version_is_refused(tmp_path):
     needed = entry + 6  # the place of the version that the archive needs
     path.write_bytes(content[:needed] + b"\x63" + content[needed + 1 :])
     refusal(lambda: read(path), "a zip archive, and no Excel workbook")
+
+
+def test_a_run_in_an_archive_is_read_beside_a_table(tmp_path):
+    gains = np.array([(1.0, 2.0)], [("kp", "f8"), ("kd", "f8")])
+    np.savez(tmp_path / "run.npz", t=T, q=Q, dq=DQ, tau=TAU, gains=gains)
+    same(read(tmp_path / "run.npz"))

@@ -18,7 +18,12 @@ from sdp_vs_penalty.data.formats.columns import (
     understood,
 )
 from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
-from sdp_vs_penalty.data.formats.recognition import CellTable, columns_of_joint_names
+from sdp_vs_penalty.data.formats.recognition import (
+    CellTable,
+    columns_of_joint_names,
+    has_our_names,
+    recognise,
+)
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import LARGEST_IN_MEMORY, PART, concatenate_chunks
 from sdp_vs_penalty.errors import InputError
@@ -169,13 +174,16 @@ def _rows(
 
 def _columns_of_one_table(path: Path, file: Any) -> dict[str, Array] | None:
     """Read an archive that holds one table: an array of records with named fields, or a
-    matrix alone or beside an array with its columns' names.
+    matrix alone or beside an array with its columns' names. Records beside arrays that
+    are a run themselves are no table: gains, say.
 
     Returns (N,) columns by name ("#1", "#2" ... without names); None for other
     archives.
     """
     records = [name for name in file.files if _is_of_records(file, name)]
-    if len(records) == 1:
+    others = [name for name in file.files if name not in records]
+    is_run = has_our_names(others) or recognise(others) is not None
+    if len(records) == 1 and not is_run:
         return columns_of_array(path, file[records[0]])
     if not 1 <= len(file.files) <= 2:
         return None
