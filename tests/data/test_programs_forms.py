@@ -411,6 +411,16 @@ def test_the_controller_s_output_is_left_out_beside_its_feedback(field, tmp_path
     assert "what the controller puts out" in told(path)
 
 
+def test_what_is_left_out_of_the_controller_s_output_is_named(tmp_path):
+    """Its effort is the torque, for there is no other."""
+    names = ["feedback/position[{}]", "output/position[{}]", "output/effort[{}]"]
+    head = ",".join(["time", *numbered(*names)])
+    path = write(tmp_path / "run.csv", [head, *rows(T, Q, 0.5 * Q, TAU)])
+    same(read(path), has_velocities=False)
+    said = "what the controller puts out as output/position[1] .. output/position[3] is"
+    assert f"{said} not used" in told(path)
+
+
 def test_a_list_of_joints_in_each_sample(tmp_path):
     """As a message of Kinova's API becomes JSON."""
     states = [

@@ -380,9 +380,22 @@ def recognise(
         measured = [name for name in usable if name not in outputs]
         recognition = _by_words(measured, names, joints, table)
         if recognition is not None and outputs:
-            said = f"what the controller puts out ({outputs[0]}, ...) is not used"
+            said = f"what the controller puts out as {_shortened(outputs)} is not used"
             recognition = replace(recognition, units=(*recognition.units, said))
     return None if recognition is None else _with_unit_of_clock(recognition, table)
+
+
+def _shortened(names: Sequence[str]) -> str:
+    """List columns for a message: of those that differ by their numbers alone, the first
+    and the last."""
+    families = dict[str, list[str]]()
+    for name in names:
+        families.setdefault(re.sub("[0-9]+", "*", name), []).append(name)
+    shown = [
+        family[0] if len(family) == 1 else f"{family[0]} .. {family[-1]}"
+        for family in families.values()
+    ]
+    return ", ".join(shown)
 
 
 def _outputs_beside_feedback(names: Sequence[str]) -> list[str]:
