@@ -508,7 +508,14 @@ def test_a_message_with_fewer_values_than_names_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["header:\n  stamp:\n    sec: 1\n", "a:\n- b\n  - ]: c\n", "---\n"]
+    "text",
+    [
+        "header:\n  stamp:\n    sec: 1\n",
+        "a:\n- b\n  - ]: c\n",
+        "---\n",
+        "joint_names:\n- a\ninterface_values:\n-\n",
+        "joint_names:\n- a\ninterface_values:\n- interface_names:\n  - position\n",
+    ],
 )
 def test_other_yaml_is_refused_in_one_sentence(text, tmp_path):
     path = tmp_path / "settings.yaml"
@@ -721,7 +728,9 @@ def test_tables_with_columns_of_the_same_name_are_refused(layout, tmp_path):
     arrays = LAYOUTS[layout]
     other = {f"desired/{name}": array for name, array in arrays.items()}
     path = hdf5_of(tmp_path / "run.h5", {**arrays, **other})
-    refusal(lambda: read(path), "two columns are called t", "in desired/", "into another")
+    refusal(
+        lambda: read(path), "two columns are called t", "in desired/", "into another"
+    )
 
 
 def test_a_mat_file_of_version_7_3(tmp_path):
