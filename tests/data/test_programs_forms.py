@@ -452,11 +452,22 @@ def test_a_list_of_numbered_joints_is_in_the_order_of_their_numbers(tmp_path):
     np.testing.assert_allclose(run.q, Q[:, [0, 2, 1]], atol=1e-7)
 
 
-def test_a_list_with_another_joint_is_refused(tmp_path):
+def test_a_list_with_another_joint_is_left_out(tmp_path):
+    """No column is left of it: the run is refused."""
     lines = samples_of_joints("name", ("a", "b", "c"))
     lines[7] = lines[7].replace('"b"', '"d"')
     path = write(tmp_path / "run.jsonl", lines)
-    refusal(lambda: read(path), "line 8 names other joints than the first")
+    said = "line 8 names other joints than the first: the list joints is left out"
+    with pytest.warns(UserWarning, match=said):
+        refusal(lambda: read_run(path, 3), "no column q or tau (columns: t)")
+
+
+def test_a_list_that_changes_is_left_out_beside_the_channels(tmp_path):
+    lines = [
+        json.dumps({**sample, "contacts": [{"id": k, "force": 1.0}]})
+        for k, sample in enumerate(RECORD)
+    ]
+    same(read(write(tmp_path / "run.jsonl", lines)))
 
 
 def samples_of_joints(key: str, names: Sequence) -> list[str]:

@@ -1,6 +1,7 @@
 """JSON lines: one object a sample, such as {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}."""
 
 import json
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from sdp_vs_penalty.data.formats.joint_order import (
 from sdp_vs_penalty.data.formats.recognition import CellTable, columns_of_joint_names
 from sdp_vs_penalty.data.formats.text_table import iter_rows
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".jsonl", ".ndjson")
@@ -126,7 +127,7 @@ def columns_and_joints_of(
 
     Where samples name the same joints in different orders, each number goes back to its
     joint: all lists are in the first sample's order. Objects in a list that are named by
-    numbers are in the order of these.
+    numbers are in the order of these. A list whose objects change is left out.
 
     Parameters
     ----------
@@ -154,27 +155,36 @@ def columns_and_joints_of(
     columns = dict[str, Array]()
     joints = dict[str, Sequence[str]]()
     places = list[Places]()
-    items = dict[str, Sequence[str]]()
+    items = dict[str, list[Sequence[str]]]()
     for name in samples[0] if samples else ():
         values = [sample.get(name) for sample in samples]
         if _is_list_of_texts(values[0]):
             if name not in columns_of_joint_names([name]):
                 continue
             rows = [_texts_of(value) for value in values]
-            found = places_of_joints(path, rows, line_numbers, word)
-            joints[name] = rows[0]
             of_list = name.removesuffix(".name")
             if any(other.startswith(f"{of_list}[") for other in samples[0]):
-                joints[name] = _in_order(rows[0])
-                items[of_list] = joints[name]
-            elif found is not None:
-                places.append(found)
+                items[of_list] = rows
+                continue
+            joints[name] = rows[0]
+            found = places_of_joints(path, rows, line_numbers, word)
+            places += [] if found is None else [found]
         elif not any(value is None or _is_list_of_texts(value) for value in values):
             columns[name] = _block(path, name, values)
     for order in places:
         columns = in_first_order(columns, order)
-    for of_list in reversed(items):  # an inner list stands behind the outer one
-        columns = _numbered_by_place(columns, of_list, items[of_list])
+    # An inner list stands behind the outer one, and is renamed first.
+    for of_list, rows in reversed(items.items()):
+        try:
+            places_of_joints(path, rows, line_numbers, word)
+        except InputError as error:  # perhaps no joints, but contacts that come and go
+            said = f"{path}: {error.what}: the list {of_list} is left out"
+            warnings.warn(said, Remark, stacklevel=2)
+            columns = _without_items(columns, of_list)
+            continue
+        names = _in_order(rows[0])
+        columns = _numbered_by_place(columns, of_list, names)
+        joints[f"{of_list}.name"] = names
     return columns, joints
 
 
@@ -250,6 +260,12 @@ def _in_order(names: Sequence[str]) -> Sequence[str]:
     """Return names that are numbers by their size, and others as they are."""
     are_numbers = all(name.isascii() and name.isdigit() for name in names)
     return sorted(names, key=int) if are_numbers else names
+
+
+def _without_items(columns: Mapping[str, Array], of_list: str) -> dict[str, Array]:
+    """Return the columns without those of a list's items."""
+    own = f"{of_list}["
+    return {name: x for name, x in columns.items() if not name.startswith(own)}
 
 
 def _numbered_by_place(
