@@ -446,6 +446,18 @@ def test_a_list_of_named_joints_may_change_its_order(tmp_path):
     same(read(path, ("b", "c", "a")), has_velocities=False)
 
 
+@pytest.mark.parametrize("is_first", [True, False])
+def test_the_names_of_another_list_are_no_joints(is_first, tmp_path):
+    sensors = {"sensors": [{"name": name, "gain": 1.0} for name in "xyz"]}
+    lines = []
+    for line in samples_of_joints("name", ("a", "b", "c")):
+        sample = json.loads(line)
+        both = {**sensors, **sample} if is_first else {**sample, **sensors}
+        lines.append(json.dumps(both))
+    path = write(tmp_path / "run.jsonl", lines)
+    same(read(path, ("b", "c", "a")), has_velocities=False)
+
+
 def test_a_list_of_numbered_joints_is_in_the_order_of_their_numbers(tmp_path):
     path = write(tmp_path / "run.jsonl", samples_of_joints("id", (33, 4, 105)))
     run = read(path)

@@ -1,6 +1,7 @@
 """JSON lines: one object a sample, such as {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}."""
 
 import json
+import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +15,12 @@ from sdp_vs_penalty.data.formats.joint_order import (
     in_first_order,
     places_of_joints,
 )
-from sdp_vs_penalty.data.formats.recognition import CellTable, columns_of_joint_names
+from sdp_vs_penalty.data.formats.recognition import (
+    AmbiguousColumnsError,
+    CellTable,
+    columns_of_joint_names,
+    recognise,
+)
 from sdp_vs_penalty.data.formats.text_table import iter_rows
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, Remark
@@ -184,7 +190,8 @@ def columns_and_joints_of(
             continue
         names = _in_order(rows[0])
         columns = _numbered_by_place(columns, of_list, names)
-        joints[f"{of_list}.name"] = names
+        if _holds_positions(columns, of_list):
+            joints[f"{of_list}.name"] = names
     return columns, joints
 
 
@@ -260,6 +267,17 @@ def _in_order(names: Sequence[str]) -> Sequence[str]:
     """Return names that are numbers by their size, and others as they are."""
     are_numbers = all(name.isascii() and name.isdigit() for name in names)
     return sorted(names, key=int) if are_numbers else names
+
+
+def _holds_positions(columns: Mapping[str, Array], of_list: str) -> bool:
+    """Return whether the joints' positions are recognised among the fields of a list's
+    items. The names of other lists, such as sensors, are no joints'."""
+    try:
+        recognition = recognise(list(columns))
+    except AmbiguousColumnsError:
+        return False
+    first = "" if recognition is None else recognition.rename.get("q1", "")
+    return re.fullmatch(rf"{re.escape(of_list)}\[[0-9]+\]\.[^\[]*", first) is not None
 
 
 def _without_items(columns: Mapping[str, Array], of_list: str) -> dict[str, Array]:
