@@ -751,9 +751,7 @@ def test_tables_with_columns_of_the_same_name_are_refused(layout, tmp_path):
     arrays = LAYOUTS[layout]
     other = {f"desired/{name}": array for name, array in arrays.items()}
     path = hdf5_of(tmp_path / "run.h5", {**arrays, **other})
-    refusal(
-        lambda: read(path), "two columns are called t", "in desired/", "into another"
-    )
+    refusal(lambda: read(path), "two columns are called t", "in desired/", "of its own")
 
 
 def test_a_mat_file_of_version_7_3(tmp_path):

@@ -86,7 +86,9 @@ def _by_bare_names(
         if column in arrays:
             places = " and ".join(x or "the file" for x in (tables[column], table))
             what = f"two columns are called {column}, in {places}"
-            raise InputError(what, "write the one of the run into another file", path)
+            raise InputError(
+                what, "write the table of the run into a file of its own", path
+            )
         arrays[column] = values
         tables[column] = table
     return arrays
