@@ -28,8 +28,10 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import (
     Size,
+    beside_offsets,
     is_insignificant,
     is_uncertain,
+    joints_with_offset,
     size_of,
 )
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
@@ -162,13 +164,16 @@ def _is_shared(x: Judged) -> bool:
 def _is_implausible(x: Judged) -> bool:
     """Return whether a finding's size is impossible or far above the plausible one.
 
-    It is impossible if the mean square of the finding's torque exceeds that of the
-    measured torque on a joint. It is far above if the RMS of the parameters is more
-    than three (IMPLAUSIBLE_SIGMAS) of the standard deviations that the effect declares.
+    It is impossible if the mean square of the finding's torque, beside what the model's
+    offsets take in, exceeds that of the measured torque on a joint. It is far above if
+    the RMS of the parameters is more than three (IMPLAUSIBLE_SIGMAS) of the standard
+    deviations that the effect declares.
     """
     rows = x.search.data.rows
     beta = x.size.beta
-    torque = spread_columns(rows, x.effect) @ beta  # (n joints, M rows)
+    columns = spread_columns(rows, x.effect)
+    offsets = joints_with_offset(x.search.data)
+    torque = beside_offsets(columns, x.effect, offsets) @ beta  # (n joints, M rows)
     mean_square = np.mean(torque**2, axis=1)
     if np.any(mean_square > np.mean(rows.torque**2, axis=0)):
         return True

@@ -40,6 +40,7 @@ from sdp_vs_penalty.diagnosis.white_rows import (
     model_columns,
     spread_columns,
 )
+from sdp_vs_penalty.effects.channel import TorqueOffset
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -240,12 +241,40 @@ def size_with_interval(
             term.form.effect,
             term.beta,
             covariance[np.ix_(own, own)],
+            joints_with_offset(search.data),
         ),
     )
 
 
+def joints_with_offset(data: WhiteData) -> frozenset[int]:
+    """Return the joints (from 0) whose constant torque the model's own offset takes in;
+    none of a model that is held fixed."""
+    effects = () if data.frozen else data.estimate.model.effects
+    offsets = [e for e in effects if e.name == TorqueOffset.name]
+    return frozenset(joint for effect in offsets for joint in effect.joints)
+
+
+def beside_offsets(columns: Array, effect: Effect, offsets: frozenset[int]) -> Array:
+    """Return an effect's columns (n, M, k) without what the model's offsets take in.
+
+    That is the mean over all rows, of an effect with a constant part: a drift that
+    settles in minutes is nearly a line in a run of seconds, and its amplitude is no
+    measure of its torque.
+    """
+    if not effect.has_constant_part or not offsets:
+        return columns
+    out = columns.copy()
+    for joint in offsets:
+        out[joint] -= out[joint].mean(axis=0)
+    return out
+
+
 def torque_made(
-    rows: SegmentedRuns, effect: Effect, beta: Array, covariance: Array
+    rows: SegmentedRuns,
+    effect: Effect,
+    beta: Array,
+    covariance: Array,
+    offsets: frozenset[int] = frozenset(),
 ) -> TorqueMade:
     """Compute how much torque a finding makes, and how well that is known.
 
@@ -267,13 +296,15 @@ def torque_made(
     covariance
         (k + c, k + c) their covariance with the errors of its c free shape constants,
         which are in units of their prior deviations.
+    offsets
+        Joints (from 0) whose constant torque the model takes in: it does not count.
 
     Returns
     -------
     TorqueMade
         On the joint where it is largest.
     """
-    Y = spread_columns(rows, effect)
+    Y = beside_offsets(spread_columns(rows, effect), effect, offsets)
     torque = Y @ beta  # (n joints, M rows)
     mean_squares = np.mean(torque**2, axis=1)
     joint = int(np.argmax(mean_squares))
@@ -283,7 +314,8 @@ def torque_made(
     columns = Y[joint]
     if free_constants(effect):
         by_constants = spread_columns(rows, ShapeSensitivity(effect, beta))
-        columns = np.hstack([columns, by_constants[joint]])
+        beside = beside_offsets(by_constants, effect, offsets)
+        columns = np.hstack([columns, beside[joint]])
     gradient = torque[joint] @ columns / (len(columns) * rms)
     variance = float(gradient @ covariance @ gradient)
     of_law = share_of_one_misfit(effect) * rms**2

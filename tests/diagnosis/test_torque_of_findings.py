@@ -10,11 +10,12 @@ import pytest
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.sizes import torque_made
+from sdp_vs_penalty.effects.drift import DriftOffset
 from sdp_vs_penalty.effects.effect import Block, Effect
 from sdp_vs_penalty.effects.motion import Motion
 from sdp_vs_penalty.effects.position import JointSpring
 from sdp_vs_penalty.effects.velocity_friction import PowerLawFriction
-from sdp_vs_penalty.estimation.sensitivity import prior_deviation
+from sdp_vs_penalty.estimation.sensitivity import free_constants, prior_deviation
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,18 @@ def test_a_spring_makes_its_stiffness_times_the_travel(two_link, rows):
     assert made.rms == pytest.approx(rms)
     of_law = share_of_one_misfit(spring) * rms**2
     assert made.std**2 - of_law == pytest.approx((std / stiffness * rms) ** 2)
+
+
+def test_a_slow_drift_makes_the_torque_by_which_it_drifts(two_link, rows):
+    """Its amplitude cancels against the offset, which is another number."""
+    drift = DriftOffset(two_link.robot, [0], form=2.0, T=1000.0)
+    slope = 0.04  # N m/s
+    beta = np.array([-slope * 1000.0])
+    covariance = np.zeros((1 + len(free_constants(drift)),) * 2)
+    made = torque_made(rows, drift, beta, covariance, frozenset({0}))
+    assert made.rms == pytest.approx(slope * 10.0 / np.sqrt(12.0), rel=0.01)
+    whole = torque_made(rows, drift, beta, covariance)
+    assert whole.rms == pytest.approx(slope * 1000.0, rel=0.01)
 
 
 def test_the_torque_of_a_power_law_scatters_as_its_draws_do(two_link, rows):

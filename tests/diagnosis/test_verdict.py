@@ -259,6 +259,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         effect = SimpleNamespace(
             parameters=[0],
             joints=(0,),
+            has_constant_part=False,
             resembles=(),
             law_constants={"law": law},
             is_stand_in=case.stand_in,
@@ -303,7 +304,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         score=SimpleNamespace(fit=fit),
         fit=None,
     )
-    search.data = SimpleNamespace(rows=rows, noise_is_known=case.known)
+    search.data = SimpleNamespace(rows=rows, noise_is_known=case.known, frozen=True)
     curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
     left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
     beta = 1.0 if case.plausible else case.beta
