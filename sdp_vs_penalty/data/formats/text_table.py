@@ -622,9 +622,11 @@ def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Read the beginning of a text: 64 thousand characters up to the end of a line.
 
     A text that cannot be read so, or has an overlong line, goes through
-    :func:`iter_rows`, whose errors say what is wrong.
+    :func:`iter_rows`, whose errors say what is wrong. JSON is known by its first line:
+    programs write a whole run on one, which no table does.
     """
     size = PIECE // 16
+    text = ""
     try:
         with open_text(path) as file:
             text = file.read(size)
@@ -633,6 +635,8 @@ def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
     except (UnicodeDecodeError, *BROKEN):
         is_readable = False
     if not is_readable:
+        if "\0" not in text:
+            _refuse_markup(path, text.lstrip().split("\n", 1)[0])
         yield from iter_rows(path)
     elif text:
         lines = text.removesuffix("\n").split("\n")
