@@ -15,6 +15,7 @@ from recorded import refusal
 from scipy.io import savemat
 
 from sdp_vs_penalty.data import Measurements, decide_units, read_run, unit_of_clock
+from sdp_vs_penalty.data.formats.text_table import PIECE
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
 
 JOINTS = ("base_yaw", "elbow", "wrist")
@@ -598,6 +599,15 @@ def test_json_lines_are_read(tmp_path):
     ]
     path = tmp_path / "run.jsonl"
     path.write_text("\n".join([*lines, ""]))
+    require_the_run(silently(path))
+
+
+@pytest.mark.parametrize("name", ["run.json", "run.txt"])
+def test_json_on_one_long_line_is_read(name, tmp_path):
+    channels = {"t": T.tolist(), "position": Q.tolist(), "effort": TAU.tolist()}
+    text = json.dumps(channels)
+    path = tmp_path / name
+    path.write_text(text[0] + " " * (2 * PIECE) + text[1:])
     require_the_run(silently(path))
 
 

@@ -705,6 +705,31 @@ def test_a_workbook_s_longest_sheet_is_read(tmp_path):
     assert len(read(path).t) == len(T) - 1
 
 
+def test_of_equally_long_sheets_the_first_is_read_from_its_first_full_row(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for sheet in (book.active, book.create_sheet("other")):
+        for cells in ([], [], ["t", *numbered("q{}", "tau{}")]):
+            sheet.append(cells)
+        for row in np.column_stack([T, Q, TAU]).tolist():
+            sheet.append(row)
+    path = tmp_path / "run.xlsx"
+    book.save(path)
+    with pytest.warns(UserWarning, match="'Sheet' of 2 is read, the first of 2 equal"):
+        run = read_run(path, 3, JOINTS)
+    same(run, has_velocities=False)
+
+
+@pytest.mark.parametrize(
+    "above", ["\n\n", "\n# of the arm\n", "\nLog of the arm\n\n", ",,\n"]
+)
+def test_empty_rows_above_a_table_are_skipped(above, tmp_path):
+    lines = [",".join(["t", *numbered("q{}", "tau{}")]), *rows(T, Q, TAU)]
+    path = tmp_path / "run.csv"
+    path.write_text(above + "\n".join(lines))
+    same(read(path), has_velocities=False)
+
+
 def test_a_workbook_with_dates(tmp_path):
     pytest.importorskip("openpyxl")
     table = frame()

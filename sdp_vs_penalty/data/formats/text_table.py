@@ -356,10 +356,10 @@ def inspect_table(path: Path) -> TextTable:
     Raises
     ------
     InputError
-        The first row is empty, or the file is no text or no table (YAML, XML, JSON).
+        The first rows are empty, or the file is no text or no table (YAML, XML, JSON).
     """
     numbered = _first_rows(path)
-    if not numbered or not numbered[0][1].strip():
+    if not numbered:
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
     # What stands above the table: a program's header, or comments and lines of a title.
     program = find_program_header(path, numbered)
@@ -609,13 +609,12 @@ def _units_in_cells(
 
 def _first_rows(path: Path) -> list[tuple[int, str]]:
     """Read the first hundred rows of a text with their numbers, without line ends and
-    without empty rows at the end."""
+    without empty rows at the beginning and the end."""
     out = list[tuple[int, str]]()
     for number, rows in islice(_small_pieces(path), 1):
         out += enumerate(rows[:100], start=number)
-    while out and not out[-1][1].strip() and len(out) > 1:
-        out.pop()
-    return out
+    filled = [k for k, (_, row) in enumerate(out) if row.strip()]
+    return out[filled[0] : filled[-1] + 1] if filled else []
 
 
 def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:

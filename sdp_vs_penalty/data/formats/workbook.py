@@ -17,8 +17,9 @@ from sdp_vs_penalty.files import memory_for
 def text_of_workbook(path: Path, changed: int, size: int) -> str:
     """Return the longest sheet of a workbook as text, one line a row.
 
-    Where there are several sheets, a remark says which is taken. The last text is kept:
-    a table is read several times, and the workbook is parsed once.
+    Where there are several sheets, a remark says which is taken; of equally long ones
+    it is the first. The last text is kept: a table is read several times, and the
+    workbook is parsed once.
 
     Parameters
     ----------
@@ -60,9 +61,14 @@ def text_of_workbook(path: Path, changed: int, size: int) -> str:
             book.close()
     if not texts:
         raise InputError("a workbook without a sheet of cells", remedy, path)
-    title = max(texts, key=lambda name: texts[name].count("\n"))
+    n_rows = {name: text.count("\n") for name, text in texts.items()}
+    title = max(n_rows, key=n_rows.__getitem__)
     if len(texts) > 1:
-        said = f"{path}: sheet {title!r} of {len(texts)} is read, the longest"
+        n_longest = list(n_rows.values()).count(n_rows[title])
+        why = (
+            f"the first of {n_longest} equally long" if n_longest > 1 else "the longest"
+        )
+        said = f"{path}: sheet {title!r} of {len(texts)} is read, {why}"
         warnings.warn(Remark(said), stacklevel=2)
     return texts[title]
 
