@@ -54,7 +54,7 @@ def _as_numbers(name: str, value: Any) -> Array:
     raise InputError(f"{name} holds {what}, not numbers", f"give it as {unit}")
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Measurements(Shown):
     """One or more runs of one robot.
 

@@ -58,9 +58,12 @@ _SIMULATORS = lazy_exports(
 )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Estimate(Record):
     """The identified parameters of a model, and how they came about.
+
+    Two estimates are equal only if they are the same object; :attr:`identity` compares
+    what they predict.
 
     Parameters
     ----------
@@ -445,7 +448,15 @@ class Estimate(Record):
         -------
         (N, n) array
             Torque [N m, N].
+
+        Raises
+        ------
+        InputError
+            For anything but a Motion, such as a data frame.
         """
+        if not isinstance(motion, Motion):
+            what = f"torque(motion={type(motion).__name__}) takes a Motion"
+            raise InputError(what, "give arrays of states to predict(q, dq, ddq)")
         return self.model.torque(self.theta, motion)
 
     def predict(

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from arms import SCARA_FRICTION, SCARA_NOISE, run_of
 from drawn import given, seeds, settings
@@ -18,6 +19,7 @@ from random_robots import (
     sines,
     tree,
 )
+from small_runs import small_run
 from unchecked import identify
 
 from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
@@ -233,3 +235,19 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_
     export(wide, tmp_path / "wide.urdf", force=True)
     loose = identify(scara_arm, run, "lmi-sdp-plain", check=False)
     assert "bounds" in loose.sources
+
+
+def test_an_estimate_is_equal_to_itself_alone(two_link):
+    estimate, other = (identify(two_link, small_run(two_link), "ols") for _ in range(2))
+    assert estimate != other
+    assert estimate.identity == other.identity
+    assert {estimate: 1}[estimate] == 1
+    assert small_run(two_link) != small_run(two_link)
+
+
+def test_the_torque_of_a_data_frame_names_predict(two_link):
+    estimate = identify(two_link, small_run(two_link), "ols")
+    frame: Any = pd.DataFrame({"t": [0.0, 1.0]})
+    words = r"torque\(motion=DataFrame\) .* predict\(q, dq, ddq\)"
+    with pytest.raises(InputError, match=words):
+        estimate.torque(frame)
