@@ -6,7 +6,6 @@ import os
 import re
 import warnings
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, csv, format_of, suffixes
-from sdp_vs_penalty.data.formats.columns import Choice, Header
+from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import (
     LARGEST_VALUE,
     Measurements,
@@ -42,11 +41,6 @@ _TEST_WORD = re.compile(r"(?<![A-Za-z])(?i:test)|(?<=[a-z])Test")
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence
 #: of runs.
 Source: TypeAlias = Any
-
-_REMEDY = (
-    "give t, q, tau and, if measured, dq: (N,) and (N, n) arrays, or the columns of"
-    " RUN.csv"
-)
 
 
 def load_measurements(
@@ -105,7 +99,8 @@ def as_measurements(
     source : Source
         A path (see :func:`load_measurements`); a mapping with t (N,) [s], q, tau and
         optionally dq (N, n) [rad, N m, rad/s; m, N, m/s]; a DataFrame or mapping with
-        RUN.csv's columns; Measurements; or a sequence of these, one a run.
+        RUN.csv's columns; Measurements; or a sequence of these, one a run. A DataFrame
+        is read as its file is: rows with empty cells are left out, t can hold dates.
     joints : int | None
         Expected number of joints.
     names : Sequence[str] | None
@@ -181,7 +176,12 @@ def _one(
         label = part
         word = getattr(format_of(Path(part)) or csv, "SAMPLE", word)
     else:
-        columns = _columns(part)
+        from sdp_vs_penalty.data.formats.frames import (
+            columns_in_memory,
+            read_columns_in_memory,
+        )
+
+        columns = columns_in_memory(part)
         if columns is None:
             remedy = (
                 "give a path, a mapping of arrays, a DataFrame, Measurements, or a list"
@@ -192,34 +192,17 @@ def _one(
                 remedy,
                 what.replace("...", given(part)),
             )
-        _refuse_transposed(part, columns, what)
-        header = Header.of(
-            f"run{number}",
-            list(columns),
-            what=what,
-            remedy=_REMEDY,
-        )
-        run_read = without_traces(without_held(header.read(columns), names))
+        _refuse_transposed(part, columns.numbers, what)
+        run_read = read_columns_in_memory(columns, number, what)
+        if columns.is_frame:
+            run_read = _without_silent_channels(run_read.names[0], run_read)
+        run_read = without_traces(without_held(run_read, names))
         if joints is not None and run_read.n != joints:
             raise other_robot(run_read.n, joints, what, names=names or ())
     # Each run is checked, unless the caller reports faults by itself.
     for run in run_read.runs() if usable else ():
         check_usable(label or run.names[0], run, word)
     return run_read
-
-
-def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
-    """Return the numeric columns (N,) of a mapping or DataFrame by name; None for other
-    types."""
-    names = getattr(part, "columns", part if isinstance(part, Mapping) else None)
-    if names is None:
-        return None
-    out = {}
-    for key in names:
-        # A column of texts or time stamps is left out: the header says what is missing.
-        with suppress(TypeError, ValueError), np.errstate(over="ignore"):
-            out[str(key)] = np.asarray(part[key], float)
-    return out
 
 
 def _refuse_transposed(
@@ -499,7 +482,7 @@ def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
     return [name for name in names if name not in found]
 
 
-def _without_silent_channels(path: Path, run: Measurements) -> Measurements:
+def _without_silent_channels(path: str | Path, run: Measurements) -> Measurements:
     """Leave out optional groups, such as dq, that hold no number for some joint.
 
     Positions and torques are needed: for them InputError names the joint.

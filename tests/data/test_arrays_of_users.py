@@ -10,6 +10,8 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty import load_measurements as load
+from sdp_vs_penalty.data.formats.columns import columns_of
+from sdp_vs_penalty.errors import Remark, RepairableError
 
 
 def test_lists_and_pandas_objects_are_arrays(two_link: Problem):
@@ -98,3 +100,82 @@ def test_a_transposed_frame_is_called_so(two_link):
     np.testing.assert_array_equal(load(frame).q, run.q)
     with pytest.raises(InputError, match=r"DataFrame is transposed.* give frame\.T"):
         load(frame.T)
+
+
+@pytest.fixture(scope="module")
+def frame(two_link: Problem) -> pd.DataFrame:
+    run = small_run(two_link)
+    return pd.DataFrame(columns_of(Measurements(run.t, run.q, run.tau)))
+
+
+def the_same(a: Measurements, b: Measurements) -> None:
+    """The instants agree but for the resolution of seconds since 1970."""
+    np.testing.assert_allclose(a.t - a.t[0], b.t - b.t[0], atol=1e-6)
+    np.testing.assert_array_equal([a.q, a.tau], [b.q, b.tau])
+
+
+def test_rows_with_blank_cells_are_left_out_as_those_of_a_file(frame, tmp_path):
+    blank = frame.copy()
+    blank.loc[3, "q1"] = blank.loc[[7, 8], "tau2"] = np.nan
+    blank.to_csv(tmp_path / "blank.csv", index=False)
+    with pytest.warns(Remark, match=r"3 rows .* \(row 5 is the first\) left out"):
+        expected = load(tmp_path / "blank.csv")
+    with pytest.warns(Remark, match=r"3 rows .* \(sample 4 is the first\) left out"):
+        the_same(load(blank), expected)
+    with pytest.warns(Remark, match="dq1 is never a number.* dq is left out"):
+        the_same(load(frame.assign(dq1=np.nan, dq2=0.0)), load(frame))
+    with pytest.raises(InputError, match="column q1 is never a number"):
+        load(frame.assign(q1=np.nan))
+    arrays = {name: blank[name].to_numpy() for name in blank}
+    with pytest.raises(RepairableError, match="sample 4, column q1 is not a finite"):
+        load(arrays)
+
+
+START = pd.Timestamp("2026-01-01 23:59:59.9")
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        lambda t: START + pd.to_timedelta(t, unit="s"),
+        lambda t: (START + pd.to_timedelta(t, unit="s")).dt.tz_localize("Asia/Tokyo"),
+        lambda t: (START + pd.to_timedelta(t, unit="s")).astype(str),
+        lambda t: (START + pd.to_timedelta(t, unit="s")).dt.time,
+        lambda t: (START + pd.to_timedelta(t, unit="s")).astype(object),
+        lambda t: pd.to_timedelta(t, unit="s"),
+    ],
+    ids=["dates", "zone", "texts", "times of day", "objects", "durations"],
+)
+def test_dates_of_a_frame_are_its_clock(stamps, frame):
+    dated = frame.assign(t=stamps(frame["t"]))
+    the_same(load(dated), load(frame))
+    the_same(load(dated.set_index("t")), load(frame))
+
+
+def test_a_clock_of_other_texts_is_shown(frame):
+    commas = [str(t).replace(".", ",") for t in frame["t"]]
+    with pytest.raises(InputError, match="column t holds '0,0', not numbers"):
+        load(frame.assign(t=commas))
+
+
+def test_an_index_with_a_name_or_fractions_is_a_column(frame):
+    indexed = frame.set_index("t")
+    the_same(load(indexed), load(frame))
+    with pytest.warns(Remark, match="t = index"):
+        the_same(load(indexed.rename_axis(None)), load(frame))
+    late = frame[frame["t"] > 0.1]  # the index counts rows, from another number
+    the_same(load(late), load(late.reset_index(drop=True)))
+
+
+def test_no_command_is_proposed_for_a_frame(frame):
+    """A command converts files."""
+    foreign = frame.rename(columns={"q1": "position_1", "q2": "position_2"})
+    with pytest.warns(Remark, match="columns recognised") as heard:
+        load(foreign)
+    assert not any("convert" in str(remark.message) for remark in heard)
+    sides = {f"{side}_position_{k}": 0.0 for side in ("left", "right") for k in (1, 2)}
+    two_arms = frame.drop(columns=["q1", "q2"]).assign(**sides)
+    for table in (frame.drop(columns="t"), frame[["t", "q1", "q2"]], two_arms):
+        with pytest.raises(InputError, match="give t, q, tau") as raised:
+            load(table)
+        assert "convert" not in str(raised.value)

@@ -140,6 +140,7 @@ class Header:
     joints : names of the joints, where the file says them
     recognition : what was guessed; None where names are ours or were chosen
     choice : what the user asked for
+    remedy : what to do about missing columns of what is no file; empty for a file
     """
 
     path: Path
@@ -153,6 +154,7 @@ class Header:
     joints: tuple[str, ...] = ()
     recognition: Recognition | None = None
     choice: Choice = Choice()
+    remedy: str = ""
 
     @classmethod
     def of(
@@ -178,8 +180,8 @@ class Header:
         what : str
             How messages call the file; its path by default.
         remedy : str
-            What to do about missing columns; by default the `convert` command that
-            names them.
+            What to do about missing columns of what is no file; by default the
+            `convert` command that names them.
         table : CellTable, optional
             Kinds and first cells of the columns, for the recogniser.
 
@@ -199,7 +201,7 @@ class Header:
         what = what or str(path)
         recognition = None
         if not choice.rename:
-            recognition = recognise_file(path, names, choice.joints, table)
+            recognition = recognise_file(path, names, choice.joints, table, remedy)
         rename = expanded(choice.rename or {}, names)
         if recognition is not None:
             rename = recognition.rename
@@ -232,6 +234,7 @@ class Header:
             joints=recognition.joints if recognition else (),
             recognition=recognition,
             choice=choice,
+            remedy=remedy,
         )
 
     @property
@@ -362,6 +365,7 @@ class Header:
                 self.rate,
                 self.choice.scale,
                 self.choice.options,
+                has_file=not self.remedy,
             )
             rows = rows_shown(run, self.recognition)
             warnings.warn(ColumnsRemark(sentence, rows), stacklevel=2)
@@ -459,13 +463,15 @@ class Header:
         It proposes the `convert` command with the rate at which dq is the derivative of
         q, where the velocities show one.
         """
+        lacking = f"no column t (columns: {brief_names(self.names)})"
+        if self.remedy:
+            return InputError(lacking, self.remedy, self.what)
         rate = _rate_of(groups_read)
         why = "HZ being its samples a second"
         if rate is not None:
             why = "dq is the derivative of q at this rate"
         word = "HZ" if rate is None else f"{rate:g}"
         command = formatting.convert_command(self.path, "--rate", word)
-        lacking = f"no column t (columns: {brief_names(self.names)})"
         remedy = (
             f"give its rate with `{command}` ({why}), or name its clock with --rename"
             " t=NAME"
@@ -510,6 +516,7 @@ def recognise_file(
     names: Sequence[str],
     joints: Sequence[str] | None,
     table: CellTable | None,
+    remedy: str = "",
 ) -> Recognition | None:
     """Recognise the columns of a file that does not have our names.
 
@@ -523,6 +530,8 @@ def recognise_file(
         Names of the robot's joints in order.
     table : CellTable | None
         Kinds and first cells of the columns.
+    remedy : str
+        What to do where there is no file to convert.
 
     Returns
     -------
@@ -540,8 +549,8 @@ def recognise_file(
         return recognise(names, joints, table)
     except AmbiguousColumnsError as error:
         command = formatting.convert_command(path, "--rename", error.words)
-        remedy = f"choose, such as with `{command}`"
-        raise InputError(error.what, remedy, path) from None
+        how = remedy or f"choose, such as with `{command}`"
+        raise InputError(error.what, how, path) from None
 
 
 def rows_shown(run: Measurements, recognition: Recognition) -> tuple[str, ...]:

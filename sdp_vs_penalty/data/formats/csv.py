@@ -3,13 +3,12 @@ row a sample; read piece by piece: memory for the numbers and for one piece, how
 long the file."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import GROUPS, Choice, Header, columns_of
 from sdp_vs_penalty.data.formats.joint_order import (
     Places,
@@ -352,19 +351,15 @@ def _sparse_columns(
     chosen: Sequence[int],
     chosen_names: Sequence[str],
 ) -> dict[str, Array]:
-    """Read a table in which cells are empty.
-
-    Where channels were logged at different times, each in rows of its own, every row
-    leaves the other channels' cells empty. The channels are merged at the rows of the
-    positions: each takes the value that is nearest in time. Of a row in which a channel
-    was lost no value is near enough, so that the row is left out.
+    """Read a table in which cells are empty
+    (:func:`~sdp_vs_penalty.data.formats.sparse.merged_rows`).
 
     Returns
     -------
     dict of str to array
         (K,) or (K, n) values by the column's name, in the K merged rows.
     """
-    from sdp_vs_penalty.data.merging import merge_columns
+    from sdp_vs_penalty.data.formats.sparse import merged_rows
 
     row_numbers, columns = read_cells(table, chosen)
     cells_of_rows = zip(row_numbers, zip(*columns, strict=True), strict=True)
@@ -372,40 +367,4 @@ def _sparse_columns(
     values = dict[str, Array]()  # NaN where a cell is empty
     for name, k, cells in zip(chosen_names, chosen, columns, strict=True):
         values[name] = parse_with_gaps(table, k, row_numbers, cells)
-    clock = header.groups.get("t", ()) if header.rate is None else ()
-    stamps = _row_stamps(header, clock, values)
-    channels = {name: x for name, x in values.items() if name not in clock}
-    positions = [name for name in header.groups["q"] if name in channels]
-    rows, merged = merge_columns(stamps, channels, positions)
-    _say_rows_left_out(table, len(stamps) - len(rows), first_incomplete)
-    return {name: values[name][rows] for name in clock} | merged
-
-
-def _row_stamps(
-    header: Header,
-    clock: Sequence[str],
-    values: Mapping[str, Array],
-) -> Array:
-    """Return the time stamp (N,) of each row: seconds and nanoseconds added up; without
-    a clock, the row's number."""
-    if not clock:
-        n_rows = len(next(iter(values.values())))
-        return np.arange(n_rows, dtype=float)
-    parts = [header.factors.get(name, 1.0) * values[name] for name in clock]
-    return np.asarray(np.sum(parts, axis=0))
-
-
-def _say_rows_left_out(table: TextTable, n_rows: int, first: int) -> None:
-    """Warn that rows without a value of every channel were left out or merged with
-    others.
-
-    ``n_rows`` is their count, ``first`` the number of the first one in the file.
-    """
-    if n_rows == 0:
-        return
-    rows = formatting.count(n_rows, "row")
-    warning = (
-        f"{table.path}: {rows} without all channels (row {first} is the first) left out"
-        " or joined to the nearest in time"
-    )
-    warnings.warn(warning, Remark, stacklevel=3)
+    return merged_rows(header, values, f"row {first_incomplete}")

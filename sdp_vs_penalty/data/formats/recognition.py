@@ -225,6 +225,7 @@ class Recognition:
         rate: float | None = None,
         scale: Mapping[str, str] | None = None,
         options: Sequence[str] = (),
+        has_file: bool = True,
     ) -> str:
         """Format the remark on the recognised columns: which column was taken for which
         channel, in which unit and why, and the command that states the same.
@@ -239,6 +240,8 @@ class Recognition:
             Sampling rate that replaces the file's clock [Hz].
         scale, options
             As :meth:`command` takes them.
+        has_file : bool
+            False for a data frame, which no command converts.
 
         Returns
         -------
@@ -252,7 +255,7 @@ class Recognition:
         if self.joints and self.has_other_joints:
             joints += " in the file's order, for the robot's have other names"
         command = self.command(path, names, rate, scale, options)
-        repeated = f"; the same by `{command}`" if command else ""
+        repeated = f"; the same by `{command}`" if command and has_file else ""
         return (
             f"{path}: columns recognised ({self.logger}): {columns}{units}{joints}"
             f"{repeated}"
