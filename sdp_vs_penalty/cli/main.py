@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.errors import (
@@ -326,6 +326,43 @@ def _complain(message: object) -> None:
     print(f"sdp-vs-penalty: {printable(message)}", file=sys.stderr)
 
 
+class _Pipe(io.FileIO):
+    """A standard stream: once its reader has closed it, what is printed goes nowhere.
+
+    The command goes on, and writes its files: `diagnose ... --json f.json | head -1`.
+    """
+
+    def write(self, text: Any, /) -> int:
+        """Write bytes; return how many."""
+        try:
+            return super().write(text)
+        except BrokenPipeError:
+            return memoryview(text).nbytes
+
+
+def _for_any_reader(stream: TextIO) -> TextIO:
+    """Return a standard stream that escapes what the locale cannot write, and outlives
+    its reader.
+
+    A stream that is no file of the system is returned as it is.
+    """
+    if not isinstance(stream, io.TextIOWrapper):
+        return stream
+    stream.reconfigure(errors="backslashreplace")
+    is_buffered = isinstance(stream.buffer, io.BufferedWriter)
+    if type(stream.buffer.raw if is_buffered else stream.buffer) is not io.FileIO:
+        return stream
+    stream.flush()
+    pipe = _Pipe(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(
+        io.BufferedWriter(pipe) if is_buffered else pipe,
+        stream.encoding,
+        stream.errors,
+        line_buffering=stream.line_buffering,
+        write_through=stream.write_through,
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line, and exit.
 
@@ -347,9 +384,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # end, where looking through them took a tenth of the time.
     gc.set_threshold(200_000)
     atexit.register(gc.freeze)
-    for stream in (sys.stdout, sys.stderr):  # what the locale cannot write is escaped
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+    sys.stdout = _for_any_reader(sys.stdout)
+    sys.stderr = _for_any_reader(sys.stderr)
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
         if issubclass(category, Remark):  # without the place in our code
@@ -365,11 +401,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with protecting():
             _run(words_without_debug)
-    except BrokenPipeError:
-        # Whoever read our output has closed it; the interpreter would complain at exit
-        # otherwise.
-        sys.stdout = None  # type: ignore[assignment]
-        code = 1
     except (Exception, KeyboardInterrupt) as error:
         if len(words_without_debug) < len(words):
             for line in traceback.format_exc().splitlines():
@@ -423,6 +454,8 @@ _OF_THE_SYSTEM = (
 
 def explain(error: BaseException) -> tuple[str, int]:
     """Return one sentence about an error, and the exit code."""
+    if isinstance(error, BrokenPipeError):  # of an output such as /dev/stdout
+        return "an output was closed by its reader before all was written.", 1
     if isinstance(error, Terminated):
         return "ended by SIGTERM; existing files are unchanged.", 143
     if isinstance(error, KeyboardInterrupt):
