@@ -245,6 +245,10 @@ def _serve(
         line.send(answer)
 
 
+def _unheard(text: str) -> None:
+    """Report progress to nobody."""
+
+
 @dataclass(frozen=True)
 class Workers:
     """Who does work that falls into parts: this process, several (``jobs``), or a Dask
@@ -256,7 +260,7 @@ class Workers:
 
     jobs: int = 1
     scheduler: str | None = None
-    progress: Callable[[str], None] = lambda _: None
+    progress: Callable[[str], None] = _unheard
 
     def map(
         self,

@@ -2,6 +2,7 @@
 on the way."""
 
 import os
+import pickle
 import signal
 import threading
 import time
@@ -25,6 +26,11 @@ def runs(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Measure
     for seed in range(4):
         write_run(folder / f"run{seed}.csv", two_link, 8.0, seed)
     return load_measurements(folder)
+
+
+def test_the_workers_of_every_verb_can_be_pickled():
+    # What is cached on disk is found by the defaults of its function.
+    assert pickle.loads(pickle.dumps(ALONE)) == ALONE
 
 
 def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tmp_path):

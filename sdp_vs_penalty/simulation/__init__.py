@@ -5,10 +5,10 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     experiments="Experiment experiment innovation_share Sensor sigmoid_friction",
-    hidden_runs="HiddenRuns LEVELS MAKERS true_world",
+    hidden_runs="HiddenRuns true_world",
     engines="engine_types",
     worlds=(
-        "DryFriction Hidden TrueMotion World at_joint bristles log_uniform "
+        "DryFriction Hidden LEVELS MAKERS TrueMotion World at_joint bristles log_uniform "
         "misplaced shifted torques"
     ),
     **{

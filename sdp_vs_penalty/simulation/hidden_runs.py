@@ -32,8 +32,13 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.experiments import simulate as measured
-from sdp_vs_penalty.simulation.worlds import hidden as makers
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker, torques
+from sdp_vs_penalty.simulation.worlds.hidden import (
+    LEVELS,
+    MAKERS,
+    Hidden,
+    made,
+    torques,
+)
 from sdp_vs_penalty.simulation.worlds.world import (
     PAUSE,
     Arm,
@@ -45,15 +50,6 @@ from sdp_vs_penalty.simulation.worlds.world import (
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
-_EVERY = {
-    **makers.FRICTION,
-    **makers.MACHINE,
-    **makers.FROZEN,
-    **makers.SPRINGS,
-    **makers.NUISANCE,
-}
-#: Whatever can be hidden, by the name of the library's effect.
-MAKERS: Mapping[str, Maker] = dict(sorted(_EVERY.items()))
 #: The files of a folder of simulated runs; the last run is meant as the test run.
 RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
@@ -444,7 +440,7 @@ def _sized_effects(
     all_joints = [0] if kind.whole_robot else kind(problem.robot).joints
     sized_effects = []
     for joint in joints or all_joints:
-        unsized = replace(MAKERS[name](world, joint, rng), effect=name)
+        unsized = made(name, world, joint, rng)
         sized = unsized.sized(world, motions, factor)
         if sized is not unsized:
             sized_effects.append(sized)

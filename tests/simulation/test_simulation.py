@@ -1,5 +1,6 @@
 """Simulated measurements, each part by itself; models run forward along measured runs."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,7 @@ from sdp_vs_penalty.simulation import (
 )
 from sdp_vs_penalty.simulation.experiments import simulate
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.simulation.worlds.hidden import made
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):
@@ -139,7 +141,7 @@ def test_a_temperature_is_logged_where_friction_follows_it(two_link):
 
 
 def test_a_torque_channel_carries_what_is_hidden_besides(two_link):
-    made = hidden_runs(
+    runs = hidden_runs(
         two_link,
         [("torque_gain", [0]), ("joint_spring", [0])],
         seed=2,
@@ -149,13 +151,34 @@ def test_a_torque_channel_carries_what_is_hidden_besides(two_link):
     motion = TrueMotion(
         t, *(np.outer(np.sin(3.0 * t + k), [1.0, 0.5]) for k in range(3))
     )
-    gain, spring = torques(made.world, motion, made.hidden)
-    whole = made.world.torque(motion) + spring
+    gain, spring = torques(runs.world, motion, runs.hidden)
+    whole = runs.world.torque(motion) + spring
     np.testing.assert_allclose(
-        gain[:, 0], made.truth["effects"][0]["size"] * whole[:, 0]
+        gain[:, 0], runs.truth["effects"][0]["size"] * whole[:, 0]
     )
     assert not gain[:, 1].any()
-    np.testing.assert_array_equal(spring[:, 0], made.hidden[1].size * motion.q[:, 0])
+    np.testing.assert_array_equal(spring[:, 0], runs.hidden[1].size * motion.q[:, 0])
+
+
+def test_a_pickled_effect_adds_the_same_torque(two_link):
+    world = true_world(two_link, experiment(two_link), seed=1)
+    t = np.arange(0.0, 0.2, 1e-3)
+    motion = TrueMotion(t, *(np.outer(np.sin(t + k), [1.0, 0.5]) for k in range(3)))
+    rng = np.random.default_rng(4)
+    for name in ("stribeck_friction", "torque_offset", "joint_zero_error"):
+        effect = replace(made(name, world, 1, rng), size=0.3)
+        again = pickle.loads(pickle.dumps(effect))
+        assert again.to_dict() == effect.to_dict()
+        np.testing.assert_array_equal(
+            again.torque(world, motion), effect.torque(world, motion)
+        )
+
+
+def test_simulated_runs_can_be_pickled(two_link):
+    runs = hidden_runs(two_link, [("joint_spring", [0])], seed=2, count=1)
+    again = pickle.loads(pickle.dumps(runs))
+    assert again.truth == runs.truth
+    np.testing.assert_array_equal(again.test.tau, runs.test.tau)
 
 
 def test_any_robot_has_an_experiment(tmp_path):

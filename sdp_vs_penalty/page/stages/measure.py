@@ -15,8 +15,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 from sdp_vs_penalty.render.words import plain_name
-from sdp_vs_penalty.simulation.hidden_runs import MAKERS
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
 
 def _robot_now(session: Session) -> Any:

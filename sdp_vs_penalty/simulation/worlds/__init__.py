@@ -8,6 +8,6 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    hidden="at_joint Hidden log_uniform shifted torques",
+    hidden="at_joint Hidden LEVELS log_uniform MAKERS shifted torques",
     world="bristles DryFriction misplaced TrueMotion World",
 )

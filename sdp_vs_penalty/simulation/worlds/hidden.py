@@ -9,7 +9,8 @@ the sources that are named.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
 
@@ -45,7 +46,9 @@ class Hidden:
     the whole robot; number : the library's parameter at size 1, None where it has no
     single one; shift : (N,) by how much the joint's link stands elsewhere than its
     encoder says, where that is how it acts; effect : the library's name of it, which
-    the tables of makers say; channel : whether it acts on what all others make."""
+    the tables of makers say; channel : whether it acts on what all others make; made_of
+    : world, joint (from 0) and random numbers of its maker, from which a pickle makes it
+    again; None for an effect that no table names."""
 
     joints: tuple[int, ...]
     change: Change
@@ -56,6 +59,15 @@ class Hidden:
     details: Mapping[str, Any] = field(default_factory=dict)
     effect: str = ""
     channel: bool = False
+    made_of: tuple[World, int, Generator] | None = field(default=None, repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how a pickle makes the effect again: by its maker, since the maker's
+        local functions have no name in a module."""
+        if self.made_of is None:
+            values = [getattr(self, entry.name) for entry in fields(self)]
+            return type(self), tuple(values)
+        return _made_again, (self.effect, self.made_of, self.size)
 
     def torque(self, world: World, motion: TrueMotion) -> Array:
         """Return the torque that the effect adds at its size.
@@ -127,6 +139,36 @@ class Hidden:
         }
 
 
+def made(name: str, world: World, joint: int, rng: Generator) -> Hidden:
+    """Make an effect by its name.
+
+    Parameters
+    ----------
+    name : str
+        In :data:`MAKERS`.
+    world : World
+        The true robot.
+    joint : int
+        Index of the joint, from 0.
+    rng : numpy.random.Generator
+        Random numbers, which the maker draws its constants from.
+
+    Returns
+    -------
+    Hidden
+        The effect, which can be pickled.
+    """
+    made_of = world, joint, deepcopy(rng)  # as it is before it is drawn from
+    return replace(MAKERS[name](world, joint, rng), effect=name, made_of=made_of)
+
+
+def _made_again(
+    name: str, made_of: tuple[World, int, Generator], size: float
+) -> Hidden:
+    """Make an effect of a size as it was made before; ``made_of`` stays as it is."""
+    return replace(made(name, *deepcopy(made_of)), size=size)
+
+
 def torques(
     world: World,
     motion: TrueMotion,
@@ -187,19 +229,25 @@ def at_joint(
     Hidden
         The effect, of size 1.
     """
-
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
-        """Return the torque (N, n): size times the law on this joint, zero on the
-        others."""
-        unit = np.eye(world.arm.n)[joint]
-        return np.outer(size * law(world, motion), unit)
-
     return Hidden(
         (joint,),
-        change,
+        partial(_change_of_joint, joint, law),
         number,
         shape,
     )
+
+
+def _change_of_joint(
+    joint: int,
+    law: Callable[[World, TrueMotion], Array],
+    world: World,
+    motion: TrueMotion,
+    size: float,
+) -> Array:
+    """Return the torque (N, n): size times the law on one joint (from 0), zero on the
+    others."""
+    unit = np.eye(world.arm.n)[joint]
+    return np.outer(size * law(world, motion), unit)
 
 
 def plain(
@@ -855,8 +903,8 @@ def _crosstalk(world: World, joint: int, rng: Generator) -> Hidden:
         """Return the torque (N,) [N m, N] at size 1."""
         return side * world.torque(motion)[:, partner]
 
-    made = at_joint(joint, law, side, i=float(partner + 1))
-    return replace(made, channel=True, size=0.05)
+    crosstalk = at_joint(joint, law, side, i=float(partner + 1))
+    return replace(crosstalk, channel=True, size=0.05)
 
 
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
@@ -1236,3 +1284,7 @@ MACHINE: Mapping[str, Maker] = {
     "base_tilt": _tilt,
     "external_wrench": _wrench,
 }
+#: Whatever can be hidden, by the name of the library's effect.
+MAKERS: Mapping[str, Maker] = dict(
+    sorted({**FRICTION, **MACHINE, **FROZEN, **SPRINGS, **NUISANCE}.items())
+)
