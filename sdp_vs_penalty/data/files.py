@@ -34,6 +34,7 @@ from sdp_vs_penalty.errors import (
 )
 from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.joint import HeldJoint
 
 #: "test" where a word of a run's name begins: "test", "run_test3", "armTest".
 _TEST_WORD = re.compile(r"(?<![A-Za-z])(?i:test)|(?<=[a-z])Test")
@@ -41,6 +42,13 @@ _TEST_WORD = re.compile(r"(?<![A-Za-z])(?i:test)|(?<=[a-z])Test")
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence
 #: of runs.
 Source: TypeAlias = Any
+
+#: Travel of a joint that a brake or a controller holds [rad, m], and its share of what
+#: the joint that moves most does.
+_STILL = 0.01
+_SWAY = 0.05
+#: Rows from which the travel of held joints is taken.
+_ROWS_OF_TRAVEL = 100_000
 
 
 def load_measurements(
@@ -467,11 +475,43 @@ def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements
     -------
     Measurements
         The run itself where it does not have the channels of held joints.
+
+    Raises
+    ------
+    InputError
+        A joint that is held moves in the run.
     """
     held = getattr(names, "held", ())
     if not held or names is None or run.n != len(names) + len(held):
         return run
+    _require_still(run, held)
     return run.without_joints([joint.place for joint in held])
+
+
+def _require_still(run: Measurements, held: Sequence[HeldJoint]) -> None:
+    """Raise InputError where a held joint moves: farther than _STILL, and than the
+    share _SWAY of what the joint that moves most of the others does.
+
+    The share allows for positions in degrees. Of a long run every k-th row is taken,
+    and the outer hundredths of the positions are left out.
+    """
+    q = run.q[:: 1 + len(run.q) // _ROWS_OF_TRAVEL]
+    finite = q[np.isfinite(q).all(axis=1)]
+    if not len(finite):
+        return
+    low, high = np.quantile(finite, [0.01, 0.99], axis=0)
+    travels = high - low  # (n,) [rad, m]
+    others = np.delete(travels, [joint.place for joint in held])
+    largest = float(np.max(others, initial=0.0))
+    for joint in held:
+        travel = float(travels[joint.place])
+        if travel > max(_STILL, _SWAY * largest):
+            raise InputError(
+                f"{joint.name} is held at {joint.value:.6g}, but"
+                f" q{joint.place + 1} of the log moves by {travel:.3g} (rad, m)",
+                "hold joints that stand still only",
+                run.names[0],
+            )
 
 
 def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:

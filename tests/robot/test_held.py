@@ -1,6 +1,7 @@
 """Joints that stand still: their links belong to their parents, what mimics them stands
 still with them, and a log may hold their columns or not."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.data import read_run, save
+from sdp_vs_penalty.data.files import without_held
 from sdp_vs_penalty.robot import load_urdf
 
 FINGERS = """
@@ -142,6 +144,15 @@ def test_columns_of_held_joints_are_left_out(urdf):
     names = load_problem(urdf, held={"finger_joint": 0.0}).robot.joint_names
     assert read_run(log(urdf, 4), 3, names).n == 3
     assert read_run(log(urdf, 3), 3, names).n == 3
+
+
+def test_a_joint_that_moves_cannot_be_held(urdf):
+    moving = small_run(load_problem(urdf))
+    names = load_problem(urdf, held={"finger_joint": 0.0}).robot.joint_names
+    words = "finger_joint is held at 0, but q4 of the log moves by"
+    refusal(lambda: without_held(moving, names), words)
+    sways = replace(moving, q=moving.q * [1.0, 1.0, 1.0, 0.001])
+    assert without_held(sways, names).n == 3
 
 
 def test_a_log_without_the_finger_says_how_to_hold_it(urdf):
