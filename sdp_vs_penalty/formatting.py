@@ -410,6 +410,21 @@ def count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def times(number: int) -> str:
+    """Say how often something happens: "once", "2 times".
+
+    Parameters
+    ----------
+    number : int
+        How often.
+
+    Returns
+    -------
+    str
+    """
+    return "once" if number == 1 else f"{number} times"
+
+
 def change_of(before: float, after: float) -> str:
     """Write the relative change of an error in per cent, with its sign.
 

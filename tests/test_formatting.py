@@ -34,6 +34,10 @@ def test_a_number_has_three_digits(value, words):
     assert formatting.number(value) == words
 
 
+def test_what_happens_once_has_a_word():
+    assert [formatting.times(k) for k in (1, 2)] == ["once", "2 times"]
+
+
 @pytest.mark.parametrize(
     ("unit", "words"),
     [("-", ""), ("kg*m^2", "kg m²"), ("N*m", "N m"), ("m^3", "m³")],

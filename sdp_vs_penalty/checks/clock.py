@@ -265,7 +265,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         kind="time runs backwards",
         severity="error",
         where=rows_text(bad + 3),
-        what=f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}.",
+        what=f"the clock is set back {formatting.times(len(bad))}, by up to {seconds:.3g} s: {how}.",
         certainty=READ,
         remedy=remedy,
         repair=repair,

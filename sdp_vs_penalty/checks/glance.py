@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import Certainty, certain
 from sdp_vs_penalty.checks.issue import Issue, rows_text
@@ -138,7 +139,7 @@ class RunSummary:
             Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
         what : str
             The sentence, with places for the figures ``{rows}``, ``{named}``
-            (channels), ``{seconds}`` (the longest part) and ``{parts}``.
+            (channels), ``{seconds}`` (the longest part) and ``{times}`` (how many parts).
         sure : str
             How certain it is, and why.
         unusable : bool
@@ -177,7 +178,7 @@ class RunSummary:
             kind=kind,
             severity="error" if refuses else "warning",
             where=where,
-            what=what.format(**figures),
+            what=what.format(**figures, times=formatting.times(len(places))),
             certainty=sure,
             remedy=remedy,
             repair=lambda r: r.rows(~gone),

@@ -131,7 +131,7 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     if not frozen.any():
         frozen = _frozen_measurements(glance)
         which = "positions and torques repeat"
-    what = f"{which} one row for up to {{seconds:.3g}} s, {{parts}} times: no packets came."
+    what = f"{which} one row for up to {{seconds:.3g}} s, {{times}}: no packets came."
     yield from glance.delete_rows("frozen packets", frozen, what)
     # A logger that is a little faster than its source repeats samples as well, but its
     # stamps are uneven.
@@ -692,7 +692,7 @@ def find_frozen_channels(
         and np.ptp(x) > 0.0
     }
     what = (
-        "{named} repeats one value for {seconds:.3g} s, {parts} times, while the arm"
+        "{named} repeats one value for {seconds:.3g} s, {times}, while the arm"
         " moves: the channel was frozen."
     )
     sure = certain("elsewhere it never repeats for nearly as long")

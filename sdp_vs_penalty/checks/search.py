@@ -1042,8 +1042,7 @@ class RepairSearch:
             reach = student_95(c.PARTS) * abs(self.gauss_newton_step(fault.size)[1])
             ends = [fault.size.value - reach, fault.size.value + reach]
             figures["interval"] = ends
-            low, high = map(fault.size.in_words, ends)
-            what = f"{what.rstrip('.')} (95 %: {low} to {high})."
+            what = f"{what.rstrip('.')} (95 %: {fault.size.interval_in_words(ends)})."
         equivalents = fault.equivalents
         rivals = self._rivals_of(fault, net)
         if rivals:

@@ -19,6 +19,7 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.checks.constants import MAX_INERTIA_LOG_ODDS
 from sdp_vs_penalty.checks.faults import Gain, Saturation
+from sdp_vs_penalty.checks.faults.fault import FaultSize
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
@@ -395,3 +396,15 @@ def test_check_and_identify_quote_the_same_share():
         assert 100.0 * report.unexplained**0.5 == pytest.approx(
             found.relative_error_percent, rel=0.15
         )
+
+
+def test_an_interval_begins_with_its_smaller_number():
+    size = FaultSize(
+        value=-0.1,
+        repair_with=lambda value: LogTransform.unchanged(2, np.zeros(3)),
+        tolerance=0.1,
+        search_radius=0.5,
+        in_words=lambda value: f"{-value:g} too large",
+        number_told=abs,
+    )
+    assert size.interval_in_words([-0.2, -0.1]) == "0.1 too large to 0.2 too large"

@@ -1,7 +1,7 @@
 """A fault of a log: what is tried, what it costs beforehand, what is said."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -87,7 +87,8 @@ class FaultSize:
     : by how much arms and loggers differ anyway; search_radius : how far to either side
     of ``value`` the best size is looked for; in_words : size with its unit;
     round_values : round sizes, tried beside it (90 degrees, a factor of 1000); widest :
-    widest 95 % interval, to either side, with which a size is claimed.
+    widest 95 % interval, to either side, with which a size is claimed; number_told
+    : the number that the words tell, or one that rises with it.
     """
 
     value: float
@@ -97,6 +98,22 @@ class FaultSize:
     in_words: Callable[[float], str]
     round_values: tuple[float, ...] = ()
     widest: float = WIDEST
+    number_told: Callable[[float], float] = float
+
+    def interval_in_words(self, ends: Sequence[float]) -> str:
+        """Say an interval of sizes: "1.1 times too large to 1.11 times too large".
+
+        Parameters
+        ----------
+        ends : sequence of float
+            In the size's own unit.
+
+        Returns
+        -------
+        str
+            The end of the smaller number first.
+        """
+        return " to ".join(map(self.in_words, sorted(ends, key=self.number_told)))
 
     @property
     def first_order_reach(self) -> float:

@@ -117,6 +117,7 @@ def _gain(log: Likelihood, repair: LogTransform, j: int) -> Fault:
         removal=replace(
             FaultSize.of_factor(factor, repair_with_factor, _DECIMALS),
             in_words=lambda log_factor: _times(float(np.exp(log_factor))),
+            number_told=abs,
         ),
         log_odds_against=odds_against_one_of(log.n),
         figures={"factor": factor},

@@ -1,5 +1,6 @@
 """Joints elsewhere than the kinematics say."""
 
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -198,6 +199,7 @@ def _encoder_offset(log: Likelihood, repair: LogTransform, j: int) -> Fault:
         tolerance=(1.0 if is_revolute else _LENGTH_OVER_ANGLE * length) * c.CALIBRATED,
         search_radius=_SEARCH_RADIUS if is_revolute else _SEARCH_RADIUS * length,
         in_words=_minus_degrees if is_revolute else _minus_metres,
+        number_told=operator.neg,
         round_values=(*QUARTERS, -np.pi) if is_revolute else (),
     )
     unit = log.problem.robot.position_units[j]
