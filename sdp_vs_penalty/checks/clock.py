@@ -311,7 +311,8 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
     moved = np.any(changes != 0.0, axis=1)
     if not glance.usual_step or is_same.mean() < MOST_REPEATED or moved.mean() < 0.5:
         return
-    step = float(np.mean(glance.steps[glance.steps < GAP * glance.usual_step]))
+    repair = partial(_spaced_evenly, step=glance.usual_step)
+    step = float(np.median(np.diff(repair(glance.run).t)))
     yield Issue(
         kind="coarse time stamps",
         severity="error",
@@ -321,7 +322,7 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
         f" {step:.3g} s.",
         certainty=READ,
         remedy="space the rows evenly (and log the time with more digits)",
-        repair=partial(_spaced_evenly, step=glance.usual_step),
+        repair=repair,
         figures={"rows": int(is_same.sum()), "step": step},
     )
 
@@ -340,13 +341,23 @@ def _spaced_evenly(run: Measurements, step: float) -> Measurements:
 
 
 def _even(t: Array) -> Array:
-    """Return evenly spaced times (N,): the line through rounded times t (N,) over the
-    row number, by least squares."""
+    """Return evenly spaced times (N,) of times t (N,) that were written with too few
+    digits.
+
+    They are on the line t = a + step row, by least squares, through the rows at which
+    the written time changes: there the clock passed the written digit less than a step
+    ago. The first and the last written time are cut short, and do not count. Where
+    fewer than two times change, the line goes through all rows.
+    """
     if len(t) <= 2:
         return t
-    row = np.arange(len(t)) - 0.5 * (len(t) - 1)  # from the middle
-    step = float(row @ t / max(float(row @ row), 1e-300))
-    return np.asarray(np.mean(t) + step * row)
+    row = np.arange(len(t))
+    changes = np.flatnonzero(np.diff(t)) + 1
+    used = changes if len(changes) > 1 else row
+    middle = np.mean(used)
+    centred = used - middle
+    step = float(centred @ (t[used] - t[0])) / float(centred @ centred)
+    return np.asarray(np.mean(t[used]) + step * (row - middle))
 
 
 def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:

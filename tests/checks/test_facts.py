@@ -12,6 +12,7 @@ from sdp_vs_penalty.checks.certainty import certain, likely
 from sdp_vs_penalty.checks.channels import (
     possible_magnitudes,
 )
+from sdp_vs_penalty.checks.clock import find_coarse_stamps
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.lockstep import LockstepMotion, lockstep_groups
@@ -52,6 +53,18 @@ def test_coarse_stamps_are_spaced_evenly_and_no_row_is_lost(times, begin):
         even.mean(),
         rtol=2e-3,
     )
+
+
+@pytest.mark.parametrize("first", [0.0, 0.3, 1.7e9 + 0.9])
+def test_whole_seconds_give_the_rate_that_is_said_and_written(first):
+    """The last second is cut short."""
+    t = first + 0.002 * np.arange(2300)
+    q = np.sin(np.outer(t - first, [1.0, 2.0]))
+    written = Measurements.of(np.floor(t), {"q": q, "tau": 10.0 * q}, ("log",))
+    (issue,) = find_coarse_stamps(summary(written))
+    assert "samples come every 0.002 s" in issue.what
+    assert issue.figures["step"] == pytest.approx(0.002, rel=1e-4)
+    np.testing.assert_allclose(np.diff(issue.repair(written).t), 0.002, atol=1e-6)
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 10.0])
