@@ -264,7 +264,7 @@ class LoggerJudge:
         torque, only that and the unexplained torque are reported. If it shows another
         unit of all torques, gains and units of single torques are left out.
         """
-        stated = search.describe_faults(net)
+        stated = self._said_of_all_runs(search.describe_faults(net), net)
         facts = [f.kind for report in self.reports for f in report.issues]
         size = []
         if "torque in counts" not in facts:
@@ -351,6 +351,19 @@ class LoggerJudge:
             elif (at := self._time_in_run(number, event.at)) is not None:
                 events.append(replace(event, at=at))
         return replace(net, events=tuple(events))
+
+    def _said_of_all_runs(
+        self, stated: Sequence[Issue], net: LogTransform
+    ) -> list[Issue]:
+        """Return the issues of all runs, with the size in each run where it has one of
+        its own; of a single run as they are."""
+        runs = [
+            RunLog(log, self._of_run(number, net), self.reports[number].run)
+            for number, log in self.logs.items()
+        ]
+        if len(runs) < 2:
+            return [*stated]
+        return [issue.by_run(runs) if issue.by_run else issue for issue in stated]
 
     def _said_of_run(self, number: int, stated: Sequence[Issue]) -> list[Issue]:
         """Return the issues of all runs that concern one of them: no step of another

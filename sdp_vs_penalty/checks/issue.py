@@ -33,7 +33,8 @@ class Issue:
 
     by_clock : of an issue that happens at an instant, figures["t"] [s] in the log of all
     runs together: returns the issue in the words of that instant by one run's clock [s].
-    None for what happens at no instant.
+    None for what happens at no instant. by_run : of an issue whose size belongs to each
+    run: returns the issue in the words of several runs; None for what all runs share.
     """
 
     kind: str
@@ -49,6 +50,7 @@ class Issue:
     apply: str = ""
     equivalents: tuple[str, ...] = ()
     by_clock: "Callable[[float], Issue] | None" = None
+    by_run: "Callable[[Sequence[Any]], Issue] | None" = None
 
     def __post_init__(self) -> None:
         """Refuse an explanation that is called an error: only facts are errors."""

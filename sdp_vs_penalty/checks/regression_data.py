@@ -72,7 +72,8 @@ class RegressionData:
     that a joint's own motion makes (friction, rotor, offset); laws : by name the
     columns (n, M, r) of LAWS; torque_mask (M, n) : 1 where a joint slides, 0 where its
     torque is not used; moving (n,) : whether a joint moves; largest (n,) : largest
-    absolute value of each raw channel; cutoff : of the low-pass [Hz].
+    absolute value of each raw channel; cutoff : of the low-pass [Hz]; seconds : from the
+    log's first row to its last, of which the filters cut both ends.
     """
 
     shared: Model | None
@@ -85,6 +86,7 @@ class RegressionData:
     moving: NDArray[np.bool_]
     largest: Array
     cutoff: float
+    seconds: float
 
     @property
     def count(self) -> int:
@@ -192,6 +194,7 @@ class RegressionData:
             moving=np.any([log.moving for log in logs], axis=0),
             largest=np.max([log.largest for log in logs], axis=0),
             cutoff=min(log.cutoff for log in logs),
+            seconds=sum(log.seconds for log in logs),
         )
 
     @staticmethod
@@ -302,6 +305,7 @@ class RegressionData:
             moving=moving,
             largest=np.abs(run.tau).max(axis=0),
             cutoff=cutoff,
+            seconds=seconds,
         )
 
 

@@ -35,6 +35,7 @@ from sdp_vs_penalty.checks.rival_effects import (
     is_clearly_worse,
     rival_effects,
 )
+from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.checks.torque_size import far_from_nominal
 from sdp_vs_penalty.regression.evidence import (
     log_odds,
@@ -1032,6 +1033,11 @@ class RepairSearch:
             assert fault.by_clock is not None
             return self.describe(fault.by_clock(at), net, effects)
 
+        def by_run(runs: Sequence[RunLog]) -> Issue:
+            """Return the issue in the words of several runs."""
+            assert fault.by_run is not None
+            return self.describe(fault.by_run(runs), net, effects)
+
         what = fault.what
         figures = {
             "joints": [j + 1 for j in fault.joints],
@@ -1066,6 +1072,7 @@ class RepairSearch:
             apply=fault.apply,
             equivalents=equivalents,
             by_clock=by_clock if fault.by_clock else None,
+            by_run=by_run if fault.by_run else None,
         )
         return with_rival_effects(issue, effects)
 

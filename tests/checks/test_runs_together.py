@@ -15,6 +15,9 @@ from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.simulation import experiment
 
+#: Of a torque, from the first row of a run to its last [N m].
+DRIFT = 1.0
+
 
 def run_of(problem: Problem, seed: int, name: str) -> Measurements:
     """A run of the problem's arm at a quarter of the experiment's samples."""
@@ -83,6 +86,22 @@ def test_an_order_of_one_run_is_claimed_of_that_run(two_link, runs):
     assert issue.kind == "torque order"
     assert "in second only" in issue.what
     assert not explanations(good)
+
+
+@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.long), 2])
+def test_a_drift_in_each_run_is_that_of_a_run_and_not_their_sum(count, two_link, runs):
+    drifting = []
+    for run in runs[:count]:
+        ramp = (run.t - run.t[0]) / np.ptp(run.t)
+        tau = run.tau + np.outer(ramp, [0.0, DRIFT])
+        drifting.append(replace(run, tau=tau))
+    for report in judged(two_link, *drifting):
+        (issue,) = explanations(report)
+        assert issue.kind == "torque drift"
+        sizes = issue.figures.get("sizes", [issue.figures["size"]])
+        assert len(sizes) == count
+        assert sizes == pytest.approx([DRIFT] * count, rel=0.05)
+        assert ("of a run to its last" in issue.what) == (count > 1)
 
 
 def test_a_gain_of_one_run_has_no_other_cause(two_link, runs):

@@ -1,6 +1,7 @@
 """Laws, drifts and steps of one joint's torque."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
+from sdp_vs_penalty.checks.run_log import RunLog
 
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.
@@ -168,6 +170,15 @@ def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
     return float(x @ y / max(float(x @ x), 1e-300))
 
 
+def _drift_from_end_to_end(
+    log: Likelihood, repair: LogTransform, event: LogEvent
+) -> float:
+    """Return by how much a joint's torque drifts from a log's first row to its last
+    [N m or N]: the rows of the fit, between which its ramp rises, lack both ends."""
+    seconds_of_rows = max(float(np.ptp(log.data.motion.t)), 1e-300)
+    return _size(log, repair, event) * log.data.seconds / seconds_of_rows
+
+
 def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     """Return the note that a joint's torque holds a law of its motion which the model
     lacks.
@@ -189,7 +200,7 @@ def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
 
 def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     """Return the fault that a joint's torque drifts linearly over the log."""
-    size = _size(log, repair, event)
+    size = _drift_from_end_to_end(log, repair, event)
     unit = log.problem.robot.torque_units[event.joint]
     return Fault(
         kind="torque drift",
@@ -202,6 +213,32 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         log_odds_against=odds_against_one_of(log.n) + 2.0 * c.LOG_ODDS_AGAINST_FAULT,
         is_repairable=False,
         figures={"size": size},
+        by_run=partial(_drift_of_runs, log, repair, event),
+    )
+
+
+def _drift_of_runs(
+    log: Likelihood,
+    repair: LogTransform,
+    event: LogEvent,
+    runs: Sequence[RunLog],
+) -> Fault:
+    """Return the fault that a joint's torque drifts, in the words of several runs: by
+    how much from the first row of a run to its last, in the run that drifts most.
+
+    The ramp over the rows of all runs, ``log``, has an offset in each run: its size is
+    no change that any run shows.
+    """
+    sizes = [_drift_from_end_to_end(run.log, run.repair, event) for run in runs]
+    largest = int(np.argmax(np.abs(sizes)))
+    size = sizes[largest]
+    unit = log.problem.robot.torque_units[event.joint]
+    return replace(
+        _drift(log, repair, event),
+        what=f"the torque of {joints_text([event.joint])} drifts by up to {size:+.3g}"
+        f" {unit} from the first row of a run to its last ({runs[largest].name}).",
+        figures={"size": size, "sizes": sizes},
+        by_run=None,
     )
 
 

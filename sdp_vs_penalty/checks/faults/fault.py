@@ -12,6 +12,7 @@ from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.constants import WIDEST
 from sdp_vs_penalty.checks.likelihood import At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.data.formats.units import UNITS as NAMED
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
@@ -202,7 +203,8 @@ class Fault:
     (from 0); is_repairable : whether a repaired log can be written; figures : what JSON
     says of it. by_clock : of a fault that happens at an instant, figures["t"] [s]: returns
     the fault in the words of that instant by another clock [s]; None for what happens
-    at no instant.
+    at no instant. by_run : of a fault whose size belongs to each run: returns the
+    fault in the words of several runs; None for what all runs share.
     """
 
     kind: str
@@ -217,6 +219,7 @@ class Fault:
     equivalents: tuple[str, ...] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
     by_clock: "Callable[[float], Fault] | None" = None
+    by_run: "Callable[[Sequence[RunLog]], Fault] | None" = None
 
     @property
     def size(self) -> FaultSize | None:
