@@ -248,7 +248,7 @@ def test_threads_read_intervals_that_one_of_them_works_out():
     def read(late: LateUncertainty) -> float:
         return float(late.spread.sum())
 
-    for _ in range(20):
+    for _ in range(5):
         with ThreadPoolExecutor(8) as threads:
             sums = set(threads.map(read, [LateUncertainty(make)] * 16))
         assert len(sums) == 1

@@ -119,6 +119,7 @@ def story(
         yield seen
 
 
+@pytest.mark.long
 def test_files_are_chosen_checked_and_identified(context, server, files):
     """The way to a model, drawn; the long story goes on from there."""
     page = open_page(context, server)

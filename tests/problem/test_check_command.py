@@ -72,6 +72,7 @@ def test_the_line_about_explanations_names_the_command_that_tries_them():
     assert expected in line
 
 
+@pytest.mark.long
 def test_a_hint_in_python_names_the_files_that_were_passed(tmp_path, monkeypatch):
     """With their folders; measurements that are no files have no command."""
     monkeypatch.chdir(tmp_path)
