@@ -82,7 +82,7 @@ def add(
         gain_uncertainty=gain_uncertainty,
     )
     if isinstance(effects, Diagnosis):
-        runs = beside_causes(runs, effects.passing) or runs
+        runs = beside_causes(runs, effects.passing)
     progress("comparing measured with modelled")
     judged = compare(extended, runs)[0]
     extended.provenance["verdict"] = judged.verdict.to_dict()

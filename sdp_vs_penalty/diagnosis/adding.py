@@ -114,8 +114,7 @@ def add(
     measurements.require_torque("add")
     if isinstance(effects, Diagnosis):
         frozen = frozen or effects.frozen
-        rest = beside_causes(measurements, effects.passing)
-        measurements = measurements if rest is None else rest
+        measurements = beside_causes(measurements, effects.passing)
     added, retuned = _read_effects(estimate, effects, frozen)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors

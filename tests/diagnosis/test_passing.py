@@ -321,10 +321,10 @@ def test_spans_are_left_out_of_the_run_that_they_name():
     a, b = rest.runs()
     assert a.samples == one.samples
     assert not np.any((b.t > 10.0) & (b.t < 20.0))
-    assert beside_causes(two, [cause(Span("another", 10.0, 20.0))]) is None
-    assert beside_causes(two, [cause(Span("", 10.0, 20.0))]) is None
-    assert beside_causes(one, [cause(Span("", 1.0, 29.0))]) is None
-    assert beside_causes(one, []) is None
+    assert beside_causes(two, [cause(Span("another", 10.0, 20.0))]) is two
+    assert beside_causes(two, [cause(Span("", 10.0, 20.0))]) is two
+    assert beside_causes(one, [cause(Span("", 1.0, 29.0))]) is one
+    assert beside_causes(one, []) is one
 
 
 def test_what_is_left_without_spans_is_written_as_commands_take_it():

@@ -57,8 +57,9 @@ def verb(
         )
         models = {"before": estimate, "after": bigger}
         causes = () if isinstance(effects, str) else effects.passing
-        left_out = beside_causes(runs.train, causes)
-        judged = runs.judge if test is not None or left_out is None else left_out
+        train = beside_causes(runs.train, causes)
+        leaves_spans_out = train is not runs.train
+        judged = train if leaves_spans_out and test is None else runs.judge
         before, after = compare(models, judged, noise_from=runs.judged_recordings)
         judge = words(data, window) if test is None else words([test], test_window)
         bigger.provenance.update(
@@ -76,7 +77,7 @@ def verb(
     if added:
         named = "; ".join(effect_in_words(e.brief) for e in added)
         console.paragraph(f"added: {named}")
-    if left_out is not None:
+    if leaves_spans_out:
         acting = "; ".join(cause.sentence for cause in causes)
         console.paragraph(f"identified without the spans of what passes: {acting}")
     if confident and not isinstance(effects, str):

@@ -147,10 +147,9 @@ def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
     return ",".join(f"{a - start:.4g}:{b - start:.4g}" for a, b in windows)
 
 
-def beside_causes(
-    runs: Measurements, causes: Sequence[PassingCause]
-) -> Measurements | None:
-    """Return runs without the spans in which causes act; None if nothing is left out.
+def beside_causes(runs: Measurements, causes: Sequence[PassingCause]) -> Measurements:
+    """Return runs without the spans in which causes act; the same object if nothing is
+    left out.
 
     A model that is identified from the spans too would take in what acts there. They
     stay in where less than ENOUGH of the samples would be left, and where the spans
@@ -165,7 +164,7 @@ def beside_causes(
     ]
     rest = without_spans(runs, spans)
     is_enough = ENOUGH * runs.samples <= rest.samples < runs.samples
-    return rest if is_enough else None
+    return rest if is_enough else runs
 
 
 def without_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:

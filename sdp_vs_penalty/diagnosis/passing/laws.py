@@ -135,23 +135,19 @@ def load_law(data: WhiteData) -> Law:
     return Law("load", robot.links, effect, columns, 4)
 
 
-def torque_laws(data: WhiteData) -> list[Law]:
-    """Return the laws of a constant torque, one for each joint."""
+def joint_laws(data: WhiteData) -> list[Law]:
+    """Return the laws of a constant torque, one for each joint, and then those of a
+    change of dry friction."""
+    kinds: dict[str, type[JointEffect]] = {
+        "torque": TorqueOffset,
+        "friction": DryFriction,
+    }
     out = []
-    for j in range(data.n):
-        effect = TorqueOffset(data.estimate.robot, [j])
-        columns = spread_columns(data.rows, effect)
-        out.append(Law("torque", j + 1, effect, columns, 1))
-    return out
-
-
-def friction_laws(data: WhiteData) -> list[Law]:
-    """Return the laws of a change of dry friction, one for each joint."""
-    out = []
-    for j in range(data.n):
-        effect = DryFriction(data.estimate.robot, [j])
-        columns = spread_columns(data.rows, effect)
-        out.append(Law("friction", j + 1, effect, columns, 1))
+    for kind, effect_type in kinds.items():
+        for j in range(data.n):
+            effect = effect_type(data.estimate.robot, [j])
+            columns = spread_columns(data.rows, effect)
+            out.append(Law(kind, j + 1, effect, columns, 1))
     return out
 
 

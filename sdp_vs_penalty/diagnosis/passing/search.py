@@ -26,10 +26,9 @@ from sdp_vs_penalty.diagnosis.passing.laws import (
     Law,
     PassingCandidate,
     force_laws,
-    friction_laws,
+    joint_laws,
     load_law,
     point_of_force,
-    torque_laws,
     wandering_laws,
 )
 from sdp_vs_penalty.diagnosis.passing.spans import (
@@ -89,8 +88,7 @@ class PassingSearch:
         trials = self._trials([load_law(self.data)], n_laws)
         if not is_suspected and not any(t.stands_out for t in trials):
             return None
-        of_joints = [*torque_laws(self.data), *friction_laws(self.data)]
-        trials += self._trials(of_joints, n_laws)
+        trials += self._trials(joint_laws(self.data), n_laws)
         if not any(t.stands_out for t in trials):
             return None
         trials += self._trials(force_laws(self.data), n_laws)
