@@ -58,11 +58,7 @@ _NAMES = {
     "simulation.hidden_runs": "simulate",
 }
 _found = lazy_exports(__name__, **_NAMES)
-__all__ = [
-    "__version__",
-    "effects",
-    *" ".join(_NAMES.values()).split(),
-]
+__all__ = ["__version__", "effects", *" ".join(_NAMES.values()).split()]
 
 
 def __getattr__(name: str) -> Any:
@@ -74,9 +70,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """List the exported names, and the module's dunder attributes."""
-    return sorted(
-        {
-            *__all__,
-            *(name for name in globals() if name.startswith("__")),
-        }
-    )
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -6,15 +6,7 @@ colours apart. A violet stands for the yellow, which is too pale on white.
 """
 
 #: All colours that count through something, such as the joints of an arm.
-PALETTE = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#8A6FDF",
-)
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
 #: Dark pages draw it in the colour of their text.
 MEASURED = "#000000"
 #: The first model, before something was added.

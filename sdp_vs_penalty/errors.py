@@ -110,12 +110,7 @@ class InputError(ValueError):
     'run.csv: row 3 is empty: delete it.'
     """
 
-    def __init__(
-        self,
-        what: str,
-        remedy: str = "",
-        where: Any = None,
-    ) -> None:
+    def __init__(self, what: str, remedy: str = "", where: Any = None) -> None:
         """Compose the sentence "where: what: remedy.", at most 1500 characters long.
 
         Parameters
@@ -190,11 +185,7 @@ class ColumnsRemark(Remark):
         The first rows as they were read, a line a channel.
     """
 
-    def __init__(
-        self,
-        sentence: str,
-        rows: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, sentence: str, rows: tuple[str, ...] = ()) -> None:
         """Store the sentence, and the first rows of the file as they were read."""
         super().__init__(sentence)
         self.rows = rows
@@ -246,10 +237,7 @@ class MissingJoints(InputError):  # noqa: N818 (what is missing)
 
 
 def require_known(
-    kind: str,
-    name: object,
-    known: Iterable[object],
-    where: Any = None,
+    kind: str, name: object, known: Iterable[object], where: Any = None
 ) -> None:
     """Raise InputError for a name that does not exist, and suggest the most similar
     one.
@@ -280,9 +268,7 @@ def require_known(
     similar = difflib.get_close_matches(str(name), texts, 1)
     guess = f"did you mean {similar[0]}? There are" if similar else "there are"
     raise InputError(
-        f"{kind} {name!r} is unknown".strip(),
-        f"{guess}: {', '.join(texts)}",
-        where,
+        f"{kind} {name!r} is unknown".strip(), f"{guess}: {', '.join(texts)}", where
     )
 
 
@@ -303,9 +289,7 @@ def unreadable(error: Exception, where: Any) -> InputError:
     """
     why = getattr(error, "strerror", None) or error
     return InputError(
-        f"cannot be read ({why})",
-        "check its name and your right to read it",
-        where,
+        f"cannot be read ({why})", "check its name and your right to read it", where
     )
 
 

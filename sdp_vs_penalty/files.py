@@ -93,12 +93,7 @@ def opened(path: str | Path) -> None:
                 inputs.add((status.st_dev, status.st_ino))
 
 
-def _bounded(
-    path: Path,
-    mode: int,
-    size: int,
-    largest: int,
-) -> None:
+def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
     """Raise InputError unless a file is regular and not too large.
 
     Parameters
@@ -123,9 +118,7 @@ def _bounded(
         if largest >= 2**20:
             limit_words = f"{largest // 2**20} MiB"
         raise InputError(
-            f"larger than {limit_words}",
-            "name a smaller file, or cut it",
-            path,
+            f"larger than {limit_words}", "name a smaller file, or cut it", path
         )
 
 
@@ -251,9 +244,7 @@ def path_or_file(path: Path) -> Path | BinaryIO:
 
 
 def read_bytes(
-    path: str | Path,
-    largest: int = LARGEST_TEXT,
-    is_own: bool = False,
+    path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
 ) -> bytes:
     """Read a complete file.
 
@@ -320,9 +311,7 @@ def refuse_stand_in(path: str | Path, content: bytes) -> None:
 
 
 def read_text(
-    path: str | Path,
-    largest: int = LARGEST_TEXT,
-    is_own: bool = False,
+    path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
 ) -> str:
     """Read a complete file of UTF-8 text.
 
@@ -349,9 +338,7 @@ def read_text(
         return read_bytes(path, largest, is_own).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
-            f"not UTF-8 text ({error})",
-            "save it as UTF-8",
-            Path(path),
+            f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)
         ) from error
 
 
@@ -375,17 +362,12 @@ def read_table(path: str | Path) -> list[dict[str, str]]:
         ]
     except csv.Error as error:
         raise InputError(
-            f"not a CSV table ({error})",
-            "write it anew as UTF-8 text",
-            path,
+            f"not a CSV table ({error})", "write it anew as UTF-8 text", path
         ) from error
 
 
 def read_json(
-    path: str | Path,
-    kind: str,
-    mark: str,
-    build: Callable[[dict[str, Any]], T],
+    path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]
 ) -> T:
     """Read a JSON document of this program and build its record.
 
@@ -419,11 +401,7 @@ def read_json(
         return build(data)
 
     return _built(
-        Path(path),
-        read_text(path),
-        _parse_json,
-        checked,
-        "write the file anew",
+        Path(path), read_text(path), _parse_json, checked, "write the file anew"
     )
 
 
@@ -527,13 +505,7 @@ def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
         Names the file and what is wrong with it, whatever ``build`` raises.
     """
     remedy = "compare the file with a built-in one"
-    return _built(
-        path,
-        read_text(path, LARGEST_TOML),
-        tomllib.loads,
-        build,
-        remedy,
-    )
+    return _built(path, read_text(path, LARGEST_TOML), tomllib.loads, build, remedy)
 
 
 def _built(
@@ -564,9 +536,7 @@ def _built(
         what = "nested too deeply" if isinstance(error, RecursionError) else error
         kind = "JSON" if parse is _parse_json else "TOML"
         raise InputError(
-            f"not a {kind} file ({what})",
-            "correct it, or name another",
-            path,
+            f"not a {kind} file ({what})", "correct it, or name another", path
         ) from error
     try:
         return build(data)
@@ -575,9 +545,7 @@ def _built(
         raise error if isinstance(error.where, Path) else error.within(path) from error
     except KeyError as error:
         raise InputError(
-            f"the field {error.args[0]!r} is missing",
-            else_,
-            path,
+            f"the field {error.args[0]!r} is missing", else_, path
         ) from error
     except (
         ArithmeticError,
@@ -642,9 +610,7 @@ def _unwritable(error: Exception, path: Path) -> InputError:
     """Return the InputError for a file that cannot be written, with the reason."""
     what = error.strerror if isinstance(error, OSError) else error
     return InputError(
-        f"cannot be written ({what})",
-        "choose another place, or free this one",
-        path,
+        f"cannot be written ({what})", "choose another place, or free this one", path
     )
 
 
@@ -698,9 +664,7 @@ def _refuse_input(path: Path, there: os.stat_result | None) -> None:
     """
     if there is not None and (there.st_dev, there.st_ino) in (_inputs.get() or ()):
         raise InputError(
-            "is also an input of this command",
-            "name another file to write",
-            path,
+            "is also an input of this command", "name another file to write", path
         )
 
 
@@ -742,11 +706,7 @@ def _replacing(path: Path, lasting: bool) -> Iterator[BinaryIO]:
     handle = _nameless_file(path.parent)
     has_name = handle is None
     if handle is None:
-        handle = os.open(
-            temporary,
-            os.O_CREAT | os.O_EXCL | os.O_RDWR,
-            0o666,
-        )
+        handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
     try:
         try:
             with open(handle, "wb", closefd=False) as part:

@@ -9,12 +9,7 @@ from typing import Any
 from sdp_vs_penalty.errors import command_line, missing_extra, printable
 
 
-def axes(
-    panels: Any,
-    rows: int = 1,
-    columns: int = 1,
-    **settings: Any,
-) -> Any:
+def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
     """Return axes to draw into: the given ones, or those of a new matplotlib figure.
 
     Parameters
@@ -224,11 +219,7 @@ def number(x: float | None, digits: int = 3) -> str:
     return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
 
 
-def times_noise(
-    ratio: float,
-    error: float,
-    unit: str,
-) -> str:
+def times_noise(ratio: float, error: float, unit: str) -> str:
     """Write an error as a multiple of its noise, and in its unit.
 
     Parameters
@@ -253,10 +244,7 @@ def times_noise(
 
 
 def errors_with_noise(
-    errors: Sequence[float],
-    noise: float | None,
-    unit: str,
-    between: str,
+    errors: Sequence[float], noise: float | None, unit: str, between: str
 ) -> str:
     """Write one joint's errors, and the same in multiples of its noise.
 
@@ -287,11 +275,7 @@ def errors_with_noise(
     return f"{amount}, {ratios} times the noise"
 
 
-def milli(
-    value: float,
-    unit: str,
-    digits: int = 3,
-) -> str:
+def milli(value: float, unit: str, digits: int = 3) -> str:
     """Write a quantity in thousandths of its unit.
 
     Parameters

@@ -83,10 +83,7 @@ def spread(
             size = -(-len(todo) // max(1, min(len(todo), 16 * threads)))
             batches = [todo[k : k + size] for k in range(0, len(todo), size)]
             futures = client.map(
-                partial(_each, shared.name),
-                batches,
-                pure=False,
-                retries=_RETRIES,
+                partial(_each, shared.name), batches, pure=False, retries=_RETRIES
             )
             for future in as_completed(futures):
                 yield from future.result()
@@ -123,10 +120,7 @@ def _fetched(name: str) -> Callable[[Any], Any]:
 
     worker = get_worker()
     ask = partial(
-        worker.scheduler.variable_get,
-        name=name,
-        client="",
-        timeout=_PATIENCE,
+        worker.scheduler.variable_get, name=name, client="", timeout=_PATIENCE
     )
     held = sync(worker.loop, ask, callback_timeout=2.0 * _PATIENCE)
     function: Callable[[Any], Any] = deserialize_bytes(held["value"])
@@ -134,9 +128,7 @@ def _fetched(name: str) -> Callable[[Any], Any]:
 
 
 def _here(
-    function: Callable[[Item], Result],
-    todo: list[tuple[int, Item]],
-    jobs: int,
+    function: Callable[[Item], Result], todo: list[tuple[int, Item]], jobs: int
 ) -> Iterator[tuple[int, Result]]:
     """Map a function over indexed items by processes of this computer.
 
@@ -215,11 +207,7 @@ def _signals_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(
-    function: Callable[[Any], Any],
-    line: Any,
-    parent: int,
-) -> None:
+def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
     """Serve as a worker process: answer each item with its result, or an error.
 
     Parameters
@@ -263,9 +251,7 @@ class Workers:
     progress: Callable[[str], None] = _unheard
 
     def map(
-        self,
-        function: Callable[[Item], Result],
-        items: Iterable[Item],
+        self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> list[Result]:
         """Map a function over items; results are in the order of the items.
 

@@ -11,11 +11,7 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError, require_known
 
 
-def modules(
-    package: str,
-    path: Iterable[str],
-    mark: str = "",
-) -> Iterator[ModuleType]:
+def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
     """Import the modules of a package, one by one.
 
     Parameters
@@ -36,11 +32,7 @@ def modules(
     return (home for home in homes if not mark or hasattr(home, mark))
 
 
-def classes(
-    package: str,
-    path: Iterable[str],
-    base: type,
-) -> dict[str, Any]:
+def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
     """Return the plug-in classes of a package, by name.
 
     Parameters

@@ -27,14 +27,7 @@ def files(
     tmp_path_factory: pytest.TempPathFactory, two_link: sdp.Problem
 ) -> list[Path]:
     folder = tmp_path_factory.mktemp("api")
-    return [
-        write_run(
-            folder / f"run{k}.csv",
-            two_link,
-            seed=k,
-        )
-        for k in (1, 2)
-    ]
+    return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
 
 
 @pytest.fixture(scope="module")
@@ -88,11 +81,7 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link):
     """As the command line does: errors refuse, warnings warn, and consent is
     remembered."""
     run = small_run(two_link)
-    dead = {
-        "t": run.t,
-        "q": run.q,
-        "tau": np.where([True, False], run.tau, 0.25),
-    }
+    dead = {"t": run.t, "q": run.q, "tau": np.where([True, False], run.tau, 0.25)}
     for verb in (
         sdp.identify,
         lambda model, log: sdp.diagnose(sdp.identify(two_link, run), log),
@@ -106,11 +95,7 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link):
     assert estimate.provenance["checked"] is False
     assert sdp.diagnose(estimate, dead).verdict
     gapped = {name: np.delete(x, slice(150, 200), axis=0) for name, x in dead.items()}
-    gapped["tau"] = np.delete(
-        run.tau,
-        slice(150, 200),
-        axis=0,
-    )
+    gapped["tau"] = np.delete(run.tau, slice(150, 200), axis=0)
     with pytest.warns(UserWarning, match="gap"):
         sdp.identify(two_link, gapped, "ols")
 
@@ -143,9 +128,7 @@ def test_identify_and_compare_take_one_run_in_any_form(files):
     expected = sdp.identify(problem, run, "ols", check=False)
     rmse = sdp.compare(expected, sdp.load_measurements(files[1]))[0].rmse
     for (form, given), test in zip(
-        forms(files[0]).items(),
-        forms(files[1]).values(),
-        strict=True,
+        forms(files[0]).items(), forms(files[1]).values(), strict=True
     ):
         found = sdp.identify("two_link", given, "ols", check=False)
         assert np.array_equal(found.theta, expected.theta), form
@@ -191,14 +174,7 @@ def test_predict_is_the_models_torque(estimate, two_link):
     run = small_run(two_link)
     rng = np.random.default_rng(0)
     dq, ddq = rng.normal(size=(2, *run.q.shape))
-    expected = estimate.torque(
-        Motion(
-            run.t,
-            run.q,
-            dq,
-            ddq,
-        )
-    )
+    expected = estimate.torque(Motion(run.t, run.q, dq, ddq))
     assert np.array_equal(estimate.predict(run.q, dq, ddq), expected)
     assert estimate.predict([0.1, 0.2], [0, 0], [0, 0]).shape == (1, 2)
     for arguments, words in (
@@ -216,11 +192,7 @@ def test_predict_is_the_models_torque(estimate, two_link):
 
 
 def test_errors_name_what_was_given(estimate, two_link):
-    run = {
-        "t": [0.0, 1.0],
-        "q": [[0, 0], [1, 1]],
-        "tau": [[0, 1], [1, 2]],
-    }
+    run = {"t": [0.0, 1.0], "q": [[0, 0], [1, 1]], "tau": [[0, 1], [1, 2]]}
     late = {**run, "t": [1.0, 0.0]}
     bad_calls = [
         (
@@ -269,11 +241,7 @@ def test_errors_name_what_was_given(estimate, two_link):
 
 def test_a_report_names_what_was_given():
     pytest.importorskip("plotly")
-    run = {
-        "t": [0.0, 1.0],
-        "q": [[0, 0], [1, 1]],
-        "tau": [[0, 1], [1, 2]],
-    }
+    run = {"t": [0.0, 1.0], "q": [[0, 0], [1, 1]], "tau": [[0, 1], [1, 2]]}
     assert refusal(lambda: sdp.report(4, run, "x.html")).startswith("report(models=4)")
 
 

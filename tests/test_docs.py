@@ -215,25 +215,16 @@ def test_how_to(tmp_path, monkeypatch, capsys):
     ("page", "data"),
     [
         pytest.param(
-            "tutorial.md",
-            "panda",
-            marks=[pytest.mark.long, pytest.mark.real_data],
+            "tutorial.md", "panda", marks=[pytest.mark.long, pytest.mark.real_data]
         ),
         pytest.param(
-            "coupled-wrist.md",
-            "tx40",
-            marks=[pytest.mark.slow, pytest.mark.real_data],
+            "coupled-wrist.md", "tx40", marks=[pytest.mark.slow, pytest.mark.real_data]
         ),
         pytest.param("your-robot.md", None, marks=pytest.mark.slow),
     ],
 )
 def test_all_commands_of_a_page_print_what_it_shows(
-    page,
-    data,
-    request,
-    tmp_path,
-    monkeypatch,
-    capsys,
+    page, data, request, tmp_path, monkeypatch, capsys
 ):
     """The first finding, its joint and the fall of its error among it."""
     if data is not None:
@@ -344,13 +335,7 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that the README's examples name."""
     out = tmp_path_factory.mktemp("readme")
-    problem = load_problem(
-        write_urdf(
-            out / "my_arm.urdf",
-            "my_arm",
-            SCARA[1:3],
-        )
-    )
+    problem = load_problem(write_urdf(out / "my_arm.urdf", "my_arm", SCARA[1:3]))
     for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv", "new.csv")):
         write_run(out / name, problem, seed=seed)
     return out
@@ -417,11 +402,7 @@ def test_constraints_pin_exact_versions_and_name_no_host():
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 MARK = re.compile(rf"({NUMBER})<!--([^|>]+?)::([^|>]+?)::([^|>]+?)-->")
-MARKED = [
-    ROOT / "README.md",
-    *sorted((ROOT / "results").glob("**/README.md")),
-    *PAGES,
-]
+MARKED = [ROOT / "README.md", *sorted((ROOT / "results").glob("**/README.md")), *PAGES]
 
 
 def cell(file: str, words: str, column: str) -> str:
@@ -452,11 +433,7 @@ def wrong(text: str) -> list[str]:
     its row, heading of its column. The digits that are said decide how exact."""
     out = []
     for said, file, words, column in MARK.findall(text):
-        source = cell(
-            file.strip(),
-            words.strip(),
-            column.strip(),
-        )
+        source = cell(file.strip(), words.strip(), column.strip())
         found = re.search(NUMBER, source)
         assert found, f"{file}: {source!r} is no number"
         half = 0.5 * 10.0 ** -len(said.partition(".")[2])

@@ -125,11 +125,7 @@ FAULTS = [OSError(28, "No space left on device"), KeyboardInterrupt(), None]
 @pytest.mark.parametrize("error", FAULTS, ids=repr)
 @pytest.mark.parametrize("is_nameless", [True, False], ids=["nameless", "named"])
 def test_a_fault_at_any_step_keeps_the_old_file(
-    step,
-    error,
-    is_nameless,
-    tmp_path,
-    monkeypatch,
+    step, error, is_nameless, tmp_path, monkeypatch
 ):
     """An error, an interruption, and the end of the process (None), after which nothing
     is tidied up."""
@@ -153,9 +149,7 @@ def test_a_fault_at_any_step_keeps_the_old_file(
     def write() -> None:
         with monkeypatch.context() as patch:
             patch.setattr(
-                f"sdp_vs_penalty.files.os.{step}",
-                fails,
-                raising=step != "content",
+                f"sdp_vs_penalty.files.os.{step}", fails, raising=step != "content"
             )
             with files.writing(path) as file:
                 file.write(b"new" * 100_000)

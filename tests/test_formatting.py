@@ -10,12 +10,7 @@ from sdp_vs_penalty.results import Shown, Summary, markdown_lines
 
 @pytest.mark.parametrize(
     ("before", "after", "words"),
-    [
-        (2.0, 1.0, "-50 %"),
-        (1.0, 1.02, "+2 %"),
-        (1.0, 1.004, "0 %"),
-        (0.0, 1.0, "-"),
-    ],
+    [(2.0, 1.0, "-50 %"), (1.0, 1.02, "+2 %"), (1.0, 1.004, "0 %"), (0.0, 1.0, "-")],
 )
 def test_a_change_is_in_per_cent(before, after, words):
     assert formatting.change_of(before, after) == words
@@ -23,12 +18,7 @@ def test_a_change_is_in_per_cent(before, after, words):
 
 @pytest.mark.parametrize(
     ("value", "words"),
-    [
-        (np.nan, "-"),
-        (1e6, "1e+06"),
-        (999_999.0, "999999"),
-        (-0.0123456, "-0.0123"),
-    ],
+    [(np.nan, "-"), (1e6, "1e+06"), (999_999.0, "999999"), (-0.0123456, "-0.0123")],
 )
 def test_a_number_has_three_digits(value, words):
     assert formatting.number(value) == words
@@ -39,8 +29,7 @@ def test_what_happens_once_has_a_word():
 
 
 @pytest.mark.parametrize(
-    ("unit", "words"),
-    [("-", ""), ("kg*m^2", "kg m²"), ("N*m", "N m"), ("m^3", "m³")],
+    ("unit", "words"), [("-", ""), ("kg*m^2", "kg m²"), ("N*m", "N m"), ("m^3", "m³")]
 )
 def test_a_unit_is_written_as_people_write_it(unit, words):
     assert formatting.plain_unit(unit) == words
@@ -63,10 +52,7 @@ def test_a_count_has_its_plural(count, words):
 
 def test_errors_stand_beside_each_other_with_the_noise():
     table = error_table(
-        ["a", "b"],
-        [[1.0, 2.0], [0.5, 2.0]],
-        [0.1, 0.2],
-        ["rad", "N*m"],
+        ["a", "b"], [[1.0, 2.0], [0.5, 2.0]], [0.1, 0.2], ["rad", "N*m"]
     )
     assert table.headings == [
         "joint",
@@ -83,13 +69,7 @@ def test_errors_stand_beside_each_other_with_the_noise():
 
 
 def test_errors_of_one_model_have_its_r2():
-    table = error_table(
-        ["a"],
-        [[1.0]],
-        None,
-        ["N"],
-        [0.98765],
-    )
+    table = error_table(["a"], [[1.0]], None, ["N"], [0.98765])
     assert table.headings == ["joint", "a", "R2", "noise floor", "error / noise"]
     assert table.rows == [["1 [N]", "1", "0.9877", "-", "-"]]
 

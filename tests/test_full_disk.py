@@ -32,13 +32,7 @@ def disk(tmp_path) -> Path:
 
 @pytest.fixture(scope="module")
 def table():
-    rows = [
-        {
-            "name": f"row {k}",
-            "value": k / 7.0,
-        }
-        for k in range(150)
-    ]
+    rows = [{"name": f"row {k}", "value": k / 7.0} for k in range(150)]
     return Table("A table", rows, name="III", caption="Simulated.")
 
 
@@ -78,11 +72,7 @@ MORE_ROOMS = [
 
 @pytest.mark.parametrize("room", [64, *MORE_ROOMS])
 def test_a_page_on_a_full_disk_keeps_its_session(
-    room,
-    two_link,
-    disk,
-    tmp_path,
-    monkeypatch,
+    room, two_link, disk, tmp_path, monkeypatch
 ):
     files = saved(tmp_path, [small_run(two_link)], "a.csv")
     with small_disk(disk, room):

@@ -144,20 +144,9 @@ def sound_files(folder: Path) -> list[Path]:
     for name, text in ANSWERS.items():
         (folder / name).write_text(text)
     parts = [p for name in FOLDERS for p in (folder / name).glob("*.*")]
-    alone = [
-        *folder.glob("sound.*"),
-        *folder.glob("*.json"),
-        folder / "box.npz",
-    ]
+    alone = [*folder.glob("sound.*"), *folder.glob("*.json"), folder / "box.npz"]
     answers = [folder / name for name in ANSWERS]
-    return sorted(
-        [
-            *alone,
-            *answers,
-            *parts,
-            *CORPUS.iterdir(),
-        ]
-    )
+    return sorted([*alone, *answers, *parts, *CORPUS.iterdir()])
 
 
 def sources_by_format(sources: list[Path]) -> list[list[Path]]:
@@ -191,15 +180,7 @@ def read(path: Path, source: Path) -> Any:
         estimate = sdp.load_estimate(path)
         rest = np.zeros((3, estimate.robot.n))
         json.dumps(estimate.to_dict())
-        return estimate.torque(
-            Motion(
-                np.arange(3.0),
-                rest,
-                rest,
-                rest,
-                rest,
-            )
-        )
+        return estimate.torque(Motion(np.arange(3.0), rest, rest, rest, rest))
     if path.suffix in sound_meshes():
         return read_mesh(path, np.ones(3))
     if path.suffix == ".urdf":
@@ -207,11 +188,7 @@ def read(path: Path, source: Path) -> Any:
     return sdp.load_measurements(path)
 
 
-def outcome(
-    case: str,
-    act: Callable[[], object],
-    size: float = np.inf,
-) -> str:
+def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
     """What becomes of a case: a result or a sentence, no warning of NumPy, within
     seconds and memory."""
     begin = time.process_time()
@@ -234,11 +211,7 @@ def outcome(
     return found
 
 
-def read_mutated(
-    seed: int,
-    sources: list[list[Path]],
-    folder: Path,
-) -> str:
+def read_mutated(seed: int, sources: list[list[Path]], folder: Path) -> str:
     """Read one of the files, changed in one to six places; the kind of outcome.
 
     Half of the files are changed by the parts of their format alone, a quarter by bytes
@@ -257,9 +230,7 @@ def read_mutated(
     path.write_bytes(content)
     try:
         found = outcome(
-            f"seed {seed} ({source.name})",
-            lambda: read(path, source),
-            len(content),
+            f"seed {seed} ({source.name})", lambda: read(path, source), len(content)
         )
     except AssertionError:
         FAILED.mkdir(exist_ok=True)
@@ -348,9 +319,7 @@ def test_what_the_reader_takes_the_check_can_judge(path, two_link):
         size,
     )
     outcome(
-        f"{path.name} checked",
-        lambda: reports.extend(sdp.check(two_link, path)),
-        size,
+        f"{path.name} checked", lambda: reports.extend(sdp.check(two_link, path)), size
     )
     if not reports:
         assert not runs or not np.any(np.abs(runs[0].tau) > 1e-12)

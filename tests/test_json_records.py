@@ -73,13 +73,7 @@ def test_none_is_infinity_where_a_number_may_be_infinite():
 
 
 def test_infinity_is_none_in_json():
-    record = Outer(
-        "n",
-        (1, "x"),
-        (),
-        np.ones(1),
-        {},
-    )
+    record = Outer("n", (1, "x"), (), np.ones(1), {})
     assert record.to_dict()["far"] is None
 
 

@@ -91,15 +91,7 @@ def challenge_findings(folder: Path) -> Results:
 
 
 def challenge() -> None:
-    cases = [
-        Case(
-            "clean",
-            "encoder",
-            1000,
-            k,
-        )
-        for k in range(2)
-    ]
+    cases = [Case("clean", "encoder", 1000, k) for k in range(2)]
     run_challenge(cases, 1000, Path("out"), jobs=2)
 
 
@@ -282,11 +274,7 @@ def test_a_cluster_of_which_one_process_is_killed(victim, inputs, tmp_path):
                 os.kill(target[victim], signal.SIGKILL)
                 code = killing.wait_for(process, 60.0)
                 assert written_bytes(tmp_path).items() <= right.items()
-                allowed = {
-                    "command": (0, -9),
-                    "worker": (0,),
-                    "scheduler": (0, 2),
-                }
+                allowed = {"command": (0, -9), "worker": (0,), "scheduler": (0, 2)}
                 printed = (tmp_path / "printed").read_text()
                 assert code in allowed[victim], printed
                 assert printed.count("sdp-vs-penalty:") <= 1

@@ -37,9 +37,7 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tm
     settings = two_link.preprocessing.resolve(runs)
     here = compress(FilteredRuns.of(runs, settings), two_link.model())
     there = compress(
-        FilteredRuns.of(runs, settings),
-        two_link.model(),
-        workers=Workers(2),
+        FilteredRuns.of(runs, settings), two_link.model(), workers=Workers(2)
     )
     for a, b in zip(here.factors, there.factors, strict=True):
         np.testing.assert_array_equal(a.triangle, b.triangle)
@@ -58,19 +56,9 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tm
 @pytest.mark.long
 def test_folds_are_the_same_by_processes(two_link, runs):
     said: list[str] = []
-    alone = cross_validate(
-        two_link,
-        runs,
-        folds=3,
-        workers=ALONE,
-        progress=said.append,
-    )
+    alone = cross_validate(two_link, runs, folds=3, workers=ALONE, progress=said.append)
     several = cross_validate(
-        two_link,
-        runs,
-        folds=3,
-        workers=Workers(2),
-        progress=said.append,
+        two_link, runs, folds=3, workers=Workers(2), progress=said.append
     )
     assert said == 2 * ["1 of 3 done", "2 of 3 done", "3 of 3 done"]
     assert len(alone.folds) == 3
@@ -85,22 +73,14 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(two_link, runs):
     alone = identify(two_link, runs, workers=ALONE)
     quiet = {"silence_logs": 50, "dashboard_address": None}
     with distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        **quiet,
+        n_workers=2, threads_per_worker=1, **quiet
     ) as cluster:
         first = next(iter(cluster.workers.values())).pid
-        killer = threading.Timer(
-            0.5,
-            os.kill,
-            (first, signal.SIGKILL),
-        )
+        killer = threading.Timer(0.5, os.kill, (first, signal.SIGKILL))
         killer.start()
         started = time.monotonic()
         found = identify(
-            two_link,
-            runs,
-            workers=Workers(scheduler=cluster.scheduler_address),
+            two_link, runs, workers=Workers(scheduler=cluster.scheduler_address)
         )
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
@@ -112,11 +92,7 @@ def test_a_scheduler_that_ends_is_a_sentence():
     distributed = pytest.importorskip("distributed")
     quiet = {"silence_logs": 50, "dashboard_address": None}
     with distributed.LocalCluster(n_workers=1, processes=False, **quiet) as cluster:
-        results = spread(
-            time.sleep,
-            [0.0, 3.0, 3.0],
-            cluster.scheduler_address,
-        )
+        results = spread(time.sleep, [0.0, 3.0, 3.0], cluster.scheduler_address)
         next(results)
         threading.Timer(0.2, cluster.sync, (cluster.scheduler.close,)).start()
         with pytest.raises(

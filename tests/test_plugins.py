@@ -22,10 +22,7 @@ def test_registered_names_are_sorted():
 
 
 def test_a_name_of_two_modules_is_refused():
-    entries = [
-        ("a", home_of("a")),
-        ("a", home_of("b")),
-    ]
+    entries = [("a", home_of("a")), ("a", home_of("b"))]
     words = "home of a and home of b have the same name, 'a'"
     refusal(lambda: plugins.by_word(entries), words)
 

@@ -88,11 +88,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         folder = tmp_path / package.__name__.rpartition(".")[2]
         folder.mkdir()
         (folder / f"{name}.py").write_text(content)
-        monkeypatch.setattr(
-            package,
-            "__path__",
-            [*package.__path__, str(folder)],
-        )
+        monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
     monkeypatch.setitem(MAKERS, NAME, hardening)
     for cached in known:
         cached.cache_clear()
@@ -159,11 +155,7 @@ class HardeningSpring(JointEffect):
 '''
 
 
-def hardening(
-    w: World,
-    j: int,
-    rng: np.random.Generator,
-) -> Hidden:
+def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
     q_0 = log_uniform(rng, 0.4, 0.6)
     side = float(rng.choice([-1.0, 1.0]))
 

@@ -81,8 +81,7 @@ def test_a_template_computes_nothing(path):
 
 
 @pytest.mark.parametrize(
-    "code",
-    ["x = a * b", "x = a / 2", "x = k + 1", "x = sum(y)", "import numpy as np"],
+    "code", ["x = a * b", "x = a / 2", "x = k + 1", "x = sum(y)", "import numpy as np"]
 )
 def test_arithmetic_is_seen(code, tmp_path):
     """The rule itself: what it must not let pass."""

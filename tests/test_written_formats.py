@@ -40,19 +40,11 @@ def named(model: sdp.Estimate, name: str) -> sdp.Estimate:
     robot = replace(model.robot, name=name, joints=joints)
     problem = replace(model.problem, robot=robot)
     return replace(
-        model,
-        problem=problem,
-        model=replace(model.model, robot=robot),
-        method=name,
+        model, problem=problem, model=replace(model.model, robot=robot), method=name
     )
 
 
-def exported(
-    model: sdp.Estimate,
-    ending: str,
-    folder,
-    n_names: int,
-) -> Iterator[tuple]:
+def exported(model: sdp.Estimate, ending: str, folder, n_names: int) -> Iterator[tuple]:
     """Names, and the files that hold them."""
     for name in NAMES[:n_names]:
         path = folder / f"out{ending}"
@@ -97,9 +89,7 @@ def test_c_compiles_with_each_name(model, tmp_path):
     for _, path in exported(model, ".h", tmp_path, 8):
         options = ["-std=c99", "-Wall", "-Werror", "-fsyntax-only", "-x", "c"]
         done = subprocess.run(
-            [compiler, *options, path],
-            capture_output=True,
-            text=True,
+            [compiler, *options, path], capture_output=True, text=True
         )
         assert done.returncode == 0, done.stderr
 
@@ -137,20 +127,8 @@ def test_latex_holds_each_name():
 
 def test_a_latex_table_holds_each_name_in_its_cell():
     latexwalker = pytest.importorskip("pylatexenc.latexwalker")
-    rows = [
-        {
-            "name": name,
-            NAMES[k - 1]: "1 ",
-        }
-        for k, name in enumerate(NAMES[:20])
-    ]
-    table = Table(
-        NAMES[0],
-        rows,
-        notes=NAMES[:3],
-        caption=NAMES[1],
-        name="III",
-    )
+    rows = [{"name": name, NAMES[k - 1]: "1 "} for k, name in enumerate(NAMES[:20])]
+    table = Table(NAMES[0], rows, notes=NAMES[:3], caption=NAMES[1], name="III")
     text = table.latex()
     walker = latexwalker.LatexWalker(text, tolerant_parsing=False)
     walker.get_latex_nodes()

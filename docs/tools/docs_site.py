@@ -26,9 +26,7 @@ def on_files(files: Any, config: Any) -> Any:
         # What a result refers to is not there: its links become their text.
         files.append(
             File.generated(
-                config,
-                name,
-                content=re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text),
+                config, name, content=re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
             )
         )
     files.append(File.generated(config, "options.md", content=options_page()))

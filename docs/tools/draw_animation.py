@@ -66,12 +66,7 @@ class Story:
         added = [e for e in models["better"].model.effects if e.name not in known]
         (effect,) = added
         (joint,) = effect.joints
-        return cls(
-            before,
-            after,
-            joint,
-            effect_name(effect.name),
-        )
+        return cls(before, after, joint, effect_name(effect.name))
 
     def errors(self, share: float) -> np.ndarray:
         """(n,) error over noise on the way from before (0) to after (1), on a log
@@ -88,14 +83,7 @@ def draw(story: Story) -> list[Image.Image]:
 
     mpl.use("Agg")
     arm = positions_of(story)
-    return [
-        draw_frame(
-            story,
-            arm,
-            k,
-        )
-        for k in range(2 * PASS)
-    ]
+    return [draw_frame(story, arm, k) for k in range(2 * PASS)]
 
 
 def positions_of(story: Story) -> np.ndarray:
@@ -103,59 +91,25 @@ def positions_of(story: Story) -> np.ndarray:
     signals = story.before.signals
     robot = story.before.estimate.model.robot
     t = np.linspace(*SHOWN, PASS) + signals.t[0]
-    q = np.column_stack(
-        [
-            np.interp(
-                t,
-                signals.t,
-                column,
-            )
-            for column in signals.q.T
-        ]
-    )
+    q = np.column_stack([np.interp(t, signals.t, column) for column in signals.q.T])
     (state,) = robot.tree_state(q)
     origins = robot.poses(state)[:, :, :3, 3]
     base = np.zeros((PASS, 1, 3))
     return np.concatenate([base, origins], axis=1)
 
 
-def draw_frame(
-    story: Story,
-    arm: np.ndarray,
-    k: int,
-) -> Image.Image:
+def draw_frame(story: Story, arm: np.ndarray, k: int) -> Image.Image:
     """One frame: the arm, the joint's error over time, each joint's error over noise."""
     import matplotlib.pyplot as plt
 
-    share = float(
-        np.clip(
-            (k - PASS) / SHRINKS,
-            0.0,
-            1.0,
-        )
-    )
+    share = float(np.clip((k - PASS) / SHRINKS, 0.0, 1.0))
     figure = plt.figure(figsize=SIZE, dpi=RESOLUTION)
     place = figure.add_axes((-0.03, 0.0, 0.32, 0.86), projection="3d")
     draw_arm(place, arm[k % PASS], story.joint)
-    draw_error(
-        figure.add_axes((0.345, 0.17, 0.28, 0.58)),
-        story,
-        k,
-    )
-    draw_bars(
-        figure.add_axes((0.71, 0.17, 0.27, 0.58)),
-        story,
-        share,
-    )
+    draw_error(figure.add_axes((0.345, 0.17, 0.28, 0.58)), story, k)
+    draw_bars(figure.add_axes((0.71, 0.17, 0.27, 0.58)), story, share)
     verb, sentence = text_of(story, k)
-    figure.text(
-        0.02,
-        0.91,
-        verb,
-        fontsize=14,
-        weight="bold",
-        color="#202020",
-    )
+    figure.text(0.02, 0.91, verb, fontsize=14, weight="bold", color="#202020")
     figure.text(0.14, 0.91, sentence, fontsize=14, color="#202020")
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=RESOLUTION)
@@ -175,47 +129,15 @@ def text_of(story: Story, k: int) -> tuple[str, str]:
     return "add", f"joint {joint} now errs {error}, on motion never seen"
 
 
-def draw_arm(
-    axes: Any,
-    points: np.ndarray,
-    joint: int,
-) -> None:
+def draw_arm(axes: Any, points: np.ndarray, joint: int) -> None:
     """The arm as a line from joint to joint; the joint in trouble has a colour."""
     x, y, z = points.T
     place = joint + 1
-    axes.plot(
-        x,
-        y,
-        z,
-        color=ARM,
-        lw=5,
-        solid_capstyle="round",
-    )
-    axes.scatter(
-        x[1:place],
-        y[1:place],
-        z[1:place],
-        color=ARM,
-        s=36,
-        depthshade=False,
-    )
-    axes.scatter(
-        *points[place],
-        color=TROUBLE,
-        s=110,
-        depthshade=False,
-    )
-    axes.text(
-        *(points[place] + LABEL),
-        f"joint {place}",
-        color=TROUBLE,
-        fontsize=10,
-    )
-    axes.set(
-        xlim=(-0.8, 0.8),
-        ylim=(-0.8, 0.8),
-        zlim=(0.0, 1.1),
-    )
+    axes.plot(x, y, z, color=ARM, lw=5, solid_capstyle="round")
+    axes.scatter(x[1:place], y[1:place], z[1:place], color=ARM, s=36, depthshade=False)
+    axes.scatter(*points[place], color=TROUBLE, s=110, depthshade=False)
+    axes.text(*(points[place] + LABEL), f"joint {place}", color=TROUBLE, fontsize=10)
+    axes.set(xlim=(-0.8, 0.8), ylim=(-0.8, 0.8), zlim=(0.0, 1.1))
     axes.view_init(elev=16, azim=-50)
     axes.set_axis_off()
     axes.set_box_aspect((1.0, 1.0, 0.69), zoom=1.5)
@@ -232,24 +154,10 @@ def draw_error(axes: Any, story: Story, k: int) -> None:
     blue = begun & (t < now) & (k >= PASS)
     before = story.before.signals.residual[:, j]
     after = story.after.signals.residual[:, j]
-    axes.plot(
-        t[grey],
-        before[grey],
-        color=BEFORE,
-        lw=1.2,
-    )
-    axes.plot(
-        t[blue],
-        after[blue],
-        color=AFTER,
-        lw=1.4,
-    )
+    axes.plot(t[grey], before[grey], color=BEFORE, lw=1.2)
+    axes.plot(t[blue], after[blue], color=AFTER, lw=1.4)
     limit = 1.15 * np.abs(before[begun & (t < SHOWN[1])]).max()
-    axes.set(
-        xlim=SHOWN,
-        ylim=(-limit, limit),
-        xlabel="time [s]",
-    )
+    axes.set(xlim=SHOWN, ylim=(-limit, limit), xlabel="time [s]")
     axes.set_title(f"Error of joint {j + 1} [N m]", fontsize=10, loc="left")
     tidy(axes)
 
@@ -261,11 +169,7 @@ def draw_bars(axes: Any, story: Story, share: float) -> None:
     colours = [BEFORE if share == 0.0 else AFTER] * len(errors)
     axes.bar(joints, errors, color=colours, width=0.7)
     axes.axhline(1.0, color="#202020", lw=1.0, ls=":")
-    axes.set(
-        yscale="log",
-        ylim=(0.5, 30.0),
-        xlabel="joint",
-    )
+    axes.set(yscale="log", ylim=(0.5, 30.0), xlabel="joint")
     axes.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
     axes.set_xticks(joints)
     axes.minorticks_off()

@@ -71,12 +71,7 @@ class Attack:
 Kind = Callable[[Path, Rng], Attack]
 
 
-def start(
-    attack: Attack,
-    words: Sequence[str],
-    folder: Path,
-    printed: Path,
-) -> int:
+def start(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
     """Start the command in a process of its own; its number."""
     code = 130
     child = os.fork()
@@ -88,12 +83,7 @@ def start(
         os._exit(code)
 
 
-def run_here(
-    attack: Attack,
-    words: Sequence[str],
-    folder: Path,
-    printed: Path,
-) -> int:
+def run_here(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
     """The exit code of the command, run in this process, which is to end then."""
     from sdp_vs_penalty.cli.main import main as command_line
 
@@ -137,14 +127,7 @@ def outcome(attack: Attack, folder: Path) -> tuple[str, bytes]:
     known = killing.descendants()
     processes = [start(attack, attack.words, folder, sheets[0])]
     if attack.rival:
-        processes.append(
-            start(
-                attack,
-                attack.rival,
-                folder,
-                sheets[1],
-            )
-        )
+        processes.append(start(attack, attack.rival, folder, sheets[1]))
     if attack.kill is not None:
         seconds, number = attack.kill
         time.sleep(seconds)
@@ -212,21 +195,14 @@ def pasted(command: str, folder: Path) -> str:
     """What is wrong with a printed command when a shell reads it, if anything."""
     if command.startswith("sdp-vs-penalty "):
         script = f"sdp-vs-penalty() {{ :; }}; {command}"
-        done = subprocess.run(
-            ["bash", "-c", script],
-            cwd=folder,
-            capture_output=True,
-        )
+        done = subprocess.run(["bash", "-c", script], cwd=folder, capture_output=True)
         if done.returncode or done.stderr:
             return f"unquoted {shlex.quote(command)}"
     return "ran PWNED" if (folder / "PWNED").exists() else ""
 
 
 def attack_all(
-    kinds: Mapping[str, Kind],
-    number: int,
-    seed: int,
-    out: Path | None = None,
+    kinds: Mapping[str, Kind], number: int, seed: int, out: Path | None = None
 ) -> int:
     """Attack ``number`` times, kind after kind, and return how many attacks failed.
 

@@ -38,10 +38,7 @@ def damaged(content: bytes, rng: Rng) -> bytes:
         for k in rng.integers(len(changed), size=int(rng.integers(1, 5))).tolist():
             changed[k] = int(rng.integers(256))
         return bytes(changed)
-    parts = {
-        1: content[:begin],
-        2: content[:end] + content[begin:],
-    }
+    parts = {1: content[:begin], 2: content[:end] + content[begin:]}
     return parts.get(way, content[:begin] + content[end:])
 
 
@@ -159,11 +156,7 @@ def problem(folder: Path, rng: Rng) -> Attack:
 
 def locale(folder: Path, rng: Rng) -> Attack:
     """A name of any kind in a terminal of ASCII."""
-    (name,) = hostile_names(
-        1,
-        of_files=True,
-        seed=int(rng.integers(10**6)),
-    )
+    (name,) = hostile_names(1, of_files=True, seed=int(rng.integers(10**6)))
     suffix = pick((".csv", ".npz", ".mat", ".parquet"), rng)
     (folder / f"run{suffix}").rename(folder / f"{name}{suffix}")
     words = ["check", "two_link", "--data", f"{name}{suffix}", "--json", "out.json"]

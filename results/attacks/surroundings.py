@@ -45,11 +45,7 @@ def killed(folder: Path, rng: Rng) -> Attack:
     """A command that gets a signal at some time, and is run again."""
     number = pick((signal.SIGKILL, signal.SIGTERM, signal.SIGINT), rng)
     kill = float(rng.uniform(0.0, 1.5)), number
-    return Attack(
-        pick(WRITERS, rng).split(),
-        kill=kill,
-        again=True,
-    )
+    return Attack(pick(WRITERS, rng).split(), kill=kill, again=True)
 
 
 def two_processes_killed(folder: Path, rng: Rng) -> Attack:
@@ -57,11 +53,7 @@ def two_processes_killed(folder: Path, rng: Rng) -> Attack:
     verbs = [words for words in WRITERS if "--jobs" in words]
     number = pick((signal.SIGKILL, signal.SIGTERM, signal.SIGINT), rng)
     kill = float(rng.uniform(0.0, 1.5)), number
-    return Attack(
-        pick(verbs, rng).split(),
-        kill=kill,
-        again=True,
-    )
+    return Attack(pick(verbs, rng).split(), kill=kill, again=True)
 
 
 def two_writers(folder: Path, rng: Rng) -> Attack:
@@ -108,14 +100,7 @@ def odd_output(folder: Path, rng: Rng) -> Attack:
         "../attack/out",
     ]
     place = pick(names, rng)
-    words = [
-        word.replace(
-            "out",
-            place,
-            1,
-        )
-        for word in pick(WRITERS, rng).split()
-    ]
+    words = [word.replace("out", place, 1) for word in pick(WRITERS, rng).split()]
     return Attack([word if "--" not in word else word[:20] for word in words])
 
 
@@ -137,19 +122,7 @@ def odd_option(folder: Path, rng: Rng) -> Attack:
     }
     verb = pick(list(verbs), rng)
     option = pick(verbs[verb].split(), rng)
-    values = [
-        *ODD,
-        "",
-        ",",
-        ":",
-        "=",
-        "a=b",
-        "1:0",
-        "0:1e9",
-        "-1,-1,-1",
-        "0,0,0",
-        "\0",
-    ]
+    values = [*ODD, "", ",", ":", "=", "a=b", "1:0", "0:1e9", "-1,-1,-1", "0,0,0", "\0"]
     value = odd_name(rng) if rng.random() < 0.3 else pick(values, rng)
     if option == "--jobs" and value.isdigit():
         value = "0"  # a thousand processes are what was asked for
@@ -174,11 +147,7 @@ def odd_stream(folder: Path, rng: Rng) -> Attack:
         os.close(0)
 
     def odd_terminal() -> None:
-        os.environ.update(
-            TERM=odd_name(rng).replace("\0", ""),
-            COLUMNS="0",
-            LINES="-1",
-        )
+        os.environ.update(TERM=odd_name(rng).replace("\0", ""), COLUMNS="0", LINES="-1")
 
     verbs = [
         "check two_link --data run.csv",
@@ -385,11 +354,7 @@ def names_in_a_model(folder: Path, rng: Rng) -> Attack:
 
 def tables_of_a_name(folder: Path, rng: Rng) -> Attack:
     """LaTeX and Markdown of a problem with a hostile title in a folder of such a name."""
-    (name,) = hostile_names(
-        1,
-        of_files=True,
-        seed=int(rng.integers(10**6)),
-    )
+    (name,) = hostile_names(1, of_files=True, seed=int(rng.integers(10**6)))
     home = folder / name
     home.mkdir()
     content = (folder / "problem.toml").read_text()

@@ -11,13 +11,7 @@ import numpy as np
 from picks.pick_runs import simulated_update_times
 
 from benchmarks.recording import write_recording
-from benchmarks.timing import (
-    BARE,
-    PROGRAM,
-    Figure,
-    in_turn,
-    run_process,
-)
+from benchmarks.timing import BARE, PROGRAM, Figure, in_turn, run_process
 from sdp_vs_penalty import identify, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements

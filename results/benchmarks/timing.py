@@ -74,11 +74,7 @@ class Figure:
 
     @classmethod
     def of_pairs(
-        cls,
-        what: str,
-        pairs: NDArray[np.float64],
-        unit: str,
-        note: str,
+        cls, what: str, pairs: NDArray[np.float64], unit: str, note: str
     ) -> Self:
         """Summarise pairs (repeats, 2) of this program's and the other way's figures."""
         ratios = pairs[:, 1] / pairs[:, 0]
@@ -89,12 +85,7 @@ class Figure:
 
     @classmethod
     def single(
-        cls,
-        what: str,
-        ours: float,
-        unit: str,
-        note: str,
-        other: float | None = None,
+        cls, what: str, ours: float, unit: str, note: str, other: float | None = None
     ) -> Self:
         """Keep a figure that was measured once."""
         return cls(what, ours, other, unit, None, None, note)

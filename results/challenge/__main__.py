@@ -23,10 +23,7 @@ from sdp_vs_penalty.diagnosis.rules import Rules
 def main() -> None:
     parser = argparse.ArgumentParser(prog="results/challenge", description=__doc__)
     parser.add_argument(
-        "--cases",
-        type=int,
-        default=20,
-        help="of each class; clean: of each nuisance",
+        "--cases", type=int, default=20, help="of each class; clean: of each nuisance"
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
@@ -62,12 +59,7 @@ def main() -> None:
     if options.targets:
         print(*run_targets(options.targets, options.seed, options.out), sep="\n")
         return
-    cases = wanted(
-        options.cases,
-        options.seed,
-        options.classes,
-        options.nuisance,
-    )
+    cases = wanted(options.cases, options.seed, options.classes, options.nuisance)
     if options.without:
         written = run_ablation(cases, options.without, options.out, options.jobs)
     else:

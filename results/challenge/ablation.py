@@ -150,10 +150,7 @@ def read_store(store: Path) -> dict[str, Arms]:
 
 
 def run_ablation(
-    todo: Sequence[Case],
-    rules: Sequence[str],
-    out: Path,
-    jobs: int,
+    todo: Sequence[Case], rules: Sequence[str], out: Path, jobs: int
 ) -> list[Path]:
     """Run what is missing; write rules.jsonl with all records, and from all of it
     rules.md and rules.csv."""

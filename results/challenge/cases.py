@@ -43,10 +43,7 @@ from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 #: What every model in question has, unless that is what is hidden.
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 #: What can be hidden from a model that is refitted.
-EFFECTS: Mapping[str, makers.Maker] = {
-    **makers.FRICTION,
-    **makers.MACHINE,
-}
+EFFECTS: Mapping[str, makers.Maker] = {**makers.FRICTION, **makers.MACHINE}
 #: What rubs as the world's own friction does, by its name where that turns round over a
 #: travel.
 SLOW = {"load_dependent_friction": "load_dependent_hysteresis"}
@@ -87,23 +84,14 @@ class CaseClass:
             else drawn
         )
 
-    def names(
-        self,
-        case: Case,
-        rng: np.random.Generator,
-    ) -> list[str]:
+    def names(self, case: Case, rng: np.random.Generator) -> list[str]:
         """Effects of the library to hide: a single one in turn, in an order of the
         seed's, so that each is met equally often; of several none that the model
         usually has."""
         if self.what != "effects":
             return []
         if self.count == 1:
-            turns = np.random.default_rng(
-                [
-                    case.seed,
-                    zlib.crc32(case.kind.encode()),
-                ]
-            )
+            turns = np.random.default_rng([case.seed, zlib.crc32(case.kind.encode())])
             return [str(turns.permutation([*EFFECTS])[case.index % len(EFFECTS)])]
         others = [name for name in EFFECTS if name not in USUAL]
         return [str(x) for x in rng.choice(others, self.count, replace=False)]
@@ -127,14 +115,7 @@ class CaseClass:
         ]
         slow = {} if world.dry.jumps else SLOW
         called = [replace(one, effect=one.effect or slow.get(x, x)) for x, one in made]
-        return [
-            one.sized(
-                world,
-                coarse,
-                LEVELS[self.level],
-            )
-            for one in called
-        ]
+        return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
 
 
 CLASSES: Mapping[str, CaseClass] = {
@@ -179,37 +160,16 @@ class BuiltCase:
 
 def build_case(case: Case) -> BuiltCase:
     """A case's world and logs, in a random stream of its own."""
-    rng = np.random.default_rng(
-        [
-            case.seed,
-            case.index,
-            zlib.crc32(case.key.encode()),
-        ]
-    )
+    rng = np.random.default_rng([case.seed, case.index, zlib.crc32(case.key.encode())])
     kind = CLASSES[case.kind]
     conditions = kind.conditions(draw_conditions(case.nuisance, rng))
     names = kind.names(case, rng)
     if "warming_friction" in names:
         conditions = replace(conditions, thermometer=True)
     world = draw_world(conditions, rng, without=names)
-    motions = [
-        draw_motion(
-            world,
-            k,
-            rng,
-        )
-        for k in range(conditions.runs + 1)
-    ]
+    motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
     hidden = kind.hidden(names, world, motions[:-1], rng)
-    logged = [
-        log_run(
-            world,
-            m,
-            rng,
-            torques(world, m, hidden),
-        )
-        for m in motions
-    ]
+    logged = [log_run(world, m, rng, torques(world, m, hidden)) for m in motions]
     return BuiltCase(names, conditions, world, motions, hidden, logged, rng)
 
 
@@ -220,14 +180,7 @@ def identify_case(case: Case, built: BuiltCase) -> Estimate:
     if CLASSES[case.kind].frozen:
         world = built.world
         n_runs = built.conditions.runs
-        others = [
-            draw_motion(
-                world,
-                k,
-                built.rng,
-            )
-            for k in range(n_runs)
-        ]
+        others = [draw_motion(world, k, built.rng) for k in range(n_runs)]
         learnt = [log_run(world, m, built.rng) for m in others]
     effects = [name for name in USUAL if name not in built.names]
     problem = load_problem(urdf_of(built.conditions.arm))
@@ -245,14 +198,7 @@ def truth_of(case: Case, built: BuiltCase) -> Record:
         "nuisance": case.nuisance,
         "conditions": asdict(built.conditions) | {"dry": world.dry.to_dict()},
         "truth": [h.to_dict() for h in built.hidden],
-        "deviation": [
-            deviation(
-                h,
-                world,
-                built.motions[0],
-            )
-            for h in built.hidden
-        ],
+        "deviation": [deviation(h, world, built.motions[0]) for h in built.hidden],
         "fair": sorted(allowed),
         "abstains": abstains,
         **{
@@ -263,9 +209,7 @@ def truth_of(case: Case, built: BuiltCase) -> Record:
 
 
 def all_hidden_energies(
-    kind: CaseClass,
-    estimate: Estimate,
-    built: BuiltCase,
+    kind: CaseClass, estimate: Estimate, built: BuiltCase
 ) -> list[float]:
     """How visible each hidden effect is; none where nothing is hidden."""
     if not built.hidden:
@@ -357,12 +301,7 @@ def kept_records(store: Path) -> dict[str, Record]:
     return dict(kept["cases"]) if kept.get("version") == VERSION else {}
 
 
-def run_challenge(
-    todo: Sequence[Case],
-    seed: int,
-    out: Path,
-    jobs: int,
-) -> list[Path]:
+def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list[Path]:
     """Run what is missing; write challenge.json, and from all of its cases of this seed
     challenge.md."""
     store = out / "challenge.json"
@@ -386,10 +325,7 @@ def run_challenge(
 
 
 def wanted(
-    cases: int,
-    seed: int,
-    kinds: Sequence[str],
-    conditions: Sequence[str],
+    cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str]
 ) -> list[Case]:
     """Cases, class by class; what hides an effect meets the nuisances at random."""
     out = []

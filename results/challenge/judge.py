@@ -195,25 +195,14 @@ def _shares(records: Sequence[Record]) -> list[str]:
     for names, what, test in MEASURES:
         for name in names:
             if mine := [r for r in records if r["class"] == name and counted(r)]:
-                rows.append(
-                    [
-                        name,
-                        what,
-                        *share(sum(map(test, mine)), len(mine)),
-                    ]
-                )
+                rows.append([name, what, *share(sum(map(test, mine)), len(mine))])
     return markdown_lines(("class", "counted", "cases", "share", "interval"), rows)
 
 
 def report_text(records: Mapping[str, Record], seed: int) -> str:
     """The committed report."""
     every = list(records.values())
-    parts = [
-        _clean(every),
-        _numbers(every),
-        _by_effect(every),
-        _false_claims(records),
-    ]
+    parts = [_clean(every), _numbers(every), _by_effect(every), _false_claims(records)]
     return "\n".join(
         [
             "# Challenge: does diagnose name what is hidden, and nothing else?",
@@ -251,14 +240,7 @@ def _clean(records: Sequence[Record]) -> list[str]:
             count = Counter(map(outcome, group))
             rest = [str(count[kind]) for kind in OUTCOMES[1:]]
             cpu = f"{np.mean([r.get('seconds', 0.0) for r in group]):.1f}"
-            rows.append(
-                [
-                    name,
-                    *share(count["false"], len(group)),
-                    *rest,
-                    cpu,
-                ]
-            )
+            rows.append([name, *share(count["false"], len(group)), *rest, cpu])
     headings = [
         "nuisance",
         "cases",

@@ -13,13 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from challenge.cases import (
-    BuiltCase,
-    Case,
-    build_case,
-    identify_case,
-    kept_records,
-)
+from challenge.cases import BuiltCase, Case, build_case, identify_case, kept_records
 from challenge.judge import SINGLE, Record, counted, first_right, in_set
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.constants import (

@@ -44,9 +44,7 @@ def contradicted(seed: int) -> Target:
 
 
 #: By the rule that such worlds judge: the worlds.
-TARGETS: Mapping[str, Callable[[int], Target]] = {
-    "second_veto": contradicted,
-}
+TARGETS: Mapping[str, Callable[[int], Target]] = {"second_veto": contradicted}
 
 
 def run_target(rule: str, seed: int) -> dict[str, Any]:

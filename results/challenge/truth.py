@@ -32,29 +32,13 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
 
 
-def energies(
-    logged: Sequence[Logged],
-    estimate: Estimate,
-    frozen: bool,
-) -> list[float]:
+def energies(logged: Sequence[Logged], estimate: Estimate, frozen: bool) -> list[float]:
     """Energy of each hidden effect's torque, white, the model's columns partialled out."""
-    every = (
-        _white(
-            logged,
-            estimate,
-            frozen,
-            k,
-        )
-        for k in range(len(logged[0].shares))
-    )
+    every = (_white(logged, estimate, frozen, k) for k in range(len(logged[0].shares)))
     return [float(np.sum(left**2)) for *_, left in every]
 
 
-def beyond_one_name(
-    logged: Sequence[Logged],
-    estimate: Estimate,
-    joint: int,
-) -> float:
+def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) -> float:
     """Energy of the first hidden torque beside the model and that effect of the library
     on its joint (from 0), as a search begins with it, which makes most of it: what
     shows that it has no name."""
@@ -74,10 +58,7 @@ def beyond_one_name(
 
 
 def _white(
-    logged: Sequence[Logged],
-    estimate: Estimate,
-    frozen: bool,
-    k: int,
+    logged: Sequence[Logged], estimate: Estimate, frozen: bool, k: int
 ) -> tuple[SegmentedRuns, Noise, Array, Array]:
     """Rows and noise of the log; (n M, r) the model's white columns, orthonormal; (n
     M,) what they leave of the hidden torque k.
@@ -85,38 +66,19 @@ def _white(
     White as the true noise is, which is the log less what perfect torque channels would
     have shown.
     """
-    silent = _filtered(
-        [x.ideal.tau for x in logged],
-        logged,
-        estimate,
-    )
-    rows = _filtered(
-        [x.run.tau for x in logged],
-        logged,
-        estimate,
-    )
+    silent = _filtered([x.ideal.tau for x in logged], logged, estimate)
+    rows = _filtered([x.run.tau for x in logged], logged, estimate)
     noise = noise_in(rows, rows.residual - silent.residual)
-    without = _filtered(
-        [x.ideal.tau - x.shares[k] for x in logged],
-        logged,
-        estimate,
-    )
+    without = _filtered([x.ideal.tau - x.shares[k] for x in logged], logged, estimate)
     columns = model_columns(rows, estimate, frozen)
-    white, apart = white_rows(
-        rows,
-        noise,
-        columns,
-        silent.residual - without.residual,
-    )
+    white, apart = white_rows(rows, noise, columns, silent.residual - without.residual)
     change = apart.ravel()
     Q = orthonormal(white.reshape(len(change), -1))
     return rows, noise, Q, change - Q @ (Q.T @ change)
 
 
 def _filtered(
-    taus: Sequence[Array],
-    logged: Sequence[Logged],
-    estimate: Estimate,
+    taus: Sequence[Array], logged: Sequence[Logged], estimate: Estimate
 ) -> SegmentedRuns:
     """Rows of the logged positions with other torques."""
     data = concatenate(
@@ -139,10 +101,7 @@ def true_floor(test: Logged, estimate: Estimate) -> Array:
 
 
 def judged_curve(
-    result: Diagnosis,
-    hidden: Hidden,
-    logged: Sequence[Logged],
-    estimate: Estimate,
+    result: Diagnosis, hidden: Hidden, logged: Sequence[Logged], estimate: Estimate
 ) -> dict[str, Any]:
     """beyond : energy that no one effect of the library makes; variables : whether the
     first curve of the right joint has the right ones (|x| and sign(x) count as x);
@@ -157,11 +116,7 @@ def judged_curve(
     floor = float(true_floor(test, estimate)[joint])
     before = after = float(compare(estimate, test.run, settings)[0].rmse[joint])
     if result.curves or result.effects:
-        bigger = add(
-            estimate,
-            result,
-            concatenate([x.run for x in learnt]),
-        )
+        bigger = add(estimate, result, concatenate([x.run for x in learnt]))
         after = float(compare(bigger, test.run, settings)[0].rmse[joint])
     excess = before**2 - floor**2
     return {

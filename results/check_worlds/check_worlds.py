@@ -120,11 +120,7 @@ def run_case(case: Case) -> tuple[Row, list[Claim]]:
     columns = {place: "; ".join(words) for place, words in texts.items()}
     is_refused = bool(texts["errors"])
     row = Row(
-        case=case.key,
-        effects=truth,
-        refused=is_refused,
-        seconds=seconds,
-        **columns,
+        case=case.key, effects=truth, refused=is_refused, seconds=seconds, **columns
     )
     return row, claims
 
@@ -222,15 +218,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=1, help="one case in so many")
     parser.add_argument(
-        "--part",
-        type=int,
-        default=0,
-        help="which of these samples, from 0",
+        "--part", type=int, default=0, help="which of these samples, from 0"
     )
     parser.add_argument(
-        "--worlds-of",
-        type=Path,
-        help="the worlds of this challenge.json",
+        "--worlds-of", type=Path, help="the worlds of this challenge.json"
     )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=1e9, help="stop after so long")
@@ -240,12 +231,7 @@ def main() -> None:
         cases = cases_of(options.worlds_of)
         which = f"--worlds-of {options.worlds_of}"
     else:
-        cases = wanted(
-            options.cases,
-            options.seed,
-            [*CLASSES],
-            [*NUISANCES],
-        )
+        cases = wanted(options.cases, options.seed, [*CLASSES], [*NUISANCES])
         which = f"--cases {options.cases} --seed {options.seed}"
     order = np.random.default_rng(options.seed).permutation(len(cases))
     cases = [cases[k] for k in order]
@@ -274,22 +260,12 @@ def cases_of(challenge: Path) -> list[Case]:
     cases = []
     for key in keys:
         kind, nuisance, seed, index = key.split("/")
-        cases.append(
-            Case(
-                kind,
-                nuisance,
-                int(seed),
-                int(index),
-            )
-        )
+        cases.append(Case(kind, nuisance, int(seed), int(index)))
     return cases
 
 
 def write_all(
-    folder: Path,
-    rows: Sequence[Row],
-    claims: Sequence[Claim],
-    command: str,
+    folder: Path, rows: Sequence[Row], claims: Sequence[Claim], command: str
 ) -> None:
     """The table of worlds, its summary, and the claims."""
     table = pandas.DataFrame([asdict(row) for row in rows])

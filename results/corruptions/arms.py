@@ -60,10 +60,7 @@ class Arm:
     def corruptions(self) -> list[Corruption]:
         """The general ones, and those that need to know what the arm weighs."""
         n = self.train.n
-        return [
-            *corruptions(n),
-            *self._of_the_weight(sorted({1 % n, n // 2})),
-        ]
+        return [*corruptions(n), *self._of_the_weight(sorted({1 % n, n // 2}))]
 
     def _of_the_weight(self, joints: list[int]) -> Iterator[Corruption]:
         theta = self.clean.theta
@@ -88,28 +85,11 @@ class Arm:
                 )
                 yield Corruption("gravity removed", which, *how)
         both = ("load step", "two arms")
-        yield Corruption(
-            "load picked up",
-            (),
-            "2 kg",
-            both,
-            _less(-late * load),
-        )
-        yield Corruption(
-            "two arms in one file",
-            (),
-            "",
-            both,
-            _less(-late * exchange),
-        )
+        yield Corruption("load picked up", (), "2 kg", both, _less(-late * load))
+        yield Corruption("two arms in one file", (), "", both, _less(-late * exchange))
         apart = ("another load", "another arm")
         yield Corruption(
-            "tool in one of two runs",
-            (),
-            "2 kg",
-            apart,
-            _less(-load),
-            beside=True,
+            "tool in one of two runs", (), "2 kg", apart, _less(-load), beside=True
         )
 
     def _torque(self, theta: Array, still: bool = False) -> Array:
@@ -130,12 +110,7 @@ def _less(torque: Array) -> Spoil:
 def _rate(x: Array, t: Array) -> Array:
     """(N, n) slopes of a smoothed signal."""
     window = np.hanning(11)[1:-1]
-    smooth = ndimage.convolve1d(
-        x,
-        window / window.sum(),
-        axis=0,
-        mode="nearest",
-    )
+    smooth = ndimage.convolve1d(x, window / window.sum(), axis=0, mode="nearest")
     return np.asarray(np.gradient(smooth, t, axis=0))
 
 
@@ -172,17 +147,9 @@ def real(name: str, data: Path) -> Arm:
     runs = {k: replace(run, dq=None, commanded={}) for k, run in found.items()}
     if name == "panda":  # every fifth row
         run = runs["exciting"]
-        return _parted(
-            problem,
-            run.rows(np.arange(0, len(run.t), 5)),
-            14.0,
-        )
+        return _parted(problem, run.rows(np.arange(0, len(run.t), 5)), 14.0)
     if name == "tx40":  # every tenth row of the first 9 s
-        return _parted(
-            problem,
-            runs["exciting"].rows(np.arange(0, 45_000, 10)),
-            6.0,
-        )
+        return _parted(problem, runs["exciting"].rows(np.arange(0, 45_000, 10)), 6.0)
     if name == "ur10e":
         names = (
             "02_12-50sec_12harm",
@@ -193,12 +160,7 @@ def real(name: str, data: Path) -> Arm:
         train, test, *others = (
             runs[f"ur-20_{x}"] for x in (*names, "01_17-ptp_10_points")
         )
-        return Arm(
-            problem,
-            train,
-            test.window(0.0, 20.0),
-            (test, *others),
-        )
+        return Arm(problem, train, test.window(0.0, 20.0), (test, *others))
     train, test = runs.values()
     return Arm(problem, train, test, (test,))
 
@@ -235,11 +197,7 @@ def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     return f'<robot name="{name}">{"".join(parts)}</robot>'
 
 
-def drawn(
-    seed: int,
-    fewest: int,
-    most: int,
-) -> tuple[Axis, ...]:
+def drawn(seed: int, fewest: int, most: int) -> tuple[Axis, ...]:
     """So many joints; geometry and masses of a size that arms have."""
     rng = np.random.default_rng([seed, 99])
     axes = []
@@ -274,33 +232,16 @@ def true_model(axes: tuple[Axis, ...], rng: np.random.Generator) -> Any:
     return model
 
 
-def simulated(
-    name: str,
-    axes: tuple[Axis, ...],
-    seed: int,
-) -> Arm:
+def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
     """Two runs of the true model, one held out; 200 Hz, 20 s, position steps of 1e-5."""
     real = name.startswith(tuple(DRAWN))
-    train = _simulate(
-        axes,
-        np.random.default_rng([seed, 0]),
-        seed,
-        real,
-    )
-    test = _simulate(
-        axes,
-        np.random.default_rng([seed, 1]),
-        seed,
-        real,
-    )
+    train = _simulate(axes, np.random.default_rng([seed, 0]), seed, real)
+    test = _simulate(axes, np.random.default_rng([seed, 1]), seed, real)
     return Arm(believed(name, axes), train, test, (test,))
 
 
 def _simulate(
-    axes: tuple[Axis, ...],
-    rng: np.random.Generator,
-    seed: int,
-    real: bool,
+    axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real: bool
 ) -> Measurements:
     machine = np.random.default_rng(seed)
     n = len(axes)
@@ -310,17 +251,11 @@ def _simulate(
     t = np.arange(0.0, 20.0, 0.005)
     reach = np.array([0.12 if a[0] == "prismatic" else 0.7 for a in axes])
     shares, phases = rng.uniform(
-        [[0.3], [-np.pi]],
-        [[1.0], [np.pi]],
-        (5, 2, n),
+        [[0.3], [-np.pi]], [[1.0], [np.pi]], (5, 2, n)
     ).swapaxes(0, 1)
     k = np.arange(1, 6).astype(float)[:, None]
     q, dq, ddq = waves(reach / np.sqrt(k) * shares, 2.0 * np.pi * 0.1 * k, phases)(t)
-    q += np.where(
-        reach > 0.5,
-        rng.uniform(-0.4, 0.4, n),
-        0.0,
-    )
+    q += np.where(reach > 0.5, rng.uniform(-0.4, 0.4, n), 0.0)
     tau = inverse_dynamics(model, q, dq, ddq)
     if real:  # of the machine, not of the run
         own = np.random.default_rng([seed, 5])
@@ -338,11 +273,4 @@ def _simulate(
         tau += ripple * np.sin(40.0 * q / speed + own.uniform(-np.pi, np.pi, n))
     tau += viscous * dq + coulomb * np.sign(dq)
     tau += 0.01 * tau.std(axis=0) * rng.normal(size=tau.shape)
-    return Measurements(
-        t,
-        np.round(q / 1e-5) * 1e-5,
-        tau,
-        None,
-        None,
-        ("simulated",),
-    )
+    return Measurements(t, np.round(q / 1e-5) * 1e-5, tau, None, None, ("simulated",))

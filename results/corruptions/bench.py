@@ -117,10 +117,7 @@ def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
     if corruption.beside:  # half of the run is clean: another run of the same arm
         middle = 0.5 * (run.t[0] + run.t[-1])
         run = concatenate(
-            [
-                arm.train.rows(run.t < middle, "a"),
-                run.rows(run.t > middle, "b"),
-            ]
+            [arm.train.rows(run.t < middle, "a"), run.rows(run.t > middle, "b")]
         )
     return problem, run
 
@@ -261,13 +258,7 @@ def clean(arm: Arm) -> list[Case]:
     for run in (arm.train, *arm.others):
         span = run.t[-1] - run.t[0]
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
-            cases.append(
-                _clean_part(
-                    arm,
-                    run.window(a, b),
-                    f"{a:.3g}-{b:.3g} s",
-                )
-            )
+            cases.append(_clean_part(arm, run.window(a, b), f"{a:.3g}-{b:.3g} s"))
     return cases
 
 
@@ -283,22 +274,10 @@ def _clean_part(arm: Arm, part: Measurements, span: str) -> Case:
         harm = arm.harm(identify(arm.problem, part))
         outcome = "true warning" if harm > HARMFUL else outcome
     what = (arm.problem.name, "(clean)", part.names[0], span)
-    return _case(
-        what,
-        outcome,
-        harm,
-        reports,
-        [False] * len(issues),
-    )
+    return _case(what, outcome, harm, reports, [False] * len(issues))
 
 
-def bench(
-    name: str,
-    data: Path,
-    kinds: str,
-    every: int,
-    part: int,
-) -> list[Case]:
+def bench(name: str, data: Path, kinds: str, every: int, part: int) -> list[Case]:
     """Of one arm: another sample of corruptions for each, the same in every run."""
     one = arm(name, data)
     chosen = [c for c in one.corruptions() if kinds in c.name]
@@ -323,22 +302,13 @@ def summary(title: str, cases: Sequence[Case]) -> list[str]:
         (len(named), len(seen)),
         (len(named), len(named) + len(shown)),
     )
-    cells = [
-        title,
-        str(len(spoiled)),
-        *(str(count[w]) for w in _WORDS),
-    ]
+    cells = [title, str(len(spoiled)), *(str(count[w]) for w in _WORDS)]
     alarm = (
         f"{len(alarms)} ({alarms.count('false error')} errors) of"
         f" {len(cases) - len(spoiled)}"
     )
     told = ["{1} ({2})".format(*share(*x)) if x[1] else "" for x in shares]
-    return [
-        *cells,
-        *told,
-        alarm,
-        str(sum(c.contradicts for c in cases)),
-    ]
+    return [*cells, *told, alarm, str(sum(c.contradicts for c in cases))]
 
 
 def markdown(cases: Sequence[Case], command: str) -> str:
@@ -375,13 +345,7 @@ def markdown(cases: Sequence[Case], command: str) -> str:
         head, [summary(*g) for g in (*groups.items(), ("all", cases))]
     )
     text += ["", "## By kind", ""]
-    counts = [
-        [
-            k,
-            *summary(k, v)[1 : 2 + len(_WORDS)],
-        ]
-        for k, v in kinds.items()
-    ]
+    counts = [[k, *summary(k, v)[1 : 2 + len(_WORDS)]] for k, v in kinds.items()]
     text += markdown_lines(["kind", "cases", *_WORDS], counts)
     text += ["", f"## Silent, and more than {HARMFUL:g} times worse on clean data", ""]
     told = [
@@ -389,13 +353,7 @@ def markdown(cases: Sequence[Case], command: str) -> str:
         f" with log-odds of {c.told:.3g}"
         for c in silent
     ]
-    return "\n".join(
-        [
-            *text,
-            *(told or ["none"]),
-            "",
-        ]
-    )
+    return "\n".join([*text, *(told or ["none"]), ""])
 
 
 def main() -> None:
@@ -407,16 +365,10 @@ def main() -> None:
     parser.add_argument("--arms", default="panda,ur10e,tx40,ur10,emps,sim5")
     parser.add_argument("--kinds", default="", help="those with this in their name")
     parser.add_argument(
-        "--every",
-        type=int,
-        default=1,
-        help="one corruption in so many",
+        "--every", type=int, default=1, help="one corruption in so many"
     )
     parser.add_argument(
-        "--part",
-        type=int,
-        default=0,
-        help="which of these samples, from 0",
+        "--part", type=int, default=0, help="which of these samples, from 0"
     )
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
@@ -425,11 +377,7 @@ def main() -> None:
         f" {given.every}"
     )
     work = partial(
-        bench,
-        data=given.data,
-        kinds=given.kinds,
-        every=given.every,
-        part=given.part,
+        bench, data=given.data, kinds=given.kinds, every=given.every, part=given.part
     )
     cases = read_cases(given.out)
     known = {case.arm for case in cases}
@@ -455,11 +403,7 @@ def read_cases(folder: Path) -> list[Case]:
     return [replace(cases[0], claims=tuple(claims)), *cases[1:]] if cases else []
 
 
-def write_all(
-    folder: Path,
-    cases: Sequence[Case],
-    command: str,
-) -> None:
+def write_all(folder: Path, cases: Sequence[Case], command: str) -> None:
     """The table of cases, its summary, and the claims."""
     rows = [{**asdict(replace(case, claims=()))} for case in cases]
     table = pandas.DataFrame(rows).drop(columns="claims")

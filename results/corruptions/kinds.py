@@ -62,40 +62,17 @@ def corruptions(n: int) -> list[Corruption]:
         **more: Any,
     ) -> None:
         made.append(
-            Corruption(
-                kind,
-                joints,
-                size,
-                tuple(causes.split("|")),
-                *how,
-                **more,
-            )
+            Corruption(kind, joints, size, tuple(causes.split("|")), *how, **more)
         )
 
     for (kind, size, causes, name, change), j in product(_channels(n == 1), chosen):
-        add(
-            kind,
-            (j,),
-            size,
-            causes,
-            partial(_on, name, j, change),
-        )
+        add(kind, (j,), size, causes, partial(_on, name, j, change))
     for j in chosen:
-        signs = np.where(
-            np.arange(n) == j,
-            -1.0,
-            1.0,
-        )
+        signs = np.where(np.arange(n) == j, -1.0, 1.0)
         mirrored = lambda r, s=signs: replace(r, q=r.q * s, tau=r.tau * s, dq=None)  # noqa: E731
         add("joint sign", (j,), "q and tau", "joint sign", mirrored)
     for (kind, size, cause, names), pair in product(_ORDERS, combinations(chosen, 2)):
-        add(
-            kind,
-            pair,
-            size,
-            cause,
-            partial(_swapped, names, *pair),
-        )
+        add(kind, pair, size, cause, partial(_swapped, names, *pair))
     for kind, size, causes, spoil in _runs():
         add(kind, (), size, causes, spoil)
     for g, word in (
@@ -334,12 +311,7 @@ def _lagged(hertz: float, x: Array, run: Measurements) -> Array:
     )
 
 
-def _on(
-    name: str,
-    j: int,
-    change: Change,
-    run: Measurements,
-) -> Measurements:
+def _on(name: str, j: int, change: Change, run: Measurements) -> Measurements:
     values = getattr(run, name).copy()
     values[:, j] = change(values[:, j], run)
     return replace(run, **{name: values}, dq=None)
@@ -349,26 +321,16 @@ def _each_torque(change: Change, run: Measurements) -> Measurements:
     return replace(run, tau=np.column_stack([change(x, run) for x in run.tau.T]))
 
 
-def _swapped(
-    names: Sequence[str],
-    a: int,
-    b: int,
-    run: Measurements,
-) -> Measurements:
+def _swapped(names: Sequence[str], a: int, b: int, run: Measurements) -> Measurements:
     order = np.arange(run.n)
     order[[a, b]] = [b, a]
     return replace(
-        run,
-        **{name: getattr(run, name)[:, order] for name in names},
-        dq=None,
+        run, **{name: getattr(run, name)[:, order] for name in names}, dq=None
     )
 
 
 def _drift(
-    share: float,
-    shape: Callable[[int], Array],
-    x: Array,
-    run: Measurements,
+    share: float, shape: Callable[[int], Array], x: Array, run: Measurements
 ) -> Array:
     return x + share * x.std() * shape(len(x)) / (len(x) - 1.0)
 
@@ -379,20 +341,11 @@ def _wrapped(x: Array, run: Measurements) -> Array:
     return (x - cut) % (2.0 * np.pi) + cut - 2.0 * np.pi
 
 
-def _held(
-    seconds: float,
-    zero: bool,
-    x: Array,
-    run: Measurements,
-) -> Array:
+def _held(seconds: float, zero: bool, x: Array, run: Measurements) -> Array:
     """Its value, or zero, for so long from two fifths of the run."""
     since = run.t - run.t[0] - 0.4 * (run.t[-1] - run.t[0])
     gone = (since >= 0.0) & (since < seconds)
-    return np.where(
-        gone,
-        0.0 if zero else x[int(np.argmax(gone))],
-        x,
-    )
+    return np.where(gone, 0.0 if zero else x[int(np.argmax(gone))], x)
 
 
 def _spiked(height: float, x: Array, run: Measurements) -> Array:
@@ -424,13 +377,7 @@ def _lost(block: int, run: Measurements) -> Measurements:
 def _again(share: float, run: Measurements) -> Measurements:
     """Rows that a logger wrote again because no new packet had come."""
     lost = np.random.default_rng(5).random(len(run.t)) < share
-    source = np.maximum.accumulate(
-        np.where(
-            lost,
-            0,
-            np.arange(len(run.t)),
-        )
-    )
+    source = np.maximum.accumulate(np.where(lost, 0, np.arange(len(run.t))))
     return replace(run.rows(source), t=run.t)
 
 
@@ -446,14 +393,7 @@ def _packets(seconds: float, run: Measurements) -> Measurements:
 def _interpolated(run: Measurements) -> Measurements:
     since = run.t - run.t[0] - 0.45 * (run.t[-1] - run.t[0])
     keep = ~((since > 0.0) & (since < 1.5))
-    q, tau = (
-        interpolated(
-            run.t,
-            run.t[keep],
-            x[keep],
-        )
-        for x in (run.q, run.tau)
-    )
+    q, tau = (interpolated(run.t, run.t[keep], x[keep]) for x in (run.q, run.tau))
     return replace(run, q=q, tau=tau, dq=None)
 
 

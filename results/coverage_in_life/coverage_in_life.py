@@ -51,33 +51,19 @@ SLOW = SensorNoise(colour=0.996)
 
 
 def measured(
-    arm: RatedArm,
-    closed: bool,
-    rng: np.random.Generator,
+    arm: RatedArm, closed: bool, rng: np.random.Generator
 ) -> tuple[Site, Measurements]:
     """The true robot, and its run as planned or in a closed loop."""
     noise = WHITE if rng.random() < 0.5 else SLOW
     kind = str(rng.choice(["periodic", "aperiodic"]))
-    usual = Conditions(
-        width=TURN,
-        channel=Channel(step=QUANTUM),
-        duration=14.0,
-    )
-    world = draw_world(
-        replace(usual, noise=noise, motion=kind),
-        rng,
-        arm=arm,
-    )
+    usual = Conditions(width=TURN, channel=Channel(step=QUANTUM), duration=14.0)
+    world = draw_world(replace(usual, noise=noise, motion=kind), rng, arm=arm)
     motion = draw_motion(world, 0, rng)
     size = world.torque(motion).std(axis=0)
     jitter = JITTER * arm.unit_speed * rng.normal(size=motion.q.shape)
     pull = np.zeros_like(motion.q)
     if closed:
-        pull = SLOW.draw(
-            len(motion.t),
-            rng.uniform(0.005, 0.02) * size,
-            rng,
-        )
+        pull = SLOW.draw(len(motion.t), rng.uniform(0.005, 0.02) * size, rng)
         motion = driven(world, motion, pull, jitter)
     world = replace(world, noise=rng.uniform(0.005, 0.05) * size)
     return world, log_run(world, motion, rng, [pull], jitter).run
@@ -93,20 +79,12 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
     # N m, of dry friction, and of viscous friction at 1 rad/s.
     friction = np.array([2.5 * 0.7**k for k in range(n)])
     world, run = measured(
-        replace(arm_of(model), coulomb=friction, viscous=friction),
-        closed,
-        rng,
+        replace(arm_of(model), coulomb=friction, viscous=friction), closed, rng
     )
     links = np.concatenate(
         [body.toDynamicParameters() for body in list(model.inertias)[1:]]
     )
-    rubs = np.concatenate(
-        [
-            world.viscous,
-            world.coulomb,
-            world.offset,
-        ]
-    )
+    rubs = np.concatenate([world.viscous, world.coulomb, world.offset])
     try:
         estimate = identify(problem := believed("drawn", axes), run, effects=USUAL)
     except InputError:
@@ -145,12 +123,7 @@ def main() -> None:
         for name in draws[0]:
             held, widths = np.transpose([found[name] for found in draws])
             rows.append(
-                [
-                    word,
-                    name,
-                    *share(held.sum(), len(draws)),
-                    f"{np.median(widths):.2g}",
-                ]
+                [word, name, *share(held.sum(), len(draws)), f"{np.median(widths):.2g}"]
             )
     head = ["situation", "quantity", "draws", "coverage", "Wilson 95 %", "median width"]
     about = (__doc__ or "").split("\n\n")[2]

@@ -13,17 +13,8 @@ from pathlib import Path
 
 import pandas
 
-from sdp_vs_penalty import (
-    Measurements,
-    compare,
-    identify,
-    load_problem,
-)
-from sdp_vs_penalty.estimators import (
-    LmiSdp,
-    LmiSdpThickness,
-    PenaltyTwoStep,
-)
+from sdp_vs_penalty import Measurements, compare, identify, load_problem
+from sdp_vs_penalty.estimators import LmiSdp, LmiSdpThickness, PenaltyTwoStep
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.paper.provenance import write_note
 from sdp_vs_penalty.paper.tables.study import Study

@@ -21,10 +21,7 @@ from sdp_vs_penalty.paper.figures import save
 from sdp_vs_penalty.paper.figures.global_optimum import draw_global_optima
 from sdp_vs_penalty.paper.provenance import write_note
 from sdp_vs_penalty.paper.tables import build_tables
-from sdp_vs_penalty.paper.tables.global_optimum import (
-    penalised_optima,
-    search_table,
-)
+from sdp_vs_penalty.paper.tables.global_optimum import penalised_optima, search_table
 from sdp_vs_penalty.paper.tables.study import BUDGETS, Study
 from sdp_vs_penalty.paper.tables.table import exact_csv
 from sdp_vs_penalty.parallel import Workers

@@ -143,11 +143,7 @@ def recorded(robot_name: str, rows: int, seed: int) -> Measurements:
     rng = np.random.default_rng(seed)
     t = np.arange(rows) * 1e-3
     rates = rng.uniform(0.3, 2.0, (5, n))
-    phases = rng.uniform(
-        0.0,
-        2.0 * np.pi,
-        (5, n),
-    )
+    phases = rng.uniform(0.0, 2.0 * np.pi, (5, n))
     sizes = rng.uniform(0.05, 0.2, (5, n))
     angle = t[:, None, None] * rates + phases
     q = (lower + upper) / 2.0 + (sizes * np.sin(angle)).sum(axis=1)
@@ -163,17 +159,8 @@ def recorded(robot_name: str, rows: int, seed: int) -> Measurements:
 def write_log(run: Measurements, path: Path) -> None:
     """A CSV file with six decimals, as loggers write it."""
     n = run.n
-    names = [
-        "t",
-        *(f"{group}{j}" for group in ("q", "tau") for j in range(1, n + 1)),
-    ]
-    columns = np.column_stack(
-        [
-            run.t,
-            run.q,
-            run.tau,
-        ]
-    )
+    names = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in range(1, n + 1))]
+    columns = np.column_stack([run.t, run.q, run.tau])
     frame = pandas.DataFrame(columns, columns=names)
     frame.to_csv(path, index=False, float_format="%.6f")
 
@@ -182,12 +169,7 @@ def write_log(run: Measurements, path: Path) -> None:
 def serving(folder: Path) -> Iterator[tuple[str, psutil.Process]]:
     """The verb's address and process, until it is no longer needed."""
     command = [sys.executable, "-m", "sdp_vs_penalty", "page", "--no-browser"]
-    process = subprocess.Popen(
-        command,
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         printed = re.search(r"http://\S+", process.stdout.readline())
@@ -217,10 +199,7 @@ def first_load(browser: Browser, address: str) -> float:
 
 
 def drop(
-    browser: Browser,
-    address: str,
-    robot_name: str,
-    files: list[Path],
+    browser: Browser, address: str, robot_name: str, files: list[Path]
 ) -> tuple[Page, float]:
     """A tab with a robot and files dropped on it, and seconds until the table of runs
     shows them."""
@@ -237,10 +216,7 @@ def drop(
 
 
 def drop_seconds(
-    browser: Browser,
-    address: str,
-    robot_name: str,
-    files: list[Path],
+    browser: Browser, address: str, robot_name: str, files: list[Path]
 ) -> float:
     """Seconds from dropping files until the table of runs shows them."""
     page, seconds = drop(browser, address, robot_name, files)

@@ -56,9 +56,7 @@ def splice(before: Measurements, after: Measurements, at: float) -> Measurements
 
 
 def changes(
-    estimator: PayloadEstimator,
-    run: Measurements,
-    marks: Sequence[float] = (),
+    estimator: PayloadEstimator, run: Measurements, marks: Sequence[float] = ()
 ) -> tuple[list[PayloadChange], list[tuple[float, float, float]]]:
     """All changes that a run brings to light; mass and its interval [kg] at the instants
     ``marks``, NaN where nothing is carried."""
@@ -102,11 +100,7 @@ def real_picks(runs: dict[str, Measurements]) -> list[tuple[str, str]]:
             run = splice(runs[judged], runs[f"{judged}Load"], at)
             marks = [at + x for x in JUDGED]
             estimator = PayloadEstimator(estimate, noise, 100.0)
-            reported, masses = changes(
-                estimator,
-                run.window(0.0, at + 8.0),
-                marks,
-            )
+            reported, masses = changes(estimator, run.window(0.0, at + 8.0), marks)
             mass, lower, upper = np.array(masses).T
             hits[k, m] = (lower <= LOAD) & (upper >= LOAD)
             errors[k, m], widths[k, m] = mass - LOAD, 0.5 * (upper - lower)
@@ -153,12 +147,7 @@ def simulated_update_times(estimate: Estimate) -> NDArray[np.float64]:
     tau += (t > 2.0)[:, None] * (columns @ payload)
     std = 0.01 * np.abs(tau).max(axis=0)
     tau += np.random.default_rng(0).normal(size=tau.shape) * std
-    noise = ResidualNoise(
-        std,
-        0.1,
-        1.0,
-        np.abs(states[2]).max(axis=0),
-    )
+    noise = ResidualNoise(std, 0.1, 1.0, np.abs(states[2]).max(axis=0))
     times = np.empty((3, len(t)))
     for repeat in range(len(times)):
         estimator = PayloadEstimator(estimate, noise, 1000.0)

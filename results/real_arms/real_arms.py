@@ -160,10 +160,7 @@ def report(rows: pandas.DataFrame) -> str:
         )
     panda = rows[rows["split"].str.startswith("Panda")]
     by_joint = [
-        [
-            str(joint),
-            *(f"{mean_ratio(of_joint, c):.2f}" for c in ("confident", "all")),
-        ]
+        [str(joint), *(f"{mean_ratio(of_joint, c):.2f}" for c in ("confident", "all"))]
         for joint, of_joint in panda.groupby("joint")
     ]
     text = [

@@ -80,9 +80,7 @@ def problem_and_runs(name: str, data: Path) -> tuple[Problem, list[Measurements]
 
 
 def judged(
-    name: str,
-    problem: Problem,
-    log: list[Measurements],
+    name: str, problem: Problem, log: list[Measurements]
 ) -> tuple[JudgedLog, list[Claim]]:
     """What is said of some runs of an arm."""
     claims = []

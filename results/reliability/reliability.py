@@ -45,23 +45,10 @@ class Claim:
     is_right: bool
 
 
-def claim(
-    source: str,
-    case: str,
-    issue: Issue,
-    is_right: bool,
-) -> Claim:
+def claim(source: str, case: str, issue: Issue, is_right: bool) -> Claim:
     """One issue of a log as a claim."""
     word = issue.certainty.grade
-    return Claim(
-        source,
-        case,
-        issue.kind,
-        issue.where,
-        issue.nature,
-        word,
-        is_right,
-    )
+    return Claim(source, case, issue.kind, issue.where, issue.nature, word, is_right)
 
 
 def write_claims(claims: Iterable[Claim], path: Path) -> None:

@@ -92,11 +92,7 @@ def unseen() -> list[dict[str, str]]:
 
 
 def markdown(headings: list[str], rows: list[list[str]]) -> str:
-    lines = [
-        headings,
-        [":---", *["---:"] * (len(headings) - 1)],
-        *rows,
-    ]
+    lines = [headings, [":---", *["---:"] * (len(headings) - 1)], *rows]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
@@ -256,21 +252,9 @@ def draw_data(path: Path) -> None:
         low = [float(row[f"error_percent_{'min'}"]) for row in rows]
         high = [float(row[f"error_percent_{'max'}"]) for row in rows]
         (line,) = axes.plot(
-            x,
-            middle,
-            marker="o",
-            ms=4,
-            lw=1.4,
-            color=PALETTE[k],
-            label=method,
+            x, middle, marker="o", ms=4, lw=1.4, color=PALETTE[k], label=method
         )
-        axes.vlines(
-            x,
-            low,
-            high,
-            color=line.get_color(),
-            lw=1.2,
-        )
+        axes.vlines(x, low, high, color=line.get_color(), lw=1.2)
         for place, value in zip(x, middle, strict=True):
             if value > _CEILING:
                 text = f"{value:.0f} %"
@@ -298,11 +282,7 @@ def draw_data(path: Path) -> None:
     plt.close(figure)
 
 
-def draw_joint(
-    path: Path,
-    joint: int = 7,
-    method: str = "lmi-sdp",
-) -> None:
+def draw_joint(path: Path, joint: int = 7, method: str = "lmi-sdp") -> None:
     """RMSE of one joint on every fold of unseen motion, with the usual effects and with
     hysteresis."""
     import matplotlib.pyplot as plt
@@ -319,10 +299,7 @@ def draw_joint(
         rows = [r for r in rows if r["judged_on"] != "repeatability"]
         values = [float(row[f"rmse_joint_{joint}"]) for row in rows]
         bars = axes.bar(
-            [x + 0.4 * (k - 0.5) for x in range(len(rows))],
-            values,
-            0.38,
-            color=color,
+            [x + 0.4 * (k - 0.5) for x in range(len(rows))], values, 0.38, color=color
         )
         axes.bar_label(bars, fmt="%.3f", fontsize=8)
         bars.set_label(label)

@@ -151,9 +151,7 @@ def _read_runs(model: Estimate, source: Source, argument: str) -> Measurements |
     if source is None:
         return None
     return as_measurements(
-        source,
-        names=model.robot.joint_names,
-        what=f"diagnose({argument}=...)",
+        source, names=model.robot.joint_names, what=f"diagnose({argument}=...)"
     )
 
 

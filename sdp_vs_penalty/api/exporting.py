@@ -56,20 +56,12 @@ def export(
     judged = judge_as_exported(model, out, measurements, noise_from)
     verdict = None if judged is None else judged[0]
     return exporting.write_model(
-        model,
-        out,
-        urdf,
-        force=force,
-        flange=flange,
-        judged=verdict,
+        model, out, urdf, force=force, flange=flange, judged=verdict
     )
 
 
 def judge_as_exported(
-    model: Estimate,
-    out: str | Path,
-    measurements: Source,
-    noise_from: Source = None,
+    model: Estimate, out: str | Path, measurements: Source, noise_from: Source = None
 ) -> tuple[Verdict, str] | None:
     """Judge a model without the effects that a file of this name cannot hold.
 
@@ -97,9 +89,7 @@ def judge_as_exported(
         return None
     runs = as_measurements(measurements, names=model.robot.joint_names)
     whole, part = compare(
-        {"model": model, "as exported": held},
-        runs,
-        noise_from=noise_from,
+        {"model": model, "as exported": held}, runs, noise_from=noise_from
     )
     return part.verdict, changes(
         whole.rmse, part.rmse, part.noise_floor, part.estimate.robot.torque_units

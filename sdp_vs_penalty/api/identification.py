@@ -331,13 +331,7 @@ def _identify(
         else filter_runs(problem, data, options.preprocessing)
     )
     estimate = estimate_parameters(
-        problem,
-        runs,
-        method,
-        options,
-        progress=progress,
-        proof=proof,
-        workers=workers,
+        problem, runs, method, options, progress=progress, proof=proof, workers=workers
     )
     estimate.provenance.update(checked=check, checks=issues)
     return estimate, runs

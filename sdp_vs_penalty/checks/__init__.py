@@ -10,12 +10,4 @@ from sdp_vs_penalty.checks.facts import mended
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.checks.report import Report
 
-__all__ = [
-    "EXPLANATION",
-    "FACT",
-    "Issue",
-    "Report",
-    "check",
-    "check_runs",
-    "mended",
-]
+__all__ = ["EXPLANATION", "FACT", "Issue", "Report", "check", "check_runs", "mended"]

@@ -69,12 +69,7 @@ class RepairedRows:
         if is_spanned.any():
             left = left * ~is_spanned[..., None, :]
             gram = gram * ~is_spanned[..., None, :] * ~is_spanned[..., None]
-        return cls(
-            basis,
-            raw,
-            projected=left,
-            gram=gram,
-        )
+        return cls(basis, raw, projected=left, gram=gram)
 
     def of_motion(self, k: int) -> RepairedRows:
         """Return the rows under repair k of K repairs.
@@ -90,10 +85,7 @@ class RepairedRows:
             Views of the arrays, without the axis of the repairs.
         """
         return RepairedRows(
-            self.basis[k],
-            self.raw[k],
-            projected=self.projected[k],
-            gram=self.gram[k],
+            self.basis[k], self.raw[k], projected=self.projected[k], gram=self.gram[k]
         )
 
     @property
@@ -222,11 +214,7 @@ class ArmFit:
             squares=np.einsum("jmk,jmk->jk", columns, columns),
         )
 
-    def log_falls_by_steps(
-        self,
-        mask: Array,
-        first_rows: NDArray[np.intp],
-    ) -> Array:
+    def log_falls_by_steps(self, mask: Array, first_rows: NDArray[np.intp]) -> Array:
         """Predict the falls of log S_j by columns that step from 0 to 1 at some row.
 
         S_j is the squared residual of joint j. The result is that of
@@ -261,11 +249,7 @@ class ArmFit:
         )
 
     def _log_falls(
-        self,
-        on_residual: Array,
-        on_arm: Array,
-        on_basis: Array,
-        squares: Array,
+        self, on_residual: Array, on_arm: Array, on_basis: Array, squares: Array
     ) -> Array:
         """Return the falls (n, K) of log S_j by K further columns x of joint j.
 
@@ -282,8 +266,7 @@ class ArmFit:
         beside_basis = squares - np.sum(on_basis**2, axis=2)
         is_new = beside_basis > _NOTHING_NEW_SHARE * squares
         beside_arm = np.maximum(
-            beside_basis - taken_by_arm,
-            _SHARE_LEFT_BY_ARM * beside_basis,
+            beside_basis - taken_by_arm, _SHARE_LEFT_BY_ARM * beside_basis
         )
         scale = np.maximum(beside_arm * self.energy_left[:, None], 1e-280)
         return np.asarray(is_new * np.log1p(on_residual**2 / scale))

@@ -130,11 +130,7 @@ def _degrees(glance: RunSummary, how: str, unwrap: bool) -> Issue:
     )
 
 
-def _in_radians(
-    run: Measurements,
-    robot: Robot,
-    unwrap: bool,
-) -> Measurements:
+def _in_radians(run: Measurements, robot: Robot, unwrap: bool) -> Measurements:
     """Return the run with revolute positions converted from degrees to radians.
 
     unwrap : also undo jumps by 360 degrees. Logged velocities are converted where they
@@ -338,11 +334,7 @@ def _dead(glance: RunSummary, j: int, value: float) -> Issue:
     )
 
 
-def _clipped(
-    glance: RunSummary,
-    j: int,
-    x: Array,
-) -> Iterator[Issue]:
+def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     """Yield a warning where the torque x (N,) of joint j stays exactly at its largest
     or smallest value for long, and is never constant for as long elsewhere."""
     parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
@@ -458,9 +450,7 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_coarse_sampling(
-    glance: RunSummary,
-    motion: Motion,
-    settings: Preprocessing,
+    glance: RunSummary, motion: Motion, settings: Preprocessing
 ) -> Iterator[Issue]:
     """Yield warnings where positions are too coarse to be differentiated twice: in
     time, for the fastest harmonic of the motion, or in their resolution.
@@ -498,19 +488,11 @@ def find_coarse_sampling(
     assert settings.state_cutoff is not None
     sizes = motion.ddq.std(axis=0)
     for j in np.flatnonzero(glance.moving).tolist():
-        yield from _quantised(
-            glance,
-            j,
-            float(sizes[j]),
-            settings.state_cutoff,
-        )
+        yield from _quantised(glance, j, float(sizes[j]), settings.state_cutoff)
 
 
 def _quantised(
-    glance: RunSummary,
-    j: int,
-    size: float,
-    cutoff: float,
+    glance: RunSummary, j: int, size: float, cutoff: float
 ) -> Iterator[Issue]:
     """Yield a warning where the rounding of joint j's position makes an error of the
     acceleration that is too large beside its size [rad/s^2, m/s^2].

@@ -123,11 +123,7 @@ def check_runs(
         if len(run.t):
             check_torque(run)
         if run.n != problem.robot.n:
-            raise other_robot(
-                run.n,
-                problem.robot.n,
-                run.names[0],
-            )
+            raise other_robot(run.n, problem.robot.n, run.names[0])
     # A report for each window of each run; a run that is not long is one window.
     windows: list[Report] = []
     of_run: list[tuple[Measurements, slice]] = []
@@ -144,9 +140,7 @@ def check_runs(
 
 
 def _facts_of_windows(
-    problem: Problem,
-    run: Measurements,
-    settings: Preprocessing,
+    problem: Problem, run: Measurements, settings: Preprocessing
 ) -> list[Report]:
     """Return one report with the facts of a run; of a long run, one for each window.
 
@@ -158,18 +152,9 @@ def _facts_of_windows(
             check_usable(run.names[0], run)
         except InputError as error:
             issue = Issue.of_refusal(
-                "unusable rows",
-                error,
-                certain("read from the file"),
+                "unusable rows", error, certain("read from the file")
             )
-            return [
-                Report(
-                    run.names[0],
-                    (issue,),
-                    run,
-                    run,
-                )
-            ]
+            return [Report(run.names[0], (issue,), run, run)]
     return [judge_facts(problem, window, settings) for window in windows]
 
 
@@ -197,21 +182,10 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
         issue = Issue.of_refusal("no rows", error, certain("read from the file"))
-        return Report(
-            run.names[0],
-            (issue,),
-            run,
-            run,
-        )
+        return Report(run.names[0], (issue,), run, run)
     issues, glance, fixed = mended(run, problem.robot, settings.standstill)
     work = glance.run
-    report = Report(
-        run.names[0],
-        tuple(issues),
-        work,
-        fixed,
-        original=run,
-    )
+    report = Report(run.names[0], tuple(issues), work, fixed, original=run)
     if any(f.kind in NO_ROWS for f in issues):
         return report
     if len(work.t) < RUN:
@@ -251,9 +225,7 @@ def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
 
 
 def judge_ranges(
-    problem: Problem,
-    report: Report,
-    is_plausible: bool = False,
+    problem: Problem, report: Report, is_plausible: bool = False
 ) -> Report:
     """Compare positions with the joints' ranges, and report those that leave them.
 
@@ -286,9 +258,7 @@ def judge_ranges(
 
 
 def _with_range_error(
-    problem: Problem,
-    report: Report,
-    issues: Sequence[Issue],
+    problem: Problem, report: Report, issues: Sequence[Issue]
 ) -> list[Issue]:
     """Return the issues, with an error where positions cannot be this robot's.
 
@@ -313,9 +283,7 @@ def _with_range_error(
 
 
 def _explanations_of_positions(
-    problem: Problem,
-    report: Report,
-    issues: Sequence[Issue],
+    problem: Problem, report: Report, issues: Sequence[Issue]
 ) -> list[Issue]:
     """List the explanations of positions (an order, a sign, a zero) that make them
     possible for the robot; none where the repaired run is as impossible."""
@@ -339,9 +307,7 @@ POSITION_UNITS = "positions in degrees", "position unit"
 
 
 def judge_excitation(
-    problem: Problem,
-    report: Report,
-    settings: Preprocessing,
+    problem: Problem, report: Report, settings: Preprocessing
 ) -> Report:
     """Report the base parameters that the motion of a repaired run does not determine.
 

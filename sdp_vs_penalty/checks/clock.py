@@ -235,11 +235,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
         return
-    lengths = np.diff(
-        bad,
-        prepend=0,
-        append=len(glance.run.t) - 1,
-    )
+    lengths = np.diff(bad, prepend=0, append=len(glance.run.t) - 1)
     repair: Callable[[Measurements], Measurements]
     if is_last_row_first(glance.steps):
         how = "the last row comes first"
@@ -379,11 +375,7 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     what = f"{{rows}} rows with a repeated time; the values {how}."
     first = "keep the first of each"
     yield from glance.delete_rows(
-        "repeated time",
-        bad,
-        what,
-        remedy=first,
-        unusable=True,
+        "repeated time", bad, what, remedy=first, unusable=True
     )
 
 
@@ -457,11 +449,7 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
         return
     over_time = glance.steps[:-1] / (glance.run.t[2:] - glance.run.t[:-2])
     rough_in_time = _roughness(glance, over_time, is_inner)
-    rough_in_rows = _roughness(
-        glance,
-        np.full(len(over_time), 0.5),
-        is_inner,
-    )
+    rough_in_rows = _roughness(glance, np.full(len(over_time), 0.5), is_inner)
     ratio = float(np.median(rough_in_time / np.maximum(rough_in_rows, 1e-300)))
     if ratio < _ROUGHER_OVER_TIME:
         return
@@ -500,14 +488,7 @@ def _evened(run: Measurements, pause: float) -> Measurements:
     ``pause`` [s]; the first and last stamp of each part stay."""
     edges = np.flatnonzero(np.diff(run.t) > pause) + 1
     parts = np.split(run.t, edges)
-    even = [
-        np.linspace(
-            part[0],
-            part[-1],
-            len(part),
-        )
-        for part in parts
-    ]
+    even = [np.linspace(part[0], part[-1], len(part)) for part in parts]
     return replace(run, t=np.concatenate(even))
 
 
@@ -586,7 +567,4 @@ def _rows_and_seconds(glance: RunSummary, rows: NDArray[np.intp]) -> dict[str, o
     """Figures of an issue about long steps: the rows behind them, as a file numbers
     them (a hundred at most), and the longest step [s]."""
     seconds = float(glance.steps[rows].max())
-    return {
-        "rows": (rows + 3)[:100].tolist(),
-        "seconds": seconds,
-    }
+    return {"rows": (rows + 3)[:100].tolist(), "seconds": seconds}

@@ -11,10 +11,7 @@ ROWS = 320
 COULOMB_WIDTHS = (0.002, 0.03, 0.1)
 #: Travels over which bristles bend before they slide [rad, m]: gears' (2e-4 to 2e-2) as
 #: an own column, longer ones as a law that the model lacks.
-TRAVELS = {
-    "gear": (5e-4, 5e-3),
-    "hysteresis": (2e-2, 1e-1, 0.5),
-}
+TRAVELS = {"gear": (5e-4, 5e-3), "hysteresis": (2e-2, 1e-1, 0.5)}
 
 # -- the likelihood ------------------------------------------------------------------------------------
 #: Parts of the log that are left out in turn.

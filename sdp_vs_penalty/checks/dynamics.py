@@ -47,9 +47,7 @@ NO_TORQUE = "external torque"
 
 
 def judge_dynamics(
-    problem: Problem,
-    reports: Sequence[Report],
-    settings: Preprocessing,
+    problem: Problem, reports: Sequence[Report], settings: Preprocessing
 ) -> list[Report]:
     """Explain the torques of all runs together: search for faults of the logger, and of
     single runs.
@@ -86,10 +84,7 @@ class LoggerJudge:
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        reports: Sequence[Report],
-        settings: Preprocessing,
+        self, problem: Problem, reports: Sequence[Report], settings: Preprocessing
     ) -> None:
         """Filter the rows of each run whose dynamics can be judged; a run too short for
         the filters gets an issue instead.
@@ -107,9 +102,7 @@ class LoggerJudge:
                 self.logs[k] = self.rows_of(report.repaired_all)
             except InputError as error:
                 issue = Issue.of_refusal(
-                    "too little data",
-                    error,
-                    certain("the filters need more"),
+                    "too little data", error, certain("the filters need more")
                 )
                 self.reports[k] = with_issues(report, [issue])
         as_logged = LogTransform.unchanged(problem.robot.n, problem.robot.gravity)
@@ -120,11 +113,7 @@ class LoggerJudge:
     def rows_of(self, run: Measurements) -> Likelihood:
         """Return the filtered rows of one run, to fit arms to. Raises InputError for a
         run shorter than the filters need."""
-        data = RegressionData.of(
-            self.problem,
-            run,
-            self.settings.resolve(run),
-        )
+        data = RegressionData.of(self.problem, run, self.settings.resolve(run))
         return Likelihood(self.problem, data)
 
     def judge(self) -> list[Report]:
@@ -223,11 +212,7 @@ class LoggerJudge:
         """
         log = self.logs[number]
         fit = log.fit(log.as_logged)
-        search = RepairSearch(
-            log,
-            [log],
-            [self.reports[number]],
-        )
+        search = RepairSearch(log, [log], [self.reports[number]])
         of_this_run = search.run()
         repairs = [
             search.keep_only(of_this_run, fault)
@@ -379,10 +364,7 @@ class LoggerJudge:
         return said
 
     def _explanations(
-        self,
-        number: int,
-        stated: Sequence[Issue],
-        net: LogTransform,
+        self, number: int, stated: Sequence[Issue], net: LogTransform
     ) -> list[Issue]:
         """List the explanations that hold in one run.
 

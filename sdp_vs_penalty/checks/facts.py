@@ -60,9 +60,7 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 
 
 def mended(
-    run: Measurements,
-    robot: Robot,
-    standstill: float,
+    run: Measurements, robot: Robot, standstill: float
 ) -> tuple[list[Issue], RunSummary, Measurements]:
     """Apply the rules about rows, clock and channels in order, each to the run as the
     rules before have repaired it.

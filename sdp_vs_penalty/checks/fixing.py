@@ -95,11 +95,7 @@ def fix_runs(
     if any(issues):
         copies, remaining = _checked_again(problem, copies, issues)
     for run, copy, report in zip(runs, copies, reports, strict=True):
-        _check_rows(
-            len(run.t),
-            len(copy.t),
-            report.run,
-        )
+        _check_rows(len(run.t), len(copy.t), report.run)
     if not any(issues) or not all(run.torque_logged for run in runs):
         _refuse_remaining(remaining)
         return Repaired(copies, issues)
@@ -129,11 +125,7 @@ def _check_rows(before: int, after: int, name: str) -> None:
         raise InputError(what, "log it again: nothing was written", name)
 
 
-def _check_errors(
-    before: float | None,
-    after: float | None,
-    allowed: float,
-) -> None:
+def _check_errors(before: float | None, after: float | None, allowed: float) -> None:
     """Raise an InputError where a repair does not lower the error on motion left out.
 
     before, after : errors [%]; None where nothing can be identified; allowed : largest
@@ -223,9 +215,7 @@ def _refuse_remaining(remaining: Sequence[tuple[str, Issue]]) -> None:
 
 
 def _filters(
-    problem: Problem,
-    copies: Sequence[Measurements],
-    runs: Sequence[Measurements],
+    problem: Problem, copies: Sequence[Measurements], runs: Sequence[Measurements]
 ) -> Preprocessing:
     """Return the filters for both logs: those resolved for the repaired copies, since
     errors behind filters of different bands do not compare.
@@ -243,9 +233,7 @@ def _filters(
 
 
 def _error_left_out(
-    problem: Problem,
-    runs: Sequence[Measurements],
-    filters: Preprocessing,
+    problem: Problem, runs: Sequence[Measurements], filters: Preprocessing
 ) -> float | None:
     """Return the relative error [%] on motion left out: identified from the first 70 %
     of each run, judged on the rest; None where nothing can be identified."""

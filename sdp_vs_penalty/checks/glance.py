@@ -67,22 +67,8 @@ class RunSummary:
         time."""
         t = self.run.t
         q = self.run.q[:, j]
-        before = np.abs(
-            np.interp(
-                t - _QUARTER_SECOND,
-                t,
-                q,
-            )
-            - q
-        )
-        after = np.abs(
-            np.interp(
-                t + _QUARTER_SECOND,
-                t,
-                q,
-            )
-            - q
-        )
+        before = np.abs(np.interp(t - _QUARTER_SECOND, t, q) - q)
+        after = np.abs(np.interp(t + _QUARTER_SECOND, t, q) - q)
         travel = np.maximum(before, after)
         return np.asarray(travel <= self.standstill * travel.max())
 
@@ -185,11 +171,7 @@ class RunSummary:
             figures=figures,
         )
 
-    def _lost_share(
-        self,
-        channels: Mapping[str, Rows],
-        gone: Rows,
-    ) -> float:
+    def _lost_share(self, channels: Mapping[str, Rows], gone: Rows) -> float:
         """Return the share of the measurements that is lost with some rows.
 
         It is the largest of: the share of all rows, and of each channel the share of
@@ -212,15 +194,7 @@ def _numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
     bits = _bits(columns)
     # Hash of a row: the sum of odd factors times its bit patterns, modulo 2^64. Different
     # rows share a hash once in 10^10 long runs.
-    factors = (
-        np.random.default_rng(0).integers(
-            1,
-            1 << 62,
-            bits.shape[1],
-        )
-        * 2
-        + 1
-    )
+    factors = np.random.default_rng(0).integers(1, 1 << 62, bits.shape[1]) * 2 + 1
     hashes = bits @ factors
     return np.unique(hashes, return_inverse=True)[1].ravel()
 
@@ -233,9 +207,7 @@ def _bits(columns: Sequence[Array]) -> NDArray[np.int64]:
 
 
 def with_time_steps(
-    run: Measurements,
-    where: Rows,
-    steps: float | Array,
+    run: Measurements, where: Rows, steps: float | Array
 ) -> Measurements:
     """Return the run with other time steps [s] where ``where`` (N - 1,) says so; later
     rows move with them."""

@@ -37,10 +37,7 @@ from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.evidence import (
-    jackknifed,
-    standard_errors_above_zero,
-)
+from sdp_vs_penalty.regression.evidence import jackknifed, standard_errors_above_zero
 from sdp_vs_penalty.regression.normal_equations import (
     FLOOR,
     RIDGE,
@@ -287,18 +284,11 @@ class Likelihood:
         seconds after each row; instants beyond the log are moved to its ends.
         """
         torque = self.data.torque
-        instants = np.clip(
-            self.data.motion.t + lead,
-            torque.x[0],
-            torque.x[-1],
-        )
+        instants = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
         return torque(instants), torque(instants, 1)
 
     def motion(
-        self,
-        repair: LogTransform,
-        speed: float = 1.0,
-        push: float = 1.0,
+        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
     ) -> Motion:
         """Return the repaired motion of M rows, for the columns of an arm.
 
@@ -388,11 +378,7 @@ class Likelihood:
         columns *= self.torque_mask(repair)[:, :, None]
         return columns
 
-    def _make_model(
-        self,
-        gravity: tuple[float, ...],
-        longer: Numbers,
-    ) -> Model | None:
+    def _make_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
         """Return the model of the links, with a changed base and changed lengths.
 
         gravity : of the base frame [m/s^2]; longer (n,) : by how much each joint is
@@ -407,18 +393,11 @@ class Likelihood:
             distance = nonzero_or_one(np.linalg.norm(placement[:3, 3]))
             placement[:3, 3] *= 1.0 + longer[j] / distance
             joints[j] = replace(joints[j], placement=placement)
-        robot = replace(
-            self.problem.robot,
-            gravity=gravity,
-            joints=tuple(joints),
-        )
+        robot = replace(self.problem.robot, gravity=gravity, joints=tuple(joints))
         return on_robot(self.data.shared, robot)
 
     def columns(
-        self,
-        repair: LogTransform,
-        speed: float = 1.0,
-        push: float = 1.0,
+        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
     ) -> Array:
         """Return the columns (n, M, p) of all p parameters of the links, linearly
         dependent ones too.
@@ -445,10 +424,7 @@ class Likelihood:
         return columns
 
     def _make_columns(
-        self,
-        arms: Sequence[LogTransform],
-        speed: float = 1.0,
-        push: float = 1.0,
+        self, arms: Sequence[LogTransform], speed: float = 1.0, push: float = 1.0
     ) -> list[Array]:
         """Make the columns (n, M, p) of the links under each of several repairs.
 
@@ -482,10 +458,7 @@ class Likelihood:
                     self._columns.put((arm, 1.0, 1.0), columns)
 
     def shared(
-        self,
-        repair: LogTransform,
-        speed: float = 1.0,
-        push: float = 1.0,
+        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
     ) -> Array:
         """Return the columns (n, M, s) of s linearly independent parameters of the
         links.
@@ -539,11 +512,7 @@ class Likelihood:
             torque = torque - np.array(repair.lacks) * weight
         return torque
 
-    def _make_basis(
-        self,
-        order: Order,
-        events: tuple[LogEvent, ...],
-    ) -> Array:
+    def _make_basis(self, order: Order, events: tuple[LogEvent, ...]) -> Array:
         """Make an orthonormal basis (n, M, k) of each joint's own columns.
 
         These are friction, rotor inertia, offset, and events of the log, 0 where the
@@ -638,15 +607,7 @@ class Likelihood:
         rows = self.rows(repair)
         torque = self.channels(repair)[:, :, None]
         further = torque[:, :, :0] if further_columns is None else further_columns
-        columns = np.concatenate(
-            [
-                rows.basis,
-                rows.raw,
-                further,
-                torque,
-            ],
-            axis=2,
-        )
+        columns = np.concatenate([rows.basis, rows.raw, further, torque], axis=2)
         edges = np.linspace(0, self.data.count, n_parts + 1)
         bounds = edges.astype(int).tolist()
         parts = [columns[:, first:end] for first, end in pairwise(bounds)]
@@ -840,11 +801,7 @@ class Likelihood:
         return np.maximum(energy_left / energy, FLOOR)
 
     def first_order_steps(
-        self,
-        now: LogTransform,
-        ats: Sequence[At],
-        values: Array,
-        h: Array,
+        self, now: LogTransform, ats: Sequence[At], values: Array, h: Array
     ) -> tuple[Array, Array]:
         """Estimate the change of each of r numbers of a repair that lowers the residual
         most, the other numbers fixed (a Gauss-Newton step).
@@ -963,12 +920,7 @@ class Likelihood:
         share = max(self.spare_share, _LEAST_SPARE_SHARE)
         return share * fit.independent_rows
 
-    def physics(
-        self,
-        fit: ArmFit,
-        repair: LogTransform,
-        samples: float,
-    ) -> float:
+    def physics(self, fit: ArmFit, repair: LogTransform, samples: float) -> float:
         """Return the log-probability that a fitted arm is physical: its friction takes
         power, its inertia and its masses are positive.
 
@@ -1095,11 +1047,7 @@ def _straighten(value: Array, limit: float) -> Array:
     is tau = s artanh(x / s). x / s is clipped just below 1, where artanh is infinite.
     """
     limit = max(limit, _TINY)  # a dead channel has no limit
-    share = np.clip(
-        value / limit,
-        -_LARGEST_SHARE_OF_LIMIT,
-        _LARGEST_SHARE_OF_LIMIT,
-    )
+    share = np.clip(value / limit, -_LARGEST_SHARE_OF_LIMIT, _LARGEST_SHARE_OF_LIMIT)
     return np.asarray(limit * np.arctanh(share))
 
 

@@ -34,15 +34,7 @@ def windows_of(run: Measurements) -> list[Measurements]:
     """
     if not is_long(run):
         return [run]
-    starts = (
-        np.linspace(
-            0,
-            run.samples - PART,
-            PARTS // 2,
-        )
-        .astype(int)
-        .tolist()
-    )
+    starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
     name = run.names[0]
     return [
         run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts

@@ -30,10 +30,7 @@ _TIMES = c.CONTRADICTS[0]
 
 
 def magnitudes(
-    problem: Problem,
-    run: Measurements,
-    settings: Preprocessing,
-    joints: Sequence[int],
+    problem: Problem, run: Measurements, settings: Preprocessing, joints: Sequence[int]
 ) -> list[int]:
     """List those of some joints whose torque signs explain clearly better than none.
 

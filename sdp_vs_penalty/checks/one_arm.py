@@ -178,11 +178,7 @@ class Cause:
         """
         joints = (self.difference.joint,)
         if self.difference.kind == "torque gain" and self.size:
-            return as_logged.with_entries(
-                "gain",
-                joints,
-                1.0 / (1.0 + self.size),
-            )
+            return as_logged.with_entries("gain", joints, 1.0 / (1.0 + self.size))
         if self.difference.kind == "encoder offset" and self.size:
             return as_logged.with_entries("zero", joints, self.size)
         return self.difference.repair
@@ -416,8 +412,7 @@ class RunComparison:
         return _project_out_last(normal, n_shared)
 
     def held_out_errors(
-        self,
-        difference: Difference | None,
+        self, difference: Difference | None
     ) -> tuple[Array, Array | None]:
         """Return the errors on parts of the two suspect runs, each part left out in
         turn.
@@ -459,10 +454,7 @@ class RunComparison:
                 if difference.repair is not None:
                     repair = difference.repair.followed_by(repair)
             fitted, errors = run.log.jackknife_errors(
-                repair,
-                self.weights[number],
-                further_columns=columns,
-                others=others,
+                repair, self.weights[number], further_columns=columns, others=others
             )
             if is_different:
                 arms = fitted
@@ -591,19 +583,12 @@ class RunComparison:
             run = self.runs[number]
             causes.append(self.judge(Difference(run=number, kind="another arm")))
             arm = self.fit_other_runs(number)
-            for kind, joint, columns in _list_numbers(
-                run.log,
-                run.repair,
-                arm,
-            ):
+            for kind, joint, columns in _list_numbers(run.log, run.repair, arm):
                 is_of_joint = kind != "another load"
                 if is_of_joint and not self.moving[self.suspects, joint].all():
                     continue
                 difference = Difference(
-                    run=number,
-                    kind=kind,
-                    joint=joint,
-                    columns=columns,
+                    run=number, kind=kind, joint=joint, columns=columns
                 )
                 causes.append(self.judge(difference))
         return [cause for cause in causes if cause is not None]
@@ -618,11 +603,7 @@ class RunComparison:
             for fault, repair in proposals(number):
                 joint = fault.joints[0] if fault.joints else -1
                 difference = Difference(
-                    run=number,
-                    kind=fault.kind,
-                    joint=joint,
-                    fault=fault,
-                    repair=repair,
+                    run=number, kind=fault.kind, joint=joint, fault=fault, repair=repair
                 )
                 causes.append(self.judge(difference))
         return [cause for cause in causes if cause is not None]
@@ -1042,9 +1023,7 @@ def _is_possible(log: Likelihood, difference: Difference, size: float) -> bool:
 
 
 def _list_numbers(
-    log: Likelihood,
-    repair: LogTransform,
-    theta: Array,
+    log: Likelihood, repair: LogTransform, theta: Array
 ) -> Iterator[tuple[str, int, Array]]:
     """Yield the numbers that may differ in one run, each with the torque per unit of
     it.
@@ -1070,11 +1049,7 @@ def _list_numbers(
     for joint in log.joints:
         is_joint = np.eye(log.n)[joint][:, None]
         yield "torque gain", joint, (torque * is_joint)[:, :, None]
-        shifted = repair.with_entries(
-            "zero",
-            (joint,),
-            repair.zero[joint] + _ZERO_STEP,
-        )
+        shifted = repair.with_entries("zero", (joint,), repair.zero[joint] + _ZERO_STEP)
         slope = (residual - log.unexplained(shifted, theta)) / _ZERO_STEP
         yield "encoder offset", joint, slope[:, :, None]
     if log.data.shared is not None:

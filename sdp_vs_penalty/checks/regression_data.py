@@ -235,10 +235,7 @@ class RegressionData:
 
     @classmethod
     def of(
-        cls,
-        problem: Problem,
-        run: Measurements,
-        settings: Preprocessing,
+        cls, problem: Problem, run: Measurements, settings: Preprocessing
     ) -> RegressionData:
         """Choose the rows of one run and filter them as an identification does.
 
@@ -309,9 +306,7 @@ class RegressionData:
         )
 
 
-def _one_spline(
-    torques: Sequence[CubicSpline],
-) -> CubicSpline:
+def _one_spline(torques: Sequence[CubicSpline]) -> CubicSpline:
     """Return one spline through the knots of several splines, whose times follow each
     other."""
     times = np.concatenate([torque.x for torque in torques])
@@ -370,11 +365,7 @@ def _chosen_rows(
     for part, rows in places:
         count = min(round(ROWS * len(rows) / n_rows), len(rows))
         if count:
-            spread = np.linspace(
-                0,
-                len(rows) - 1,
-                count,
-            ).astype(int)
+            spread = np.linspace(0, len(rows) - 1, count).astype(int)
             chosen.append((part, rows[spread]))
     return chosen
 
@@ -393,19 +384,11 @@ def _filter_stretch(
     """
     half = filters.coarse.half
     reach = filters.stride * half
-    dense = filters.motion(
-        part,
-        at[0] - reach,
-        at[-1] + reach,
-    )
+    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
     # Rows of the dense grid nearest to ``at``: off by at most half a step, which motion
     # and columns share.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
-    local = np.clip(
-        local,
-        half,
-        len(dense.t) - 1 - half,
-    )
+    local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = Decimator(filters.coarse, local)
     columns = [(low_pass @ column).T for column in _own_columns(dense, frictions)]
     return dense.part(local), np.stack(columns, axis=2)
@@ -415,11 +398,7 @@ def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array
     """List the columns (N, n) that each joint's own motion makes, for parameters of
     that joint alone: a rotor's inertia, a torque offset, viscous friction, the model's
     frictions, Coulomb friction of several widths, gear bristles; LAWS come last."""
-    columns = [
-        motion.ddq,
-        np.ones_like(motion.q),
-        motion.dq,
-    ]
+    columns = [motion.ddq, np.ones_like(motion.q), motion.dq]
     for effect in frictions:
         of_joints = [effect.column(motion, j) for j in effect.joints]
         columns.append(np.column_stack(of_joints))
@@ -499,10 +478,5 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
     n_rows = 2 * len(model.parameters) // shared.robot.n + 1
     q, dq, ddq = shared.robot.random_states
-    motion = Motion(
-        np.zeros(n_rows),
-        q[:n_rows],
-        dq[:n_rows],
-        ddq[:n_rows],
-    )
+    motion = Motion(np.zeros(n_rows), q[:n_rows], dq[:n_rows], ddq[:n_rows])
     return structure(np.concatenate(model.dense_columns(motion)))[1]

@@ -92,11 +92,7 @@ class LogTransform:
     events: tuple[LogEvent, ...] = ()
 
     @classmethod
-    def unchanged(
-        cls,
-        n: int,
-        gravity: tuple[float, ...],
-    ) -> LogTransform:
+    def unchanged(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
         """Return the repair that changes nothing of n joints under a gravity [m/s^2].
 
         Parameters
@@ -149,10 +145,7 @@ class LogTransform:
         return replace(self, rate=rate)
 
     def with_entries(
-        self,
-        name: str,
-        joints: Sequence[int],
-        value: Any,
+        self, name: str, joints: Sequence[int], value: Any
     ) -> LogTransform:
         """Return the repair with ``value`` as the entry of some joints (from 0) of the
         field ``name``: ``with_entries("gain", [2], 0.5)``.
@@ -178,10 +171,7 @@ class LogTransform:
         return replace(self, **{name: entries})
 
     def with_multiplied(
-        self,
-        name: str,
-        joints: Sequence[int],
-        factor: float,
+        self, name: str, joints: Sequence[int], factor: float
     ) -> LogTransform:
         """Return the repair with the entries of some joints (from 0) of the field
         ``name`` multiplied by a factor.
@@ -206,12 +196,7 @@ class LogTransform:
         )
         return replace(self, **{name: entries})
 
-    def with_swap(
-        self,
-        a: int,
-        b: int,
-        *names: str,
-    ) -> LogTransform:
+    def with_swap(self, a: int, b: int, *names: str) -> LogTransform:
         """Return the repair with the channels that joints a and b take exchanged.
 
         names : which channels: "order" (positions), "tau_order" (torques), or both.
@@ -399,11 +384,7 @@ class LogTransform:
         tau = run.tau[:, list(self.tau_order)]
         for j, lead in enumerate(self.lead):
             if lead:
-                tau[:, j] = np.interp(
-                    run.t + lead,
-                    run.t,
-                    tau[:, j],
-                )
+                tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
         return np.asarray(tau * np.array(self.gain))
 
 
@@ -418,8 +399,4 @@ def _in_reverse(run: Measurements) -> Measurements:
     velocities change their sign."""
     back = run.rows(np.arange(len(run.t))[::-1])
     dq = None if back.dq is None else -back.dq
-    return replace(
-        back,
-        t=run.t[0] + run.t[-1] - back.t,
-        dq=dq,
-    )
+    return replace(back, t=run.t[0] + run.t[-1] - back.t, dq=dq)

@@ -39,21 +39,9 @@ class Report(Record):
     repaired_all: Measurements
     repaired_certain: Measurements
     unexplained: float | None = None
-    gravity: tuple[float, ...] | None = field(
-        default=None,
-        compare=False,
-        repr=False,
-    )
-    original: Measurements | None = field(
-        default=None,
-        compare=False,
-        repr=False,
-    )
-    lockstep: LockstepMotion | None = field(
-        default=None,
-        compare=False,
-        repr=False,
-    )
+    gravity: tuple[float, ...] | None = field(default=None, compare=False, repr=False)
+    original: Measurements | None = field(default=None, compare=False, repr=False)
+    lockstep: LockstepMotion | None = field(default=None, compare=False, repr=False)
     corrected: tuple[str, ...] = ()
 
     @property
@@ -101,11 +89,7 @@ class Report(Record):
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Read a report that :meth:`to_dict` wrote; repairs and repaired runs are lost."""
         percent = data["unexplained_percent"]
-        nothing = Measurements(
-            np.zeros(0),
-            np.zeros((0, 0)),
-            np.zeros((0, 0)),
-        )
+        nothing = Measurements(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         return cls(
             run=data["run"],
             issues=tuple(map(Issue.from_dict, data["findings"])),
@@ -147,11 +131,7 @@ class Report(Record):
         rows = [(f.kind, f.where, str(f.certainty), f.remedy) for f in self.issues]
         if not rows:
             return None
-        return Table(
-            ("kind", "where", "certainty", "remedy"),
-            rows,
-            words=(0, 1, 2, 3),
-        )
+        return Table(("kind", "where", "certainty", "remedy"), rows, words=(0, 1, 2, 3))
 
     def changes(self, name: str, done: Sequence[Issue]) -> str:
         """Describe a repaired copy of a file: what was repaired, and what is left to

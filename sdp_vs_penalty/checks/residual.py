@@ -94,9 +94,7 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
 
 
 def _unexplained_joints(
-    log: Likelihood,
-    repair: LogTransform,
-    fit: ArmFit,
+    log: Likelihood, repair: LogTransform, fit: ArmFit
 ) -> Iterator[Issue]:
     """Yield a warning about the joints that contradict the others: the arm leaves far
     more of their torque than a model of that joint alone. Without any, yield one about
@@ -179,11 +177,7 @@ def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.in
 _EVENT_OVER_REST = 3.0
 
 
-def _event(
-    log: Likelihood,
-    repair: LogTransform,
-    fit: ArmFit,
-) -> Iterator[Issue]:
+def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue]:
     """Yield a warning about the first joint with a moment at which the error is far
     larger than at any other: a contact, a push.
 
@@ -261,10 +255,7 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     model = problem.model()
     data = compress(rows, model)
     known = of_regression(
-        make_task(problem, model, data),
-        data,
-        base_rows(problem, model),
-        white=True,
+        make_task(problem, model, data), data, base_rows(problem, model), white=True
     )
     # A base parameter is named after its first link parameter.
     dark = [x.name.split(" ")[0] for x in known.base if x.verdict == NOT_SEEN]

@@ -164,11 +164,7 @@ def _errors_of_tilt(log: Likelihood, repair: LogTransform, weights: Array) -> Ar
 
 
 def _errors_of_coupling(
-    log: Likelihood,
-    repair: LogTransform,
-    weights: Array,
-    driven: int,
-    driving: int,
+    log: Likelihood, repair: LogTransform, weights: Array, driven: int, driving: int
 ) -> Array:
     """Return the errors (PARTS, n) on parts left out of gears that couple two joints
     (from 0).

@@ -43,10 +43,7 @@ def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
     iterator of Issue
         Issues to report; none if nothing is wrong.
     """
-    channels = {
-        "t": glance.run.t[:, None],
-        **glance.run.groups,
-    }
+    channels = {"t": glance.run.t[:, None], **glance.run.groups}
     is_usable = np.ones(len(glance.run.t), bool)
     for name, x in channels.items():
         # A comparison with NaN is false.
@@ -82,12 +79,7 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
     if not len(lags):
         return
     lag = int(np.argmax(np.bincount(lags)))  # the most frequent distance [rows]
-    is_same = np.concatenate(
-        [
-            np.zeros(lag, bool),
-            number[lag:] == number[:-lag],
-        ]
-    )
+    is_same = np.concatenate([np.zeros(lag, bool), number[lag:] == number[:-lag]])
     # One pose, held by a simulator without noise, is no copy.
     q = glance.run.q
     least_travel = 0.05 * np.ptp(q, axis=0).max()
@@ -120,12 +112,7 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     iterator of Issue
         Issues to report; none if nothing is wrong.
     """
-    is_held = np.concatenate(
-        [
-            [False],
-            np.diff(glance.row_numbers) == 0,
-        ]
-    )
+    is_held = np.concatenate([[False], np.diff(glance.row_numbers) == 0])
     frozen = _frozen_packets(glance, is_held)
     which = "all channels repeat"
     if not frozen.any():
@@ -361,9 +348,7 @@ def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
         " interpolation."
     )
     yield from glance.delete_rows(
-        "interpolated rows",
-        mask_of(len(inside), parts),
-        what,
+        "interpolated rows", mask_of(len(inside), parts), what
     )
 
 
@@ -592,11 +577,7 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     # Speed of each joint in each step between them, and three times its usual scatter.
     steps = np.diff(glance.run.t[fresh])
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
-    scatter = 3.0 * np.quantile(
-        np.abs(np.diff(speed, axis=0)),
-        0.9,
-        axis=0,
-    )
+    scatter = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
     # Mean speed of the five steps before and the five behind each.
     usual = _mean_of_neighbours(speed, 5)
     is_clear = usual > scatter  # (steps, joints)
@@ -639,23 +620,14 @@ def _mean_of_neighbours(x: Array, reach: int) -> Array:
     return total / (2 * reach)
 
 
-def _skips(
-    speed: Array,
-    usual: Array,
-    is_clear: Rows,
-) -> NDArray[np.intp]:
+def _skips(speed: Array, usual: Array, is_clear: Rows) -> NDArray[np.intp]:
     """Return the numbers of steps in which three in four joints move more than twice as
     far as in the steps around.
 
     speed, usual (K, n) : speeds in each step, and around it; is_clear (K, n) : joints
     that move well above their scatter, which alone are counted.
     """
-    ratio = np.divide(
-        speed,
-        usual,
-        out=np.full_like(speed, np.nan),
-        where=is_clear,
-    )
+    ratio = np.divide(speed, usual, out=np.full_like(speed, np.nan), where=is_clear)
     n_skip = np.sum(np.round(ratio) > 2.0, axis=1)
     n_clear = is_clear.sum(axis=1)
     n_joints = speed.shape[1]
@@ -666,18 +638,10 @@ def _skips(
 def _with_time(run: Measurements, added: Array) -> Measurements:
     """Return the run with ``added`` (N - 1,) seconds inserted after its rows; 0 leaves
     the step from a row to the next as it is."""
-    return with_time_steps(
-        run,
-        added > 0.0,
-        np.diff(run.t) + added,
-    )
+    return with_time_steps(run, added > 0.0, np.diff(run.t) + added)
 
 
-def find_frozen_channels(
-    glance: RunSummary,
-    word: str,
-    name: str,
-) -> Iterator[Issue]:
+def find_frozen_channels(glance: RunSummary, word: str, name: str) -> Iterator[Issue]:
     """Yield an issue about channels that are frozen: they repeat a value bit by bit
     while the arm moves, and did not slow down before.
 
@@ -699,12 +663,7 @@ def find_frozen_channels(
     yield from glance.delete_rows(f"frozen {word}", bad, what, sure)
 
 
-def _stuck(
-    glance: RunSummary,
-    j: int,
-    x: Array,
-    is_position: bool,
-) -> Rows:
+def _stuck(glance: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
     """Return the rows (N,) in which the channel x (N,) of joint j is frozen.
 
     A long stretch of one value is a freeze if what comes behind it does not continue
@@ -746,13 +705,7 @@ def _largest_step_of_resolution(x: Array) -> float:
     return 3.0 * lattice_step(x)
 
 
-def _velocity_goes_on(
-    run: Measurements,
-    j: int,
-    a: int,
-    b: int,
-    level: float,
-) -> bool:
+def _velocity_goes_on(run: Measurements, j: int, a: int, b: int, level: float) -> bool:
     """Whether joint j's logged velocity shows that it moves from row a to b.
 
     It does if two things hold. The mean square velocity there is at least a tenth of
@@ -817,12 +770,7 @@ def _long_pauses(glance: RunSummary, x: Array) -> list[list[int]]:
     return pauses
 
 
-def _comes_to_rest(
-    x: Array,
-    steps: Array,
-    a: int,
-    jump: float,
-) -> bool:
+def _comes_to_rest(x: Array, steps: Array, a: int, jump: float) -> bool:
     """Whether a position x (N,) comes to rest at row a by itself: it slows down before,
     and starts again slowly.
 
@@ -835,12 +783,7 @@ def _comes_to_rest(
     return bool(jump < 4.0 * usual and slows_down)
 
 
-def _is_constant_friction(
-    q: Array,
-    steps: Array,
-    level: float,
-    b: int,
-) -> bool:
+def _is_constant_friction(q: Array, steps: Array, level: float, b: int) -> bool:
     """Whether dry friction explains that a torque is constant up to row b.
 
     It does if the channel is coarse (``steps`` (N - 1,), its absolute changes, are

@@ -284,10 +284,7 @@ class RepairSearch:
         return None
 
     def _as_likely(
-        self,
-        repair: LogTransform,
-        now: LogTransform,
-        likely: Sequence[LogTransform],
+        self, repair: LogTransform, now: LogTransform, likely: Sequence[LogTransform]
     ) -> list[LogTransform]:
         """List the repairs that are about as likely as a confirmed one, ``repair``, and
         that parts left out confirm, or do not tell from it.
@@ -319,10 +316,7 @@ class RepairSearch:
         return tied
 
     def _is_as_good(
-        self,
-        other: LogTransform,
-        repair: LogTransform,
-        now: LogTransform,
+        self, other: LogTransform, repair: LogTransform, now: LogTransform
     ) -> bool:
         """Whether parts of the log that were left out do not tell a confirmed repair
         from another one.
@@ -340,9 +334,7 @@ class RepairSearch:
         return clearness < c.REQUIRED_SIGMAS
 
     def _of_most_plausible_size(
-        self,
-        tied: Sequence[LogTransform],
-        now: LogTransform,
+        self, tied: Sequence[LogTransform], now: LogTransform
     ) -> LogTransform:
         """Return the repair to take out of several that are about as likely.
 
@@ -360,10 +352,7 @@ class RepairSearch:
         return min(gains, key=lambda repair: far_from_nominal(self.log, repair))
 
     def _note_rivals(
-        self,
-        best: LogTransform,
-        tied: Sequence[LogTransform],
-        now: LogTransform,
+        self, best: LogTransform, tied: Sequence[LogTransform], now: LogTransform
     ) -> None:
         """Record, for the report, the faults that explain the log as well as the one
         that is added.
@@ -439,9 +428,7 @@ class RepairSearch:
         ]
 
     def _gains_on_few_rows(
-        self,
-        repairs: Sequence[LogTransform],
-        now: LogTransform,
+        self, repairs: Sequence[LogTransform], now: LogTransform
     ) -> dict[LogTransform, float]:
         """Return the gain in log-likelihood of each repair over ``now``, on a third of
         the rows.
@@ -604,9 +591,7 @@ class RepairSearch:
             objects &= self._rises_without_laws(log, repair, now)
             is_harmless = not objects.any()
         odds = log_odds(
-            before.mean(axis=0),
-            after.mean(axis=0),
-            self.independent_samples,
+            before.mean(axis=0), after.mean(axis=0), self.independent_samples
         )
         is_likely = odds > c.LOG_ODDS_AGAINST_FAULT
         # Of one joint, or of all together: an arm's parameters spread what is wrong
@@ -617,10 +602,7 @@ class RepairSearch:
         return bool(is_likely and is_large and is_harmless and is_everywhere)
 
     def _shows_where_it_acts(
-        self,
-        falls: Array,
-        repair: LogTransform,
-        now: LogTransform,
+        self, falls: Array, repair: LogTransform, now: LogTransform
     ) -> bool:
         """Whether a fault with a size that all torques share (a delay, a filter)
         explains more than one joint.
@@ -684,10 +666,7 @@ class RepairSearch:
         return errors[:, log.moving]
 
     def _rises_without_laws(
-        self,
-        log: Likelihood,
-        repair: LogTransform,
-        now: LogTransform,
+        self, log: Likelihood, repair: LogTransform, now: LogTransform
     ) -> NDArray[np.bool_]:
         """Return which of the K moving joints' errors on parts left out rise by a
         repair, where the arm has no further laws of friction and position."""
@@ -738,10 +717,7 @@ class RepairSearch:
             if fault.severity == "note" or _same_fit(net, without):
                 continue
             is_confirmed = fault.kind == "torque sign" or self.beats_physics(
-                self.log,
-                net,
-                without,
-                strict=True,
+                self.log, net, without, strict=True
             )
             holds = is_confirmed and all(
                 self._holds(log, net, without) for log in several
@@ -761,12 +737,7 @@ class RepairSearch:
                 return present.repair_without
         return net
 
-    def _holds(
-        self,
-        log: Likelihood,
-        net: LogTransform,
-        without: LogTransform,
-    ) -> bool:
+    def _holds(self, log: Likelihood, net: LogTransform, without: LogTransform) -> bool:
         """Whether one run is consistent with a fault that all runs share.
 
         It is unless the repair ``net`` raises the error on held-out parts of this run's
@@ -844,12 +815,7 @@ class RepairSearch:
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
         now = number.repair_with(number.value)
-        change, spread = self.log.first_order_steps(
-            now,
-            [number.repair_with],
-            value,
-            h,
-        )
+        change, spread = self.log.first_order_steps(now, [number.repair_with], value, h)
         return float(change[0]), float(spread[0])
 
     def sizes_by_name(
@@ -930,10 +896,7 @@ class RepairSearch:
             "maxiter": _ROUNDS_OF_SIZE_SEARCH,
         }
         minimum = scipy.optimize.minimize_scalar(
-            score,
-            bounds=(low, high),
-            method="bounded",
-            options=settings,
+            score, bounds=(low, high), method="bounded", options=settings
         )
         is_better = minimum.fun < score(number.value)
         return float(minimum.x) if is_better else number.value
@@ -1180,11 +1143,7 @@ class RepairSearch:
             rivals += self._signs_as_likely(net, fault.joints)
         return rivals
 
-    def _signs_as_likely(
-        self,
-        net: LogTransform,
-        turned: Sequence[int],
-    ) -> list[Rival]:
+    def _signs_as_likely(self, net: LogTransform, turned: Sequence[int]) -> list[Rival]:
         """List other sets of joints whose torques may have the wrong sign instead.
 
         A set differs from ``turned`` by one joint, more or less. It is listed if
@@ -1254,11 +1213,7 @@ class RepairSearch:
                 net = net.with_multiplied("gain", (j,), -1.0)
         return net
 
-    def _against_turning(
-        self,
-        net: LogTransform,
-        j: int,
-    ) -> tuple[float, float]:
+    def _against_turning(self, net: LogTransform, j: int) -> tuple[float, float]:
         """Return what speaks against turning the sign of joint j's torque (j from 0).
 
         Returns
@@ -1273,16 +1228,8 @@ class RepairSearch:
         """
         other = net.with_multiplied("gain", (j,), -1.0)
         fits = self.log.fit_all([net, other])
-        physics_now = self.log.physics(
-            fits[0],
-            net,
-            self.independent_samples,
-        )
-        physics_turned = self.log.physics(
-            fits[1],
-            other,
-            self.independent_samples,
-        )
+        physics_now = self.log.physics(fits[0], net, self.independent_samples)
+        physics_turned = self.log.physics(fits[1], other, self.independent_samples)
         clearness = self.log.clearness_of_fall(
             self._held_out_errors(other), self._held_out_errors(net)
         )

@@ -146,21 +146,10 @@ class _Size:
         return self.over > c.EFFORT[1]
 
     @classmethod
-    def of(
-        cls,
-        log: Likelihood,
-        repair: LogTransform,
-        shares: Array,
-    ) -> "_Size":
+    def of(cls, log: Likelihood, repair: LogTransform, shares: Array) -> "_Size":
         """Return the size of the torques of a repaired log; shares (n,) : largest
         torques over the effort limits."""
-        over = float(
-            np.max(
-                shares,
-                initial=-1.0,
-                where=shares > 0.0,
-            )
-        )
+        over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
         problem = log.problem
         masses = float(problem.nominal_links[:, 0].sum())
         if masses <= 0.0 or np.all(problem.guessed_links):
@@ -247,9 +236,7 @@ class _Reason:
 
 
 def _reason_of_size(
-    log: Likelihood,
-    repair: LogTransform,
-    size: _Size,
+    log: Likelihood, repair: LogTransform, size: _Size
 ) -> _Reason | None:
     """Return the likeliest reason why the torques are too large or too small.
 
@@ -384,11 +371,7 @@ def _left_by_weight(log: Likelihood) -> Array:
     of each joint leave, by one least-squares fit to all joints of equal weight."""
     fit = log.fit(log.as_logged)
     mask = log.torque_mask(log.as_logged)[:, :, None]
-    weight = mask * log.shared(
-        log.as_logged,
-        speed=0.0,
-        push=0.0,
-    )  # (n, M, s)
+    weight = mask * log.shared(log.as_logged, speed=0.0, push=0.0)  # (n, M, s)
     offsets = np.eye(log.n)[:, None, :] * mask
     # Each joint's torque is scaled to energy 1, so that residuals are shares.
     size = np.sqrt(np.maximum(fit.energy, 1e-280))[:, None]

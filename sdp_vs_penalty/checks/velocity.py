@@ -54,11 +54,7 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
         return
     # Ratios are those without the lag.
     lag = velocity_lag(glance)
-    dq = np.roll(
-        glance.run.dq,
-        -round(lag or 0.0),
-        axis=0,
-    )
+    dq = np.roll(glance.run.dq, -round(lag or 0.0), axis=0)
     ratios = velocity_ratios(replace(glance, run=replace(glance.run, dq=dq)))
     known = np.flatnonzero(np.isfinite(ratios))
     if not len(known):

@@ -97,12 +97,7 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
 def say(text: str, style: str | None = None) -> None:
     """Print a line on stdout for copying or searching: not wrapped, without markup."""
     transcript.sentences.append(text)
-    out.print(
-        printable(text),
-        style=style,
-        markup=False,
-        soft_wrap=True,
-    )
+    out.print(printable(text), style=style, markup=False, soft_wrap=True)
 
 
 def paragraph(text: str) -> None:
@@ -158,12 +153,7 @@ def table(table: Table) -> None:
     """
     transcript.tables.append(table.to_dict())
     if table.title:
-        out.print(
-            printable(table.title),
-            style="italic",
-            markup=False,
-            soft_wrap=True,
-        )
+        out.print(printable(table.title), style="italic", markup=False, soft_wrap=True)
     if table.least_width <= out.width:
         out.print(table)
     elif out.is_terminal:

@@ -39,7 +39,7 @@ VERBS = {
         "demo": (
             "Show the main job on a simulated 7-joint arm in which one effect is "
             "hidden."
-        ),
+        )
     },
     "Measurements": {
         "fetch": (
@@ -234,9 +234,7 @@ def _run(words: Sequence[str]) -> None:
 
 @contextmanager
 def _transcribed(
-    words: Sequence[str],
-    is_quiet: bool,
-    json_file: Path | None,
+    words: Sequence[str], is_quiet: bool, json_file: Path | None
 ) -> Iterator[None]:
     """Record what the command prints while this runs.
 

@@ -88,11 +88,7 @@ def _parsed_option_lines(lines: str) -> dict[str, Any]:
     return options
 
 
-def _value(
-    kind: type,
-    low: float | None,
-    high: float | None,
-) -> Callable[[str], Any]:
+def _value(kind: type, low: float | None, high: float | None) -> Callable[[str], Any]:
     """Return a function that converts a word to a value, for argparse.
 
     Parameters
@@ -125,11 +121,7 @@ class Parser(argparse.ArgumentParser):
     """Of one verb, typed by its signature, told by its docstring; options : by
     parameter, as argparse holds them. Raises InputError for words that are none."""
 
-    def __init__(
-        self,
-        name: str,
-        verb: Callable[..., None],
-    ) -> None:
+    def __init__(self, name: str, verb: Callable[..., None]) -> None:
         """Make the parser of a verb from its signature and its docstring.
 
         The docstring holds the description, "Example: ..." and a line for each option;
@@ -162,10 +154,7 @@ class Parser(argparse.ArgumentParser):
             for p in inspect.signature(verb).parameters.values()
         }
         self.add_argument(
-            "--quiet",
-            "-q",
-            action="store_true",
-            help="Nothing but remarks and errors.",
+            "--quiet", "-q", action="store_true", help="Nothing but remarks and errors."
         )
         if "json_" not in self.options:
             self.add_argument(
@@ -216,11 +205,7 @@ class Parser(argparse.ArgumentParser):
         if kind is bool:
             yes_or_no: Any = argparse.BooleanOptionalAction if default else "store_true"
             return self.add_argument(
-                *flags,
-                dest=p.name,
-                action=yes_or_no,
-                default=default,
-                help=text,
+                *flags, dest=p.name, action=yes_or_no, default=default, help=text
             )
         if issubclass(kind, StrEnum):
             metavar = "|".join(kind)
@@ -247,11 +232,7 @@ class Parser(argparse.ArgumentParser):
         elif default is not None:
             text += f" (default: {default})"
         return self.add_argument(
-            *flags,
-            dest=p.name,
-            required=required,
-            help=text,
-            **how,
+            *flags, dest=p.name, required=required, help=text, **how
         )
 
     def given(self, words: Sequence[str]) -> dict[str, Any]:
@@ -272,12 +253,7 @@ class Parser(argparse.ArgumentParser):
         known = [flag for option in self._actions for flag in option.option_strings]
         for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
             if flag != "--help":
-                require_known(
-                    "option",
-                    flag,
-                    known,
-                    self.prog.partition(" ")[2],
-                )
+                require_known("option", flag, known, self.prog.partition(" ")[2])
         joined: list[str] = []
         for word in words:  # what begins like a number is a value: --gravity -9.81,0,0
             if re.match(r"-[\d.]", word) and joined and joined[-1] in known:
@@ -320,21 +296,13 @@ class Parser(argparse.ArgumentParser):
             Remark(f"write {current}: --problem goes with the next version"),
             stacklevel=2,
         )
-        return [
-            *problems,
-            *["--data"] * bool(runs),
-            *runs,
-            *options,
-        ]
+        return [*problems, *["--data"] * bool(runs), *runs, *options]
 
     def _n_values(self, flag: str) -> float:
         """Return how many words may follow a flag; 1 for an unknown flag."""
         for option in self._actions:
             if flag in option.option_strings:
-                most: dict[Any, float] = {
-                    0: 0.0,
-                    "+": math.inf,
-                }
+                most: dict[Any, float] = {0: 0.0, "+": math.inf}
                 return most.get(option.nargs, 1.0)
         return 1.0
 

@@ -26,11 +26,7 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.render.words import DiagnosisWords
 
 
-def estimate(
-    result: Estimate,
-    fit: Comparison | None,
-    seconds: float,
-) -> None:
+def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     """Print what was identified, how well it fits, and what the certificate says.
 
     Parameters
@@ -305,10 +301,7 @@ def _findings(
 
 
 def before_after(
-    before: Comparison,
-    after: Comparison,
-    units: Sequence[str],
-    what: str,
+    before: Comparison, after: Comparison, units: Sequence[str], what: str
 ) -> None:
     """Print how each joint's error changed, the verdict on the new model, and both
     errors.

@@ -105,9 +105,7 @@ def _idle_in_all(
 
 
 def runs_from_options(
-    problem: Problem,
-    data: Sequence[Path],
-    window: str | None,
+    problem: Problem, data: Sequence[Path], window: str | None
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """Load the runs, or a black box's answers, of the option --data.
 
@@ -119,9 +117,7 @@ def runs_from_options(
     windows = time_windows(window)
     robot = problem.robot
     runs = load_answers(list(data), joints=robot.n) or load_measurements(
-        *data,
-        joints=robot.n,
-        names=robot.joint_names,
+        *data, joints=robot.n, names=robot.joint_names
     )
     return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
 
@@ -166,16 +162,11 @@ def parsed_known(text: str | None) -> dict[str, float]:
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:
     """Return the runs as words of a command, as they stand after --data."""
-    return [
-        *map(str, data),
-        *([] if window is None else ["--window", window]),
-    ]
+    return [*map(str, data), *([] if window is None else ["--window", window])]
 
 
 def judging_runs(
-    estimate: Estimate,
-    data: list[Path] | None,
-    window: str | None,
+    estimate: Estimate, data: list[Path] | None, window: str | None
 ) -> Runs | None:
     """Return the runs to judge a model on: those of --data, or those it was judged on
     last.

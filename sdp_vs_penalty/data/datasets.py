@@ -38,9 +38,7 @@ def cache_folder() -> Path:
 
 
 def fetch(
-    name: str,
-    folder: str | Path | None = None,
-    base: str | None = None,
+    name: str, folder: str | Path | None = None, base: str | None = None
 ) -> list[Path]:
     """Download a data set once and write its runs.
 
@@ -66,11 +64,7 @@ def fetch(
     """
     chosen = dataset(name)
     root = cache_folder() if folder is None else Path(folder)
-    download(
-        chosen,
-        root / name,
-        base or os.environ.get(MIRROR_VARIABLE) or GITHUB,
-    )
+    download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
     for path, rows in ((root / name / file.name, file.rows) for file in chosen.files):
         if rows is not None:
             sentence = (
@@ -152,11 +146,7 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
     return Measurements.of(m.t, groups, m.names, m.run)
 
 
-def download(
-    chosen: Dataset,
-    folder: Path,
-    base: str = GITHUB,
-) -> None:
+def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
     """Download every file of a data set that is not there yet, and check its SHA-256.
 
     Parameters
@@ -182,11 +172,7 @@ def download(
         loader = pooch.HTTPDownloader(timeout=30)
         try:
             pooch.retrieve(
-                address,
-                f"sha256:{file.sha256}",
-                file.name,
-                folder,
-                downloader=loader,
+                address, f"sha256:{file.sha256}", file.name, folder, downloader=loader
             )
         except OSError as error:  # every error of requests is one
             missing = ", ".join(
@@ -233,12 +219,7 @@ def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
     for file in known.files:
         first, last = file.rows or (1, None)
         part = {"skiprows": first - 1, "max_rows": last and last - first + 1}
-        rows = np.loadtxt(
-            folder / file.name,
-            delimiter=",",
-            encoding="latin1",
-            **part,
-        )  # type: ignore[call-overload]
+        rows = np.loadtxt(folder / file.name, delimiter=",", encoding="latin1", **part)  # type: ignore[call-overload]
         current = rows[:, 13:19]  # actual [A]
         name = Path(file.name).stem
         runs[name] = Measurements(
@@ -268,11 +249,7 @@ def _emps_runs(folder: Path) -> dict[str, Measurements]:
             "qcmd": data["qg"],
             "voltage": data["vir"],
         }
-        runs[name] = Measurements.of(
-            data["t"].ravel(),
-            groups,
-            (name,),
-        )
+        runs[name] = Measurements.of(data["t"].ravel(), groups, (name,))
     return runs
 
 

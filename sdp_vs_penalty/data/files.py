@@ -196,9 +196,7 @@ def _one(
                 " of these"
             )
             raise InputError(
-                "no measurements",
-                remedy,
-                what.replace("...", given(part)),
+                "no measurements", remedy, what.replace("...", given(part))
             )
         _refuse_transposed(part, columns.numbers, what)
         run_read = read_columns_in_memory(columns, number, what)
@@ -448,11 +446,7 @@ def _read_by_its_format(path: Path, choice: Choice) -> Measurements:
     return run
 
 
-def _require_joints(
-    run: Measurements,
-    names: Sequence[str],
-    path: Path,
-) -> None:
+def _require_joints(run: Measurements, names: Sequence[str], path: Path) -> None:
     """Raise MissingJoints where the file names its joints and lacks some of the
     robot's."""
     n_missing = len(names) - len(run.joint_names)
@@ -547,11 +541,7 @@ def _without_silent_channels(path: str | Path, run: Measurements) -> Measurement
     return Measurements.of(run.t, groups, run.names, run.run)
 
 
-def check_usable(
-    path: str | Path,
-    m: Measurements,
-    word: str = "sample",
-) -> None:
+def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> None:
     """Refuse a run that is too short, has numbers that are not finite or not plausible,
     or a clock that does not ascend.
 
@@ -587,10 +577,7 @@ def check_usable(
 
 
 def _no_measurement(
-    where: str,
-    value: float,
-    word: str,
-    path: str | Path,
+    where: str, value: float, word: str, path: str | Path
 ) -> InputError:
     """Return the error of a number that no sensor measures, or that is not finite."""
     remedy = f"correct the {word} or delete it"
@@ -625,10 +612,7 @@ def is_last_row_first(steps: Array) -> bool:
 
 
 def _require_advancing_clock(
-    path: str | Path,
-    m: Measurements,
-    word: str,
-    first: int,
+    path: str | Path, m: Measurements, word: str, first: int
 ) -> None:
     """Raise RepairableError where time repeats or runs backwards.
 

@@ -185,12 +185,7 @@ class Measurements(Shown):
         # Length of each run [s], and the sampling rate from the median step of all.
         lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
         with np.errstate(invalid="ignore"):
-            steps = np.concatenate(
-                [
-                    np.zeros(0),
-                    *(np.diff(r.t) for r in runs),
-                ]
-            )
+            steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
         median_step = np.median(steps) if len(steps) else 0.0
         rate = f", {1.0 / median_step:.4g} Hz" if median_step > 0.0 else ""
         n_runs = formatting.count(len(runs), "run")
@@ -284,11 +279,7 @@ class Measurements(Shown):
             The samples; a view where a slice is given.
         """
         groups = {group: block[keep] for group, block in self.groups.items()}
-        return Measurements.of(
-            self.t[keep],
-            groups,
-            (name or self.names[0],),
-        )
+        return Measurements.of(self.t[keep], groups, (name or self.names[0],))
 
     def copied(self) -> Measurements:
         """Return the same measurements in arrays of their own."""
@@ -432,12 +423,7 @@ def without_traces(measured: Measurements) -> Measurements:
             np.where(np.abs(part) < _SMALLEST_VALUE, 0.0, part)
             for _, part in iter_chunks(groups[name])
         )
-    return Measurements.of(
-        groups.pop("t"),
-        groups,
-        measured.names,
-        measured.run,
-    )
+    return Measurements.of(groups.pop("t"), groups, measured.names, measured.run)
 
 
 def _has_traces(block: Array) -> bool:

@@ -10,9 +10,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 def nearest_rows(
-    clock: Array,
-    other: Array,
-    within: float,
+    clock: Array, other: Array, within: float
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Find for each stamp of a clock the nearest stamp of another clock.
 
@@ -32,11 +30,7 @@ def nearest_rows(
     """
     if len(other) == 0:
         return np.zeros(len(clock), np.intp), np.zeros(len(clock), bool)
-    after = np.clip(
-        np.searchsorted(other, clock),
-        0,
-        len(other) - 1,
-    )
+    after = np.clip(np.searchsorted(other, clock), 0, len(other) - 1)
     before = np.maximum(after - 1, 0)
     is_before = np.abs(other[before] - clock) <= np.abs(other[after] - clock)
     nearest = np.where(is_before, before, after)
@@ -63,9 +57,7 @@ def half_period(clock: Array) -> float:
 
 
 def merge_columns(
-    clock: Array,
-    columns: Mapping[str, Array],
-    leading: Sequence[str],
+    clock: Array, columns: Mapping[str, Array], leading: Sequence[str]
 ) -> tuple[NDArray[np.intp], dict[str, Array]]:
     """Merge columns that have values in different rows, by the nearest stamp.
 

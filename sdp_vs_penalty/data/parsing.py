@@ -3,11 +3,7 @@
 from sdp_vs_penalty.errors import InputError
 
 
-def numbers(
-    option: str,
-    text: str,
-    count: int | None = None,
-) -> list[float]:
+def numbers(option: str, text: str, count: int | None = None) -> list[float]:
     """Parse an option that holds numbers, "0,0,-9.81".
 
     Parameters

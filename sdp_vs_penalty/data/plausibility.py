@@ -103,9 +103,7 @@ def _many_turns(run: Measurements, j: int, travel: float) -> InputError:
     where = f"{_place(run, row)}, column q{j + 1}"
     what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
     return RepairableError(
-        f"{what}: positions look like degrees",
-        f"convert to radians{_MOTORS}",
-        where,
+        f"{what}: positions look like degrees", f"convert to radians{_MOTORS}", where
     )
 
 
@@ -208,9 +206,7 @@ def check_torque(run: Measurements) -> None:
         return
     if not largest > zero:
         raise InputError(
-            "every torque is zero",
-            "log the torque, or the current",
-            run.names[0],
+            "every torque is zero", "log the torque, or the current", run.names[0]
         )
     if largest < threshold:
         what = f"no torque exceeds {largest:.2g} N m, less than any arm needs"
@@ -232,9 +228,7 @@ def _check_side(robot: Robot, run: Measurements) -> None:
             " in the ranges"
         )
         raise InputError(
-            what,
-            "convert the log with `convert --motor-side`",
-            run.names[0],
+            what, "convert the log with `convert --motor-side`", run.names[0]
         )
 
 

@@ -169,11 +169,7 @@ class AppendableArray:
         first = self._pieces[0]
         with _room(), self._file as file:
             file.flush()
-            mapped = mmap.mmap(
-                file.fileno(),
-                0,
-                access=mmap.ACCESS_READ,
-            )
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         return np.frombuffer(mapped, first.dtype).reshape(self._rows, *first.shape[1:])
 
 

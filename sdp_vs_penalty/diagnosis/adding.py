@@ -40,12 +40,7 @@ from sdp_vs_penalty.estimation.sensitivity import (
 )
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
-from sdp_vs_penalty.estimators.estimator import (
-    Estimator,
-    Progress,
-    Task,
-    no_progress,
-)
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -125,14 +120,7 @@ def add(
     new = estimate_constants(estimate, added, measurements, frozen)
     _refuse_duplicates(estimate, new)
     if frozen:
-        extended = _add_frozen(
-            estimate,
-            new,
-            filtered,
-            seed,
-            progress,
-            gain_errors,
-        )
+        extended = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
     else:
         again = _Again(estimate, filtered, gain_errors, seed, progress)
         to_estimate = [e for e in added if not all_given(e)]
@@ -276,9 +264,7 @@ class _Again:
         )
 
     def identified_jointly(
-        self,
-        effects: Sequence[Effect],
-        to_estimate: Sequence[Effect],
+        self, effects: Sequence[Effect], to_estimate: Sequence[Effect]
     ) -> Estimate:
         """Identify the model with these effects, and optimise shape constants jointly.
 
@@ -299,10 +285,7 @@ class _Again:
             return extended
         model, shapes = together
         extended = self.identified(model.effects)
-        details = {
-            **extended.details,
-            "shapes": [s.to_dict() for s in shapes],
-        }
+        details = {**extended.details, "shapes": [s.to_dict() for s in shapes]}
         return replace(extended, details=details)
 
 
@@ -324,9 +307,7 @@ def _with_noise_of(estimate: Estimate, extended: Estimate) -> Estimate:
 
 
 def _retunes(
-    estimate: Estimate,
-    new_effects: Sequence[Effect],
-    frozen: bool,
+    estimate: Estimate, new_effects: Sequence[Effect], frozen: bool
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
     """Separate effects that are new to the model from new constants of its own effects.
 
@@ -451,10 +432,7 @@ def _add_frozen(
     # own.
     base = base_rows(problem, fit.model_of_new)
     sources = parameter_sources(
-        fit.task,
-        fit.theta,
-        base,
-        fit.estimator.undetermined_by,
+        fit.task, fit.theta, base, fit.estimator.undetermined_by
     )
     old = estimate.details
     details = {
@@ -541,15 +519,9 @@ def _fit_new_effects(
     progress
         Called with a text at each step.
     """
-    model_of_new = Model(
-        estimate.robot,
-        tuple(new),
-        gains=estimate.model.gains,
-    )
+    model_of_new = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
     model = replace(
-        estimate.model,
-        effects=(*estimate.model.effects, *new),
-        reference=None,
+        estimate.model, effects=(*estimate.model.effects, *new), reference=None
     )
     # The reference: parameters from which torque for such columns is computed.
     known = estimate.model.reference
@@ -565,14 +537,7 @@ def _fit_new_effects(
         task = task_beside(estimate, model_of_new, torque_left, seed, progress)
         progress("estimating the new effects")
         theta, certificate = certify(task, estimator.fit(task))
-    return _FitBeside(
-        model,
-        model_of_new,
-        task,
-        estimator,
-        theta,
-        certificate,
-    )
+    return _FitBeside(model, model_of_new, task, estimator, theta, certificate)
 
 
 def _uncertainty_beside(
@@ -607,23 +572,12 @@ def _uncertainty_beside(
     if reference is not None:
         n_constants = sum(len(e.parameters) for e in constants)
         reference = np.append(reference, np.zeros(n_constants))
-    wide = Model(
-        model.robot,
-        (*model.effects, *constants),
-        reference,
-        model.gains,
-    )
+    wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
     held = (estimate.theta, estimate.uncertainty)
     base_of_held = base_rows(estimate.problem, estimate.model)
     regression = compress(runs, wide)
     return beside_held(
-        fit.task,
-        regression,
-        held,
-        base_of_held,
-        fit.theta,
-        base,
-        gain_errors,
+        fit.task, regression, held, base_of_held, fit.theta, base, gain_errors
     )
 
 
@@ -701,11 +655,7 @@ def estimate_constants(
     return out
 
 
-def _shaped(
-    search: Search,
-    effect: Effect,
-    joint: int | None,
-) -> Effect:
+def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     """Return an effect with those shape constants that have the highest evidence.
 
     All starting values of the effect's class are scored as additions to the model. The
@@ -736,9 +686,7 @@ def _shaped(
 
 
 def joint_optimum_of_constants(
-    extended: Estimate,
-    added: Sequence[Effect],
-    runs: FilteredRuns,
+    extended: Estimate, added: Sequence[Effect], runs: FilteredRuns
 ) -> tuple[Model, list[ShapeEstimate]] | None:
     """Estimate the shape constants of added effects and of the model's own, all
     together.

@@ -734,11 +734,7 @@ class SplitError:
         return np.asarray(beyond[:, is_visible])
 
 
-def held_out_share(
-    features: Array,
-    error: Array,
-    fold: NDArray[np.intp],
-) -> float:
+def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
     """Return the share of an error that features predict on data left out, at least 0.
 
     For each fold, ridge regression is fitted to the other folds and predicts the fold.

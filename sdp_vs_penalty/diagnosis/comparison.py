@@ -206,10 +206,7 @@ class Comparison(Record):
         return self.verdict_with()
 
     def verdict_with(
-        self,
-        missing: str = "",
-        forward: str = "",
-        has_open_finding: bool = False,
+        self, missing: str = "", forward: str = "", has_open_finding: bool = False
     ) -> Verdict:
         """Return the verdict with sentences from a diagnosis and a forward simulation.
 
@@ -249,10 +246,7 @@ class Comparison(Record):
         )
 
     def plot(
-        self,
-        joint: int | None = None,
-        against: str = "time",
-        axes: Any = None,
+        self, joint: int | None = None, against: str = "time", axes: Any = None
     ) -> Any:
         """Plot the error of each joint beside the noise floor, or one joint's residual.
 
@@ -346,11 +340,7 @@ class Comparison(Record):
         return pandas.DataFrame(columns, pandas.Index(joints, name="joint"))
 
     @classmethod
-    def from_dict(
-        cls,
-        data: Mapping[str, Any],
-        estimate: Estimate,
-    ) -> Self:
+    def from_dict(cls, data: Mapping[str, Any], estimate: Estimate) -> Self:
         """Restore a comparison from the JSON of :meth:`to_dict`.
 
         Parameters
@@ -455,11 +445,7 @@ def new_motion(new_share: float | None) -> str:
     return "not recorded" if new_share is None else formatting.percent(new_share, 2)
 
 
-def plot_errors(
-    axes: Any,
-    errors: Mapping[str, Array],
-    floor: Array | None,
-) -> Any:
+def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:
     """Plot the RMS error of each joint as bars, models side by side, and the noise as
     steps.
 
@@ -632,20 +618,13 @@ def compare(
     if not isinstance(runs, FilteredRuns):
         names = first.robot.joint_names
         data = as_measurements(
-            measurements,
-            names=names,
-            what="compare(measurements=...)",
+            measurements, names=names, what="compare(measurements=...)"
         )
         runs = FilteredRuns.of(data, preprocessing or first.preprocessing)
     for name, model in models.items():
         if model.robot.n != runs.measurements.n:
             what = f"measurements for {name}"
-            raise other_robot(
-                runs.measurements.n,
-                model.robot.n,
-                what,
-                "model",
-            )
+            raise other_robot(runs.measurements.n, model.robot.n, what, "model")
         check_plausible(model.robot, runs.measurements)
     return compare_filtered(models, runs, noise_from)
 
@@ -774,10 +753,7 @@ def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:
 
 
 def _compare_one(
-    name: str,
-    model: Estimate,
-    runs: FilteredRuns,
-    floor: tuple[Array | None, str],
+    name: str, model: Estimate, runs: FilteredRuns, floor: tuple[Array | None, str]
 ) -> Comparison:
     """Compute the errors of one model on filtered runs.
 

@@ -24,22 +24,13 @@ from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.events import Event, find_events
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
-from sdp_vs_penalty.diagnosis.findings import (
-    Diagnosis,
-    Finding,
-    Remaining,
-    Retune,
-)
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Remaining, Retune
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sizes import (
-    size_of,
-    sizes_with_intervals,
-    torque_errors,
-)
+from sdp_vs_penalty.diagnosis.sizes import size_of, sizes_with_intervals, torque_errors
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects.effect import Effect
@@ -240,8 +231,7 @@ def errors_of_constants(search: Search) -> list[ConstantErrors]:
     """Return the white derivatives of torque by the shape constants of the findings of
     a search and of the model, one pair an effect: constants, and columns by joint."""
     return search.data.constant_error_columns(
-        [t.form.effect for t in search.terms],
-        [t.beta for t in search.terms],
+        [t.form.effect for t in search.terms], [t.beta for t in search.terms]
     )
 
 
@@ -292,10 +282,7 @@ def judged_findings(
 
 
 def unproven_stand_ins(
-    explanation: Explanation,
-    left: Remainder,
-    ladder: Ladder,
-    gain_errors: Array,
+    explanation: Explanation, left: Remainder, ladder: Ladder, gain_errors: Array
 ) -> list[ScoredEffect]:
     """List the findings that stand in for another effect and are not proven otherwise.
 
@@ -317,11 +304,7 @@ def _weakened(finding: Finding, reason: str) -> Finding:
     return replace(finding, confidence="weak", doubts=doubts)
 
 
-def describe_finding(
-    judged: Judged,
-    doubts: Sequence[Doubt],
-    step: Array,
-) -> Finding:
+def describe_finding(judged: Judged, doubts: Sequence[Doubt], step: Array) -> Finding:
     """Make the report of a finding.
 
     Parameters

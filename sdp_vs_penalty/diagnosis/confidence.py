@@ -79,9 +79,7 @@ class Judged:
         of a friction law, for example, changes the number, but hardly the torque.
         """
         return size_of(
-            self.effect,
-            self.size.beta,
-            self.size.covariance_given_constants,
+            self.effect, self.size.beta, self.size.covariance_given_constants
         )
 
     @property

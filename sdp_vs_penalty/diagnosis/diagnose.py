@@ -224,12 +224,7 @@ def diagnose_runs(
     progress("measuring the noise")
     candidates = runs.candidates
     give_back_memory(runs.searched.samples)
-    finished_search = search(
-        runs.white_data,
-        candidates,
-        rules,
-        progress,
-    )
+    finished_search = search(runs.white_data, candidates, rules, progress)
     finished_search = refer_columns_to_current_model(finished_search, progress)
     finished_search = refer_signs_to_current_model(finished_search, progress)
     give_back_memory(runs.searched.samples)
@@ -264,10 +259,7 @@ def diagnose_runs(
         gain_errors=errors_of_gains,
         new_motion_share=runs.new_motion_share,
         seed=seed,
-        hums=find_hums_above(
-            runs.searched,
-            finished_search.data.rows.cutoff,
-        ),
+        hums=find_hums_above(runs.searched, finished_search.data.rows.cutoff),
     )
     diagnosis = conclusion.diagnosis()
     if runs.subsample_remark:
@@ -357,9 +349,7 @@ class DiagnosisRuns:
         else None.
         """
         return subsample_sentence(
-            self.searched,
-            self._driven[1],
-            "effects were searched for in",
+            self.searched, self._driven[1], "effects were searched for in"
         )
 
     @cached_property
@@ -367,12 +357,7 @@ class DiagnosisRuns:
         """The searched rows, weighted so that their noise is independent with variance
         1.
         """
-        return whiten_rows(
-            self.rows,
-            self.estimate,
-            self.frozen,
-            self.noise_rows,
-        )
+        return whiten_rows(self.rows, self.estimate, self.frozen, self.noise_rows)
 
     @cached_property
     def candidates(self) -> Library:

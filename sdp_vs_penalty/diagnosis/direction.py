@@ -25,11 +25,7 @@ class SwingBothWays(JointResonance):
     """
 
     def lag(
-        self,
-        torque: Array,
-        step: float,
-        compliance: float,
-        slopes: Sequence[Array],
+        self, torque: Array, step: float, compliance: float, slopes: Sequence[Array]
     ) -> Array:
         """Compute the mean (N,) [rad, m] of the lag in the log as it is and in the log
         played backwards, where velocities have the other sign."""

@@ -132,10 +132,7 @@ def _one_a_candidate(rivals: Sequence[ScoredEffect]) -> tuple[ScoredEffect, ...]
 
 
 def _predicts_as_well(
-    explanation: Explanation,
-    held_out: HeldOut,
-    group: _Group,
-    rival: int,
+    explanation: Explanation, held_out: HeldOut, group: _Group, rival: int
 ) -> bool:
     """Return whether a rival predicts data left out as well as the group that it
     replaces.
@@ -205,9 +202,7 @@ def _rivals_of_single_joints(
 
 
 def _judge_group(
-    search: Search,
-    full: WhiteFit,
-    terms: tuple[ScoredEffect, ...],
+    search: Search, full: WhiteFit, terms: tuple[ScoredEffect, ...]
 ) -> _Group:
     """Compute what a group of findings explains beside all other findings.
 
@@ -290,9 +285,7 @@ def _explains_the_same(search: Search, group: _Group, rival: ScoredEffect) -> bo
 
 
 def _promising(
-    search: Search,
-    group: _Group,
-    may_rival: Callable[[_Group, Batch], bool],
+    search: Search, group: _Group, may_rival: Callable[[_Group, Batch], bool]
 ) -> list[Candidate]:
     """List the candidates that explain at least half of what a group of findings does.
 
@@ -334,9 +327,7 @@ def _acts_elsewhere(group: _Group, batch: Batch) -> bool:
 
 
 def _list_possible_replacements(
-    search: Search,
-    group: _Group,
-    batch: Batch,
+    search: Search, group: _Group, batch: Batch
 ) -> list[int]:
     """List the numbers, within the batch, of candidates that may replace the group.
 

@@ -73,10 +73,7 @@ class Event(JsonRecord):
 
 
 def find_events(
-    data: WhiteData,
-    outlier_rows: Mask,
-    residual: Array,
-    unexplained: Sequence[int],
+    data: WhiteData, outlier_rows: Mask, residual: Array, unexplained: Sequence[int]
 ) -> list[Event]:
     """List the isolated disturbances and hums that the final model leaves.
 
@@ -117,9 +114,7 @@ def find_events(
 
 
 def _groups_in_time(
-    data: WhiteData,
-    outlier_rows: NDArray[np.bool_],
-    joint: int,
+    data: WhiteData, outlier_rows: NDArray[np.bool_], joint: int
 ) -> list[NDArray[np.intp]]:
     """Divide the outlier rows of one joint into groups, one for each event.
 
@@ -174,11 +169,7 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 
 
 def _timing_limits(
-    data: WhiteData,
-    residual: Array,
-    rates: Array,
-    event: NDArray[np.intp],
-    joint: int,
+    data: WhiteData, residual: Array, rates: Array, event: NDArray[np.intp], joint: int
 ) -> Array:
     """Return the largest errors that being late explains in the rows of an event.
 
@@ -249,12 +240,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         even = white[:, j] / swells
         steady = even / max(robust_scale(even[is_known]), 1.0)
         degrees = float(noise.degrees[j])
-        is_outlier = local_excess(
-            steady,
-            rows.pieces[j],
-            rows.n,
-            degrees,
-        )
+        is_outlier = local_excess(steady, rows.pieces[j], rows.n, degrees)
         suspect = unrepeated[:, j]
         if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
@@ -276,12 +262,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     return out & ~_repeated_outliers(data, out)
 
 
-def _lone_rows(
-    data: WhiteData,
-    series: Array,
-    joint: int,
-    slow: Mask,
-) -> Mask:
+def _lone_rows(data: WhiteData, series: Array, joint: int, slow: Mask) -> Mask:
     """Flag the rows (M,) of outlier windows for which no other window in the same state
     of motion has a similar residual.
 
@@ -298,13 +279,7 @@ def _lone_rows(
         states.
     """
     rows = data.rows
-    return lone_windows(
-        series,
-        rows.pieces[joint],
-        slow,
-        rows.rate,
-        rows.n,
-    )
+    return lone_windows(series, rows.pieces[joint], slow, rows.rate, rows.n)
 
 
 def _rms(torque: Array) -> float:
@@ -317,11 +292,7 @@ def _rms(torque: Array) -> float:
     return float(nonzero_or_one(np.sqrt(np.sum(torque**2) / n_known)))
 
 
-def _stands_out(
-    torque: Array,
-    pieces: Sequence[NDArray[np.intp]],
-    tests: int,
-) -> Mask:
+def _stands_out(torque: Array, pieces: Sequence[NDArray[np.intp]], tests: int) -> Mask:
     """Flag the rows (M,) of windows with much more energy than the others of all
     motion.
 
@@ -338,12 +309,7 @@ def _stands_out(
         Number of joints that are searched, for the chance of a false alarm.
     """
     degrees = max(float(np.count_nonzero(torque)), 1.0)
-    return local_excess(
-        torque / _rms(torque),
-        pieces,
-        tests,
-        degrees,
-    )
+    return local_excess(torque / _rms(torque), pieces, tests, degrees)
 
 
 def _near_in_time(mask: Mask, rate: float) -> Mask:

@@ -202,10 +202,7 @@ class EvidenceScorer(WhiteFitter):
         self.laws_by_effect = Counter(name for name, _ in self.laws)
 
     def evidence_of(
-        self,
-        fit: WhiteFit,
-        form: Candidate,
-        columns: dict[int, Array],
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
     ) -> ScoredEffect:
         """Score a candidate effect as an addition to a fit.
 
@@ -244,10 +241,7 @@ class EvidenceScorer(WhiteFitter):
         )
 
     def deviance_drop_of(
-        self,
-        fit: WhiteFit,
-        form: Candidate,
-        columns: dict[int, Array],
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
     ) -> float:
         """Return the drop of the deviance by a candidate, minus infinity if the fit
         absorbs it.
@@ -259,10 +253,7 @@ class EvidenceScorer(WhiteFitter):
         return -np.inf if trial.is_absorbed else trial.deviance_drop
 
     def _trial(
-        self,
-        fit: WhiteFit,
-        form: Candidate,
-        columns: dict[int, Array],
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
     ) -> _Trial:
         """Prepare a candidate, with white columns (M, k) by joint, to be tried beside
         a fit."""
@@ -279,11 +270,7 @@ class EvidenceScorer(WhiteFitter):
             prior_std=self.prior(fit_without, form.plausible, list(columns), energy),
         )
 
-    def _score(
-        self,
-        trial: _Trial,
-        columns: dict[int, Array],
-    ) -> ScoredEffect:
+    def _score(self, trial: _Trial, columns: dict[int, Array]) -> ScoredEffect:
         """Compute the evidence J = dD / v - price of a candidate that is added to a fit.
 
         dD is the drop of the deviance, v the number of correlated rows that count as
@@ -328,12 +315,7 @@ class EvidenceScorer(WhiteFitter):
             squares = np.sum(torque**2, axis=1)
         # v: how many rows carry the evidence of one.
         rows_per_joint = float(fit.degrees[list(columns)].mean())
-        v = self.rows_worth_one(
-            T,
-            residual,
-            inverse,
-            k,
-        )
+        v = self.rows_worth_one(T, residual, inverse, k)
         if self.rules.coarsening:
             v += rows_per_joint / COARSENING_ROWS
         # The price of parameters and of the choice. N / v is three at least, so that
@@ -391,11 +373,7 @@ class EvidenceScorer(WhiteFitter):
         return 2.0 * self.n_candidates
 
     def rows_worth_one(
-        self,
-        T: Array,
-        residual: Array,
-        inverse: Array,
-        freedom: float,
+        self, T: Array, residual: Array, inverse: Array, freedom: float
     ) -> float:
         """Return v, the number of correlated rows that carry the evidence of one
         independent row.
@@ -418,10 +396,7 @@ class EvidenceScorer(WhiteFitter):
         return rows_worth_one(self.data.clusters, scores, inverse, freedom)
 
     def partial_out(
-        self,
-        fit: WhiteFit,
-        form: Candidate,
-        columns: dict[int, Array],
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
     ) -> tuple[Array, Array]:
         """Subtract from a candidate's columns what the fit explains of them.
 
@@ -444,10 +419,7 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def prior(
-        fit: WhiteFit,
-        plausible: Array,
-        joints: Sequence[int],
-        energy: Array,
+        fit: WhiteFit, plausible: Array, joints: Sequence[int], energy: Array
     ) -> Array:
         """Return prior standard deviations (..., k) of coefficients about zero.
 
@@ -481,10 +453,7 @@ class EvidenceScorer(WhiteFitter):
         energy = energy.sum(axis=1)
         share = np.ones(len(energy))
         np.divide(
-            np.sum(along_fit**2, axis=(0, 2)),
-            energy,
-            out=share,
-            where=energy > 0.0,
+            np.sum(along_fit**2, axis=(0, 2)), energy, out=share, where=energy > 0.0
         )
         return share
 
@@ -510,11 +479,7 @@ class EvidenceScorer(WhiteFitter):
         k = batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
         by_joint = list(
-            zip(
-                weights,
-                fit.design.products_with(batch, fit.products),
-                strict=True,
-            )
+            zip(weights, fit.design.products_with(batch, fit.products), strict=True)
         )
         AZ = sum(w * x.with_design for w, x in by_joint)
         Zy = sum(w * x.with_torque for w, x in by_joint)
@@ -548,11 +513,7 @@ class EvidenceScorer(WhiteFitter):
             drop = drop - float(np.sum(rise))
         return np.asarray(drop - n_determined * price_per_coefficient)
 
-    def explained(
-        self,
-        fit: WhiteFit,
-        batch: Batch,
-    ) -> tuple[Array, Array]:
+    def explained(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
         """Return how much each candidate of a batch lowers the weighted squared error.
 
         The F candidates of a batch have the same number of coefficients, and are added
@@ -585,11 +546,7 @@ class EvidenceScorer(WhiteFitter):
         divisor = np.where(counts, energy_left, 1.0)
         return np.where(counts, zr**2 / divisor, 0.0)
 
-    def _drop_of_columns(
-        self,
-        fit: WhiteFit,
-        batch: Batch,
-    ) -> tuple[Array, Array]:
+    def _drop_of_columns(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
         """Return the drop of the squared error by candidates with k > 1 columns each.
 
         With D = Z'Z - (Q'Z)'Q'Z, what the fit's orthonormal columns Q leave of a
@@ -611,12 +568,7 @@ class EvidenceScorer(WhiteFitter):
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D = D * is_visible[:, :, None] * is_visible[:, None, :]
         Zr = Zr * is_visible
-        prior_std = self.prior(
-            fit,
-            batch.plausible,
-            list(batch.joints),
-            energy,
-        )
+        prior_std = self.prior(fit, batch.plausible, list(batch.joints), energy)
         k = Zr.shape[1]
         A = with_ridge(D + np.eye(k) * prior_std[:, :, None] ** -2.0)
         inverse = np.linalg.inv(A)
@@ -624,11 +576,7 @@ class EvidenceScorer(WhiteFitter):
         nonnegative = np.array([f.nonnegative for f in batch.forms])
         has_wrong_sign = np.any(nonnegative & (beta < 0.0), axis=1)
         for f in np.flatnonzero(has_wrong_sign).tolist():
-            beta[f] = bounded_least_squares(
-                A[f],
-                Zr[f],
-                nonnegative[f],
-            )
+            beta[f] = bounded_least_squares(A[f], Zr[f], nonnegative[f])
         # For each candidate f: beta'A beta, and the trace of A^-1 D.
         squares = np.einsum("fa,fab,fb->f", beta, A, beta)
         freedom = np.einsum("fab,fba->f", inverse, D)

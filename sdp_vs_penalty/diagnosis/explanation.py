@@ -11,11 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData, shows
-from sdp_vs_penalty.diagnosis.late_torque import (
-    beside_model,
-    delays_torque,
-    refer_once,
-)
+from sdp_vs_penalty.diagnosis.late_torque import beside_model, delays_torque, refer_once
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.own_constants import changed_constants, with_constants
 from sdp_vs_penalty.diagnosis.search import Search
@@ -140,9 +136,7 @@ def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
 
 
 def drop_harmful(
-    explanation: Explanation,
-    held_out: HeldOut,
-    search: Search,
+    explanation: Explanation, held_out: HeldOut, search: Search
 ) -> Explanation:
     """Drop constants and findings that raise the error on data left out.
 
@@ -175,8 +169,7 @@ def drop_harmful(
 
 
 def without_findings(
-    explanation: Explanation,
-    dropped: Sequence[ScoredEffect],
+    explanation: Explanation, dropped: Sequence[ScoredEffect]
 ) -> Explanation:
     """Return an explanation without some findings, with the others judged again."""
     remaining = [t for t in explanation.search.terms if t not in dropped]
@@ -199,10 +192,7 @@ class Ladder:
 
     @classmethod
     def of(
-        cls,
-        explanation: Explanation,
-        held_out: HeldOut,
-        judged: Sequence[ScoredEffect],
+        cls, explanation: Explanation, held_out: HeldOut, judged: Sequence[ScoredEffect]
     ) -> Ladder:
         """Make the ladder of an explanation: the order in which its effects are added.
 

@@ -560,9 +560,7 @@ class Diagnosis(Record, JsonRecord):
         return plain_unit(self.torque_units[joint - 1])
 
     def selected(
-        self,
-        numbers: Sequence[float] | None = None,
-        confident: bool = False,
+        self, numbers: Sequence[float] | None = None, confident: bool = False
     ) -> Diagnosis:
         """Return the diagnosis with some of its findings only.
 
@@ -605,10 +603,7 @@ class Diagnosis(Record, JsonRecord):
                 "name the effect itself, or leave the model as it is",
             )
         return replace(
-            self,
-            effects=tuple(chosen),
-            retuned=tuple(retuned),
-            curves=curves,
+            self, effects=tuple(chosen), retuned=tuple(retuned), curves=curves
         )
 
     def _refuse_unknown(self, numbers: Sequence[float]) -> None:
@@ -753,10 +748,7 @@ class Diagnosis(Record, JsonRecord):
         """All findings and re-estimated constants as texts that `add` takes, such as
         "backlash:3@w=0.01".
         """
-        return [
-            *(f.text for f in self.effects),
-            *(r.text for r in self.retuned),
-        ]
+        return [*(f.text for f in self.effects), *(r.text for r in self.retuned)]
 
     @property
     def noise_known(self) -> bool:
@@ -1185,18 +1177,11 @@ class Retune(Rated):
         Older files lack "at_end" (whether the value lies at the end of its range):
         False then.
         """
-        return super().from_dict(
-            {
-                **data,
-                "estimate": {"at_end": False, **data},
-            }
-        )
+        return super().from_dict({**data, "estimate": {"at_end": False, **data}})
 
 
 def event_lines(
-    diagnosis: Diagnosis,
-    show_all: bool = False,
-    most_lines: int = 3,
+    diagnosis: Diagnosis, show_all: bool = False, most_lines: int = 3
 ) -> list[str]:
     """Describe the events of a diagnosis in words, one line each.
 

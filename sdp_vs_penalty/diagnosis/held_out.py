@@ -20,12 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import (
-    MAX_JOINT_HARM,
-    MINOR,
-    SURE_HELP,
-    THIRDS,
-)
+from sdp_vs_penalty.diagnosis.constants import MAX_JOINT_HARM, MINOR, SURE_HELP, THIRDS
 from sdp_vs_penalty.diagnosis.white_rows import folds_of, model_columns, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -193,11 +188,7 @@ class HeldOut:
             columns = same_effects[0].columns_of(self.estimate, chosen)
             trains = [s.train.keeping(columns.kept) for s in same_effects]
             fits = fitted_parameters(
-                self.estimate,
-                columns.own,
-                columns.new,
-                trains,
-                self.frozen,
+                self.estimate, columns.own, columns.new, trains, self.frozen
             )
             for split, theta in zip(same_effects, fits, strict=True):
                 all_parameters = columns.with_zeros(theta)
@@ -227,9 +218,7 @@ class HeldOut:
         return self._least_squares_errors[key]
 
     def drop_harmful(
-        self,
-        candidates: Sequence[int],
-        needed: bool = False,
+        self, candidates: Sequence[int], needed: bool = False
     ) -> list[int]:
         """Drop effects that raise the error on data left out, the most harmful first.
 
@@ -377,12 +366,7 @@ class _Table:
     (``frozen``), the target is the model's residual, and only effects have columns.
     """
 
-    def __init__(
-        self,
-        rows: SegmentedRuns,
-        estimate: Estimate,
-        frozen: bool,
-    ) -> None:
+    def __init__(self, rows: SegmentedRuns, estimate: Estimate, frozen: bool) -> None:
         """Compute the model's columns; those of effects follow when they are needed.
 
         rows : the filtered rows; estimate : the model; frozen : whether its parameters
@@ -410,9 +394,7 @@ class _Table:
         return np.column_stack([*on_joint, torque[:, joint]])
 
     def compressed(
-        self,
-        effects: Sequence[Effect],
-        keep: NDArray[np.bool_],
+        self, effects: Sequence[Effect], keep: NDArray[np.bool_]
     ) -> Regression:
         """Return the regression of some rows, compressed to one triangle a joint, and
         the products of its columns.
@@ -435,15 +417,7 @@ class _Table:
         for j in range(self.rows.n):
             kept_rows = self._columns(effects, j)[keep[:, j]]
             triangle = triangular([kept_rows]) if len(kept_rows) else kept_rows
-            factors.append(
-                Factor(
-                    j,
-                    0,
-                    all_columns,
-                    triangle,
-                    len(kept_rows),
-                )
-            )
+            factors.append(Factor(j, 0, all_columns, triangle, len(kept_rows)))
         n = self.rows.n
         block = ((0, 0.0, 0.0),)  # all rows are one block; its times are not needed
         return ProductRegression.of(
@@ -495,20 +469,11 @@ class HeldOutData:
             The errors, computed when they are needed.
         """
         table = _Table(rows, estimate, self.frozen)
-        by_folds = partial(
-            self._by_folds,
-            table,
-            tuple(effects),
-            by_fold or {},
-        )
+        by_folds = partial(self._by_folds, table, tuple(effects), by_fold or {})
         if self.test is None:
             return by_folds()
         # Torque-dependent columns follow from the same model as in the searched rows.
-        test = _Table(
-            self.test.with_model(*rows.attached),
-            estimate,
-            self.frozen,
-        )
+        test = _Table(self.test.with_model(*rows.attached), estimate, self.frozen)
         split = HeldOutSplit(
             effects=tuple(effects),
             train=table.compressed(effects, rows.keep),
@@ -519,11 +484,7 @@ class HeldOutData:
             frozen=self.frozen,
         )
         return HeldOut(
-            estimate,
-            self.frozen,
-            splits=(split,),
-            source="test",
-            make_second=by_folds,
+            estimate, self.frozen, splits=(split,), source="test", make_second=by_folds
         )
 
     def _by_folds(
@@ -567,10 +528,7 @@ class HeldOutData:
         return HeldOut(table.estimate, self.frozen, splits, "folds")
 
     def outside(
-        self,
-        rows: SegmentedRuns,
-        effect: Effect,
-        by_fold: Sequence[Effect],
+        self, rows: SegmentedRuns, effect: Effect, by_fold: Sequence[Effect]
     ) -> float:
         """Return the share (0 to 1) of the data left out where an effect is not known.
 
@@ -655,9 +613,7 @@ def with_replaced_joints(
 
 
 def least_squares_parameters(
-    estimate: Estimate,
-    columns: Columns,
-    data: Regression,
+    estimate: Estimate, columns: Columns, data: Regression
 ) -> Array:
     """Fit effects by least squares, with priors from their plausible sizes.
 
@@ -778,11 +734,7 @@ def fitted_parameters(
     """
     if not (own_effects or new):
         return [np.zeros(0) for _ in data]
-    model = Model(
-        estimate.robot,
-        (*own_effects, *new),
-        gains=estimate.model.gains,
-    )
+    model = Model(estimate.robot, (*own_effects, *new), gains=estimate.model.gains)
     tasks = list[Task]()
     for rows in data:
         if frozen:
@@ -790,15 +742,7 @@ def fitted_parameters(
             continue
         first = tasks[0] if tasks else None
         weighting = estimate.weighting
-        tasks.append(
-            make_task(
-                estimate.problem,
-                model,
-                rows,
-                weighting,
-                like=first,
-            )
-        )
+        tasks.append(make_task(estimate.problem, model, rows, weighting, like=first))
     method = estimator_beside(estimate) if frozen else estimate.estimator
     fits = [method.fit(task) for task in tasks] if frozen else method.fit_each(tasks)
     return [np.asarray(fit.theta, float) for fit in fits]

@@ -146,9 +146,7 @@ def refer_once(search: Search) -> Search:
 
 
 def beside_model(
-    search: Search,
-    estimate: Estimate,
-    thetas: Sequence[Array] = (),
+    search: Search, estimate: Estimate, thetas: Sequence[Array] = ()
 ) -> Search:
     """Return the search with the same findings, recomputed beside another model.
 
@@ -175,19 +173,8 @@ def beside_model(
     in_reference = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
     effects_in_reference = [(t.form.effect, b) for t, b in in_reference]
     rows = with_estimate(data.rows, estimate, effects_in_reference)
-    data = whiten_with_noise(
-        rows,
-        data.noise,
-        estimate,
-        data.frozen,
-        like=data,
-    )
-    out = Search(
-        data,
-        search.library,
-        search.rules,
-        like=search,
-    )
+    data = whiten_with_noise(rows, data.noise, estimate, data.frozen, like=data)
+    out = Search(data, search.library, search.rules, like=search)
     out.in_reference = {t.key for t, _ in in_reference}
     out.take_attempts_of(search)
     out.terms = [replace(t, columns=out.columns(t.form)) for t in search.terms]

@@ -238,11 +238,7 @@ class Library:
         ]
         return replace(self, batches=tuple(batches))
 
-    def only(
-        self,
-        which: Callable[[Candidate], bool],
-        data: WhiteData,
-    ) -> Library:
+    def only(self, which: Callable[[Candidate], bool], data: WhiteData) -> Library:
         """Return a library with only the candidates for which ``which`` is true.
 
         All their columns are computed anew on ``data``.
@@ -273,9 +269,7 @@ def white_candidate(data: WhiteData, form: Candidate) -> dict[int, Array]:
 
 
 def may_join(
-    forms: Sequence[Candidate],
-    picked: Sequence[Candidate],
-    model: Model,
+    forms: Sequence[Candidate], picked: Sequence[Candidate], model: Model
 ) -> list[bool]:
     """Return a flag for each candidate of ``forms``: whether it may join the others.
 

@@ -343,10 +343,7 @@ class Design:
         return out
 
     def _compute_products(
-        self,
-        batch: Batch,
-        place: int,
-        products: JointProducts,
+        self, batch: Batch, place: int, products: JointProducts
     ) -> BatchProducts:
         """Compute the products of a batch's columns on the joint at a place of its
         joints."""
@@ -653,11 +650,7 @@ class ColumnProducts:
 class WhiteFitter:
     """Fits the model and effects to white rows; one basis of the model serves all fits."""
 
-    def __init__(
-        self,
-        data: WhiteData,
-        like: WhiteFitter | None = None,
-    ) -> None:
+    def __init__(self, data: WhiteData, like: WhiteFitter | None = None) -> None:
         """Prepare fits to white rows.
 
         ``like`` is another fitter; if its rows are equal, its basis of the model's
@@ -715,11 +708,7 @@ class WhiteFitter:
         """
         return BasisProducts(self._model_basis.columns, self.data.y)
 
-    def fit(
-        self,
-        terms: Sequence[Term],
-        near: WhiteFit | None = None,
-    ) -> WhiteFit:
+    def fit(self, terms: Sequence[Term], near: WhiteFit | None = None) -> WhiteFit:
         """Fit the model with some terms; each joint is weighted by its own residual.
 
         Parameters
@@ -837,14 +826,7 @@ class WhiteFitter:
                 Ay[j, numbers] = columns.T @ y[j]
         nuisances = [t for t in terms if isinstance(t, Nuisance)]
         errors = [
-            _errors_on(
-                j,
-                nuisances,
-                model.columns[j],
-                scaled_blocks[j],
-                y[j],
-                p,
-            )
+            _errors_on(j, nuisances, model.columns[j], scaled_blocks[j], y[j], p)
             for j in range(n)
         ]
         return Design(
@@ -1046,11 +1028,7 @@ def orthonormal(columns: Array) -> Array:
         return np.zeros((len(columns), 0))
     unit = columns[:, is_nonzero]
     unit /= norms[is_nonzero]
-    triangle, order = scipy.linalg.qr(
-        _triangular_factor(unit),
-        mode="r",
-        pivoting=True,
-    )
+    triangle, order = scipy.linalg.qr(_triangular_factor(unit), mode="r", pivoting=True)
     diagonal = np.abs(np.diagonal(triangle))
     rank = int(np.sum(diagonal > 1e-8 * diagonal[0]))
     basis = unit[:, order[:rank]]
@@ -1074,10 +1052,7 @@ def _times_inverse(columns: Array, triangle: Array) -> Array:
     """Return columns R^-1 (N, r) of columns (N, r) and a triangle R (r, r), in place of
     the columns."""
     transposed = scipy.linalg.solve_triangular(
-        triangle,
-        columns.T,
-        trans="T",
-        overwrite_b=True,
+        triangle, columns.T, trans="T", overwrite_b=True
     )
     return np.ascontiguousarray(transposed.T)
 
@@ -1113,11 +1088,7 @@ def _with_ridge_of_one(a: float) -> float:
     return a + 1e-10 * (a + 1e-300)
 
 
-def bounded_least_squares(
-    A: Array,
-    Xy: Array,
-    nonnegative: NDArray[np.bool_],
-) -> Array:
+def bounded_least_squares(A: Array, Xy: Array, nonnegative: NDArray[np.bool_]) -> Array:
     """Minimise b'A b / 2 - (X'y)'b, with some coefficients b not negative.
 
     Parameters

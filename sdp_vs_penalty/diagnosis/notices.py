@@ -239,9 +239,7 @@ def _describes(fit: FitWithPriors, places: NDArray[np.intp]) -> bool:
 
 
 def offsets_beside_friction(
-    rows: ScaledRows,
-    search: Search,
-    estimate: Estimate,
+    rows: ScaledRows, search: Search, estimate: Estimate
 ) -> list[Notice]:
     """List the joints whose constant offset is clear, and large beside Coulomb friction.
 
@@ -377,9 +375,7 @@ class ScaledRows:
 
 
 def fit_with_priors(
-    rows: ScaledRows,
-    nominal: Array,
-    deviations: Array,
+    rows: ScaledRows, nominal: Array, deviations: Array
 ) -> FitWithPriors:
     """Estimate all parameters of the model beside the findings, with priors.
 
@@ -419,9 +415,7 @@ def fit_with_priors(
 
 
 def _columns_of_joint(
-    data: WhiteData,
-    terms: Sequence[ScoredEffect],
-    joint: int,
+    data: WhiteData, terms: Sequence[ScoredEffect], joint: int
 ) -> Array:
     """Return the white columns (M, p + k) of the model and all findings on a joint."""
     M = data.X.shape[1]

@@ -43,9 +43,7 @@ def share_of_one_misfit(effect: Effect) -> float:
 
 
 def law_misfit_columns(
-    data: WhiteData,
-    effect: Effect,
-    beta: Array,
+    data: WhiteData, effect: Effect, beta: Array
 ) -> dict[int, Array]:
     """Return white columns of torque by which an effect's law may be wrong.
 

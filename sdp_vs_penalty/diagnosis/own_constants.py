@@ -52,11 +52,7 @@ def own_constant_candidates(data: WhiteData) -> Iterator[Candidate]:
                 yield Candidate(key, other, replaces_own_constant=True)
 
 
-def _values_to_try(
-    effect: Effect,
-    joint: int,
-    name: str,
-) -> list[float]:
+def _values_to_try(effect: Effect, joint: int, name: str) -> list[float]:
     """List the values to try for a shape constant of the model, without the present
     one.
 
@@ -149,9 +145,7 @@ def with_constants(estimate: Estimate, constants: Sequence[ScoredEffect]) -> Est
 
 
 def constant_std(
-    fit: WhiteFit,
-    errors: Sequence[ConstantErrors],
-    s: ShapeEstimate,
+    fit: WhiteFit, errors: Sequence[ConstantErrors], s: ShapeEstimate
 ) -> float:
     """Return the standard deviation of a re-estimated shape constant, in its unit.
 

@@ -37,9 +37,7 @@ class Judge:
 
 
 def refine_constants(
-    judge: Judge,
-    start: ScoredEffect,
-    fixed: Set[str] = frozenset(),
+    judge: Judge, start: ScoredEffect, fixed: Set[str] = frozenset()
 ) -> ScoredEffect:
     """Refine the continuous shape constants of a candidate, one after the other.
 
@@ -142,12 +140,7 @@ class _Lattice:
     logarithmic one.
     """
 
-    def __init__(
-        self,
-        judge: Judge,
-        start: ScoredEffect,
-        name: str,
-    ) -> None:
+    def __init__(self, judge: Judge, start: ScoredEffect, name: str) -> None:
         """Find the spacing h: the smallest one between the constant's starting values.
 
         With a single starting value h is that value's magnitude (linear scale), or log

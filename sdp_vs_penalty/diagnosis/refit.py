@@ -71,12 +71,7 @@ def least_squares_refit(
     smallest_variance = 1.0 if data.noise_is_known else 1e-12
     level = np.ones(n)
     for _ in range(3):
-        step = _weighted_step(
-            triangles,
-            level,
-            prior,
-            prior_target,
-        )
+        step = _weighted_step(triangles, level, prior, prior_target)
         squares = np.array([_squared_error(x, step) for x in triangles])
         variance = squares / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(variance, smallest_variance))
@@ -119,10 +114,7 @@ def _squared_error(triangle: Array, step: Array) -> float:
 
 
 def _weighted_step(
-    triangles: Sequence[Array],
-    level: Array,
-    prior: Array,
-    prior_target: Array,
+    triangles: Sequence[Array], level: Array, prior: Array, prior_target: Array
 ) -> Array:
     """Solve the least squares of all joints' rows and of the prior for a step of the
     parameters: minimise sum of |A_j step - b_j|^2 / level_j^2 + |prior step -

@@ -16,12 +16,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     MAX_CANDIDATES_REFINED,
 )
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
-from sdp_vs_penalty.diagnosis.library import (
-    Candidate,
-    Key,
-    Library,
-    may_join,
-)
+from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
@@ -212,9 +207,7 @@ class Search:
         return self.score.evidence_of(fit, form, self.columns(form))
 
     def beside(
-        self,
-        term: ScoredEffect,
-        others: Sequence[ScoredEffect],
+        self, term: ScoredEffect, others: Sequence[ScoredEffect]
     ) -> ScoredEffect:
         """Score a chosen effect again, in a fit with other effects and all nuisances.
 
@@ -226,10 +219,7 @@ class Search:
         return replace(judged, rivals=term.rivals)
 
     def refined(
-        self,
-        fit: WhiteFit,
-        start: ScoredEffect,
-        fixed: Set[str] = frozenset(),
+        self, fit: WhiteFit, start: ScoredEffect, fixed: Set[str] = frozenset()
     ) -> ScoredEffect:
         """Return a candidate with the shape constants that give it the most evidence.
 
@@ -292,10 +282,7 @@ class Search:
         return _best_law_of_each_candidate(ranked)
 
     def _screened(
-        self,
-        fit: WhiteFit,
-        picked: Sequence[Candidate],
-        on: frozenset[int] | None,
+        self, fit: WhiteFit, picked: Sequence[Candidate], on: frozenset[int] | None
     ) -> list[ScoredEffect]:
         """Score the candidates that explain most, each law at its best grid point.
 
@@ -337,10 +324,7 @@ class Search:
         ]
 
     def _judge_screened(
-        self,
-        fit: WhiteFit,
-        form: Candidate,
-        columns: dict[int, Array],
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
     ) -> ScoredEffect:
         """Score a candidate as an addition to a fit, with columns computed before.
 
@@ -476,9 +460,7 @@ class Search:
         return self.simplest([t for t in candidates if t.evidence > EVIDENCE_TO_ADD])
 
     def drop_weak(
-        self,
-        terms: Sequence[ScoredEffect],
-        on: Set[int] = frozenset(),
+        self, terms: Sequence[ScoredEffect], on: Set[int] = frozenset()
     ) -> list[ScoredEffect]:
         """Drop the effects that have too little evidence once all others are in the fit.
 
@@ -526,9 +508,7 @@ class Search:
         return terms
 
     def _judged_on_other_joints(
-        self,
-        fit: WhiteFit,
-        term: ScoredEffect,
+        self, fit: WhiteFit, term: ScoredEffect
     ) -> ScoredEffect:
         """Score an effect again after effects of other joints have changed.
 
@@ -542,9 +522,7 @@ class Search:
         return self.score.evidence_of(fit, term.form, term.columns)
 
     def score_jointly(
-        self,
-        group: Sequence[ScoredEffect],
-        others: Sequence[ScoredEffect],
+        self, group: Sequence[ScoredEffect], others: Sequence[ScoredEffect]
     ) -> list[ScoredEffect]:
         """Score the effects of a group in sequence, so that their evidences add up.
 
@@ -588,10 +566,7 @@ class Search:
         return None
 
     def _candidates_to_replace(
-        self,
-        term: ScoredEffect,
-        others: Sequence[ScoredEffect],
-        fit: WhiteFit,
+        self, term: ScoredEffect, others: Sequence[ScoredEffect], fit: WhiteFit
     ) -> list[ScoredEffect]:
         """List the candidates that may replace the effect ``term``, the best first.
 
@@ -600,10 +575,7 @@ class Search:
         effect's are not refined.
         """
         candidates = self.top_candidates(
-            fit,
-            others,
-            on=term.joints,
-            beyond=term.evidence,
+            fit, others, on=term.joints, beyond=term.evidence
         )
         if term.key in self.in_reference:
             # The columns of effects that need the torque (a gain, a delay) hold the
@@ -658,9 +630,7 @@ class Search:
         return None
 
     def _best_replacement(
-        self,
-        term: ScoredEffect,
-        candidates: Sequence[ScoredEffect],
+        self, term: ScoredEffect, candidates: Sequence[ScoredEffect]
     ) -> ScoredEffect | None:
         """Return the simplest of the best candidates to replace an effect, or None.
 
@@ -674,9 +644,7 @@ class Search:
         return replacement
 
     def _with_candidate_if_it_stays(
-        self,
-        other: ScoredEffect,
-        others: Sequence[ScoredEffect],
+        self, other: ScoredEffect, others: Sequence[ScoredEffect]
     ) -> list[ScoredEffect] | None:
         """Return ``others`` with the effect ``other``, or None if that is dropped again.
 
@@ -724,11 +692,7 @@ class Search:
             for term in terms:
                 others = [t for t in terms if t is not term]
                 out.terms.append(out.beside(term, others))
-            weakest = min(
-                out.terms,
-                key=lambda t: t.evidence,
-                default=None,
-            )
+            weakest = min(out.terms, key=lambda t: t.evidence, default=None)
             if weakest is None or weakest.evidence > 0.0:
                 break
             terms = [t for t in out.terms if t is not weakest]
@@ -736,9 +700,7 @@ class Search:
         return out
 
 
-def _best_law_of_each_candidate(
-    ranked: Sequence[ScoredEffect],
-) -> list[ScoredEffect]:
+def _best_law_of_each_candidate(ranked: Sequence[ScoredEffect]) -> list[ScoredEffect]:
     """Keep the best law of each candidate (an effect on a joint), in the same order.
 
     A candidate may appear with several laws (discrete variants) in ``ranked``, which

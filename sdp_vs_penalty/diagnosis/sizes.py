@@ -27,10 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import (
-    SIGNIFICANT,
-    UNCERTAIN,
-)
+from sdp_vs_penalty.diagnosis.constants import SIGNIFICANT, UNCERTAIN
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.search import Search
@@ -177,11 +174,7 @@ def size_with_interval(
     k = term.form.n_coefficients
     others = [t for t in search.terms if t != term]
     fit = search.score.fit(others, fit_of_all)
-    columns, prior_std = search.score.partial_out(
-        fit,
-        term.form,
-        term.columns,
-    )
+    columns, prior_std = search.score.partial_out(fit, term.form, term.columns)
     on_its_joints = [
         (derivatives, z)
         for derivatives, z in errors_of_constants
@@ -226,14 +219,10 @@ def size_with_interval(
         beta=term.beta,
         covariance=covariance[:k, :k],
         covariance_given_constants=_sandwich(
-            inverse_given_constants,
-            of_effect,
-            gram_of_effect,
+            inverse_given_constants, of_effect, gram_of_effect
         ),
         covariance_of_rows=_sandwich(
-            inverse_given_constants,
-            of_effect[:1],
-            gram_of_effect,
+            inverse_given_constants, of_effect[:1], gram_of_effect
         ),
         covariance_of_law=tolerated * by_constants,
         torque=torque_made(
@@ -355,8 +344,7 @@ def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
 
 
 def largest_sums_of_scores(
-    clusters: Sequence[NDArray[np.intp]],
-    scores: Array,
+    clusters: Sequence[NDArray[np.intp]], scores: Array
 ) -> Array:
     """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'.
 
@@ -451,11 +439,7 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     return np.stack(by_joint)
 
 
-def size_of(
-    effect: Effect,
-    beta: Array,
-    covariance: Array,
-) -> tuple[float, float]:
+def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
     """Return one number for the size of an effect, and its standard deviation.
 
     The effect declares which of its parameters are its size (the slice ``sized_by``).

@@ -73,19 +73,11 @@ def unexplained_error(search: Search) -> Remainder:
     _, residual = least_squares_refit(data, effects)
     # (M, n) whitened residual; the fit divides each joint's rows by a level.
     white = (fit.residual * fit.level[:, None]).T
-    return remainder(
-        data,
-        fit,
-        residual,
-        outliers(data, white, residual),
-    )
+    return remainder(data, fit, residual, outliers(data, white, residual))
 
 
 def remainder(
-    data: WhiteData,
-    fit: WhiteFit,
-    residual: Array,
-    outlier_rows: NDArray[np.bool_],
+    data: WhiteData, fit: WhiteFit, residual: Array, outlier_rows: NDArray[np.bool_]
 ) -> Remainder:
     """Judge a residual against the noise, joint by joint.
 

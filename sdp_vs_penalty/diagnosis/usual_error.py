@@ -14,11 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.causes import (
-    Refit,
-    States,
-    travel_since_reversal,
-)
+from sdp_vs_penalty.diagnosis.causes import Refit, States, travel_since_reversal
 from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -160,9 +156,7 @@ class UsualError:
 
 
 def usual_errors(
-    states: States,
-    refit: Refit,
-    keep: NDArray[np.bool_],
+    states: States, refit: Refit, keep: NDArray[np.bool_]
 ) -> list[UsualError]:
     """Return the usual error of every joint.
 

@@ -50,11 +50,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
 from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.usual_error import UsualError, usual_errors
-from sdp_vs_penalty.diagnosis.white_rows import (
-    diagnosis_rows,
-    folds_of,
-    model_columns,
-)
+from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of, model_columns
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -345,8 +341,7 @@ def _refit_sentences(failure: JointFailure) -> list[str]:
 
 
 def _cause_sentences(
-    failure: JointFailure,
-    strongest: Sequence[tuple[str, float]],
+    failure: JointFailure, strongest: Sequence[tuple[str, float]]
 ) -> list[str]:
     """Say on what an error depends most, and which causes the data do not tell apart.
 
@@ -425,9 +420,7 @@ class Failures(Record, list[JointFailure]):
     """Where a model fails, joint by joint; units : of the joints' torques."""
 
     def __init__(
-        self,
-        failures: Iterable[JointFailure] = (),
-        units: Sequence[str] = (),
+        self, failures: Iterable[JointFailure] = (), units: Sequence[str] = ()
     ) -> None:
         """Hold the joints' failures in order, with the units of their torques."""
         super().__init__(failures)
@@ -588,13 +581,7 @@ def where_it_fails(
     out = Failures(units=estimate.robot.torque_units)
     for j in range(rows.n):
         floor = None if floors is None else float(floors[j])
-        out.append(
-            judge.failure_of(
-                j,
-                residual[:, j],
-                floor,
-            )
-        )
+        out.append(judge.failure_of(j, residual[:, j], floor))
     return out
 
 
@@ -615,12 +602,7 @@ class _Judge:
     keep: NDArray[np.bool_]
     repeats: bool
 
-    def failure_of(
-        self,
-        j: int,
-        residual: Array,
-        floor: float | None,
-    ) -> JointFailure:
+    def failure_of(self, j: int, residual: Array, floor: float | None) -> JointFailure:
         """Judge the error of one joint: its size, causes, waves per turn and bad
         stretches.
 
@@ -668,19 +650,12 @@ class _Judge:
             hums=hums,
             torque=float(np.sqrt(np.mean(self.states.torque[keep, j] ** 2))),
             stretches=failing_stretches(
-                error,
-                floor,
-                velocity,
-                still,
-                self.rows,
-                shares,
+                error, floor, velocity, still, self.rows, shares
             ),
         )
 
     def orders(
-        self,
-        j: int,
-        series: Sequence[_FullRate],
+        self, j: int, series: Sequence[_FullRate]
     ) -> tuple[tuple[int, float, float], ...]:
         """Find the waves per turn in the residual of joint j (from 0).
 
@@ -776,10 +751,7 @@ class _Judge:
 
 
 def _reversal_lift(
-    velocity: Array,
-    error: Array,
-    rows: SegmentedRuns,
-    keep: NDArray[np.bool_],
+    velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
 ) -> float:
     """Return how many times as large the RMS error is near velocity reversals as
     elsewhere.
@@ -820,10 +792,7 @@ _SCATTER_KNOWN = 1.2
 
 
 def torque_scatter(
-    runs: Sequence[Measurements],
-    joint: int,
-    cutoff: float,
-    hums: Sequence[Hum],
+    runs: Sequence[Measurements], joint: int, cutoff: float, hums: Sequence[Hum]
 ) -> float | None:
     """Return the scatter of a joint's torque from sample to sample [N m or N].
 
@@ -884,9 +853,7 @@ class _FullRate(NamedTuple):
 
 
 def _full_rate(
-    runs: Sequence[Measurements],
-    rows: SegmentedRuns,
-    joint: int,
+    runs: Sequence[Measurements], rows: SegmentedRuns, joint: int
 ) -> list[_FullRate]:
     """Return a joint's angle and residual at the rate of the log, for each segment.
 
@@ -919,8 +886,7 @@ _WAVE = 6.0
 
 
 def _orders(
-    full: Sequence[_FullRate],
-    bins: int = 4096,
+    full: Sequence[_FullRate], bins: int = 4096
 ) -> tuple[tuple[int, float, float], ...]:
     """Find waves per turn in residuals, by their amplitude over that of neighbouring
     orders.
@@ -1017,10 +983,7 @@ def failing_stretches(
 
 
 def _causes_of_rows(
-    velocity: Array,
-    still: Array,
-    rows: SegmentedRuns,
-    shares: CauseShares,
+    velocity: Array, still: Array, rows: SegmentedRuns, shares: CauseShares
 ) -> NDArray[np.object_]:
     """Name for each row the cause that is seen there.
 
@@ -1050,10 +1013,7 @@ def _causes_of_rows(
     usual_name = best if is_known else UNNAMED
     names = np.array([usual_name], dtype=object).repeat(len(velocity))
     speed = np.abs(velocity)
-    rows_of_cause = {
-        HIGH_SPEED: speed > FAST * speed.max(),
-        STANDSTILL: still > STILL,
-    }
+    rows_of_cause = {HIGH_SPEED: speed > FAST * speed.max(), STANDSTILL: still > STILL}
     if not is_known:
         seconds, _ = since_reversal(rows.t, velocity, rows.segment)
         rows_of_cause[REVERSAL] = np.abs(seconds) <= NEAR

@@ -26,9 +26,7 @@ from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 
 
 def diagnosis_rows(
-    measurements: Measurements,
-    estimate: Estimate,
-    settings: Preprocessing,
+    measurements: Measurements, estimate: Estimate, settings: Preprocessing
 ) -> SegmentedRuns:
     """Filter all runs and attach a model to them.
 
@@ -185,9 +183,7 @@ class WhiteData:
         return rate_features(self.rows)
 
     def constant_error_columns(
-        self,
-        effects: Sequence[Effect] = (),
-        thetas: Sequence[Array] = (),
+        self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()
     ) -> list[ConstantErrors]:
         """Return white derivatives of torque by the shape constants of effects.
 
@@ -319,12 +315,7 @@ def whiten_with_noise(
     if like is not None and like.has_columns_of(estimate, noise, frozen):
         return replace(like, rows=rows, estimate=estimate)
     torque = rows.residual if frozen else rows.torque
-    X, y = white_rows(
-        rows,
-        noise,
-        model_columns(rows, estimate, frozen),
-        torque,
-    )
+    X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), torque)
     clusters = cluster_rows(rows)
     # The first rows of each piece only serve to whiten the next ones. Each other row
     # counts by its worth (0 to 1): less where the joint stands still.
@@ -344,10 +335,7 @@ def whiten_with_noise(
 
 
 def white_rows(
-    rows: SegmentedRuns,
-    noise: Noise,
-    columns: Array,
-    residual: Array,
+    rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
 ) -> tuple[Array, Array]:
     """Weight columns (n, M, p) and a torque (M, n) so that each joint's noise is white.
 
@@ -394,9 +382,7 @@ def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
 
 
 def model_columns(
-    rows: SegmentedRuns,
-    estimate: Estimate,
-    frozen: bool = False,
+    rows: SegmentedRuns, estimate: Estimate, frozen: bool = False
 ) -> Array:
     """Return the filtered columns (n joints, M rows, p) of the model's parameters.
 
@@ -410,9 +396,7 @@ def model_columns(
     )
 
 
-def cluster_rows(
-    rows: SegmentedRuns,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def cluster_rows(rows: SegmentedRuns) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Label rows whose errors are correlated, in two ways.
 
     Returns

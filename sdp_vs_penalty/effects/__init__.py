@@ -145,9 +145,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """List the names of this module and of all effects' classes."""
-    return sorted(
-        {
-            *globals(),
-            *(kind.__name__ for kind in effect_types().values()),
-        }
-    )
+    return sorted({*globals(), *(kind.__name__ for kind in effect_types().values())})

@@ -63,11 +63,7 @@ class Bristles:
         """
         states = np.empty((len(self.distances), len(motion.t)))
         for z, row, d in zip(states, self.directions, self.distances, strict=True):
-            z[:] = self.law(
-                motion.legs_along(row),
-                d,
-                float(motion.sign_along(row)[0]),
-            )
+            z[:] = self.law(motion.legs_along(row), d, float(motion.sign_along(row)[0]))
         return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:
@@ -160,11 +156,7 @@ class StatefulEffect(Effect):
         return super().looks_like(size, coverage)
 
 
-def dahl(
-    q: Array | Legs,
-    d: float,
-    start: float = 0.0,
-) -> Array:
+def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     """Follow Dahl's friction state along a path.
 
     Exact for motion that is monotone between samples: while q runs in direction s,
@@ -201,11 +193,7 @@ def dahl(
     return np.append(start, z)
 
 
-def stop(
-    q: Array | Legs,
-    d: float,
-    start: float = 0.0,
-) -> Array:
+def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     """Follow a spring and a slider in series along a path.
 
     Exact for motion that is monotone between samples: from one reversal to the next
@@ -260,9 +248,7 @@ class PreslidingHysteresis(StatefulEffect, JointEffect):
         """One state of Dahl's law for each joint of the effect."""
         joints = list(self.joints)
         return Bristles(
-            np.eye(self.robot.n)[joints],
-            np.full(len(joints), self.shape["d"]),
-            dahl,
+            np.eye(self.robot.n)[joints], np.full(len(joints), self.shape["d"]), dahl
         )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
@@ -339,10 +325,7 @@ class MaxwellSlip(StatefulEffect, JointEffect):
             bounds=(0.00005, 0.05),
         ),
         "law": ShapeConstant(
-            1.0,
-            grid=(1.0, 2.0),
-            choices=(1.0, 2.0),
-            words=("free", "even"),
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("free", "even")
         ),
     }
 
@@ -380,16 +363,10 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         """Three spring-and-slider states for each joint of the effect, with the
         distances d, 4 d and 16 d [rad, m] after which the sliders move."""
         directions = np.repeat(
-            np.eye(self.robot.n)[list(self.joints)],
-            _ELEMENTS,
-            axis=0,
+            np.eye(self.robot.n)[list(self.joints)], _ELEMENTS, axis=0
         )
         distances = self.shape["d"] * _SPACING ** np.arange(_ELEMENTS)
-        return Bristles(
-            directions,
-            np.tile(distances, len(self.joints)),
-            stop,
-        )
+        return Bristles(directions, np.tile(distances, len(self.joints)), stop)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         """Return the states (N, 3) of each joint as its columns; their mean (N,) with

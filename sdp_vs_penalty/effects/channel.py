@@ -63,12 +63,7 @@ class TorqueGain(JointEffect):
         share of it."""
         return motion.model_torque[:, joint]
 
-    def invert_channel(
-        self,
-        theta: Array,
-        t: Array,
-        torque: Array,
-    ) -> Array:
+    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         """Divide the readings (N, n) of the effect's joints by 1 + g to recover the
         true torque."""
         out = torque.copy()
@@ -114,11 +109,7 @@ class TorqueCrosstalk(WithPartner):
     shapes = {"i": ShapeConstant(0.0, signed=True)}
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins: both neighbours."""
         return [{"i": float(i + 1)} for i in neighbours(robot, joint)]
 
@@ -130,12 +121,7 @@ class TorqueCrosstalk(WithPartner):
         """Return the current model's torque (N,) [N m, N] of the partner."""
         return motion.model_torque[:, self.partner(joint)]
 
-    def invert_channel(
-        self,
-        theta: Array,
-        t: Array,
-        torque: Array,
-    ) -> Array:
+    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         """Take the partners' shares out of the readings (N, n): of a mixture (1 + G)
         tau the true torque tau."""
         n = torque.shape[1]
@@ -161,11 +147,7 @@ class DelayedTorque(Effect):
     sized_shape = "T"
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins.
 
         A robot with one joint gets none for an effect of the whole robot: a delay of
@@ -183,22 +165,13 @@ class Delay(DelayedTorque):
     forward = "channel"
     shapes = {"T": ShapeConstant(0.001, "s", grid=_STARTS, signed=True)}
 
-    def invert_channel(
-        self,
-        theta: Array,
-        t: Array,
-        torque: Array,
-    ) -> Array:
+    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         """Read the torque (N, n) of each joint later by its delay, to undo the
         delay."""
         true_torque = torque.copy()
         delays = np.broadcast_to(theta, len(self.joints))
         for delay, j in zip(delays, self.joints, strict=True):
-            true_torque[:, j] = np.interp(
-                t + delay,
-                t,
-                torque[:, j],
-            )
+            true_torque[:, j] = np.interp(t + delay, t, torque[:, j])
         return true_torque
 
 
@@ -250,10 +223,7 @@ class TorqueFilter(DelayedTorque):
     shapes = {
         "T": ShapeConstant(0.005, "s", grid=_STARTS),
         "phase": ShapeConstant(
-            1.0,
-            grid=(1.0, 2.0),
-            choices=(1.0, 2.0),
-            words=("late", "zero"),
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")
         ),
     }
 
@@ -344,18 +314,10 @@ def first_order_lag(x: Array, t: Array, T: float) -> Array:
     right_side[1:] += (mean - decay) * x[:-1]
     right_side[0] = x[0]
     # The matrix has ones on its diagonal and -decay below it.
-    bands = np.stack(
-        [
-            np.ones(len(t)),
-            np.full(len(t), -decay),
-        ]
-    )
+    bands = np.stack([np.ones(len(t)), np.full(len(t), -decay)])
     lower_and_upper = (1, 0)
     return np.asarray(
         scipy.linalg.solve_banded(
-            lower_and_upper,
-            bands,
-            right_side,
-            check_finite=False,
+            lower_and_upper, bands, right_side, check_finite=False
         )
     )

@@ -16,10 +16,7 @@ class Drift(JointEffect):
 
     follows_clock = True
     time_constant = ShapeConstant(
-        300.0,
-        "s",
-        grid=(10.0, 30.0, 100.0),
-        bounds=(3.0, 3000.0),
+        300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0)
     )
     clock = ShapeConstant(0.0, "s", signed=True, role="clock")
     shapes = {
@@ -29,11 +26,7 @@ class Drift(JointEffect):
     }
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins: {"form": ..., "T": ...}
         for each settling form (even numbers) and three time constants T [s].
 
@@ -42,12 +35,7 @@ class Drift(JointEffect):
         """
         settling = [form for form in cls.shapes["form"].choices if form % 2 == 0]
         return [
-            {
-                "form": form,
-                "T": T,
-            }
-            for form in settling
-            for T in cls.shapes["T"].grid
+            {"form": form, "T": T} for form in settling for T in cls.shapes["T"].grid
         ]
 
     @property
@@ -158,10 +146,7 @@ class DriftFriction(Rubbing, Drift):
         "viscous_friction",
         "warming_friction",
     )
-    shapes = {
-        **Drift.shapes,
-        "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
-    }
+    shapes = {**Drift.shapes, "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
@@ -249,31 +234,15 @@ class WarmingFriction(Rubbing):
         return self.shape["law"] == 2.0
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins, all by temperature.
 
         By the clock the effect is drift_friction, which a search tries anyway.
         """
-        scales = list(
-            zip(
-                cls.shapes["warm"].grid,
-                cls.shapes["T"].grid,
-                strict=True,
-            )
-        )
+        scales = list(zip(cls.shapes["warm"].grid, cls.shapes["T"].grid, strict=True))
         laws = cls.shapes["law"].choices
         return [
-            {
-                "law": law,
-                "warm": warm,
-                "T": T,
-            }
-            for law in laws
-            for warm, T in scales
+            {"law": law, "warm": warm, "T": T} for law in laws for warm, T in scales
         ]
 
     def column(self, motion: Motion, joint: int) -> Array:

@@ -288,11 +288,7 @@ class Effect(ABC):
             A new effect of the same class.
         """
         joints_of_result = self.asked_joints if joints is None else joints
-        return type(self)(
-            self.robot,
-            joints_of_result,
-            **{**self.shape, **shape},
-        )
+        return type(self)(self.robot, joints_of_result, **{**self.shape, **shape})
 
     def __init_subclass__(cls) -> None:
         """Name each effect after its class, in snake case: ViscousFriction is
@@ -405,14 +401,7 @@ class Effect(ABC):
         """
         indices = np.arange(len(self.parameters))
         torques = self.torques(motion)
-        return [
-            Block(
-                j,
-                indices,
-                torques[:, j],
-            )
-            for j in range(self.robot.n)
-        ]
+        return [Block(j, indices, torques[:, j]) for j in range(self.robot.n)]
 
     def same_columns(self, other: Effect) -> bool:
         """Tell whether two effects certainly have the same columns on every motion.
@@ -491,9 +480,7 @@ class Effect(ABC):
     # What is known of the parameters before anything is measured.
 
     def constraints(
-        self,
-        indices: NDArray[np.intp],
-        parameters: Sequence[Parameter] = (),
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """State what is demanded of the parameters: the sign and the range of each.
 
@@ -514,24 +501,12 @@ class Effect(ABC):
             name = f"{self.name} {parameter.name}"
             if np.isfinite(parameter.lower):
                 out.append(
-                    build.linear(
-                        "sign",
-                        name,
-                        [index],
-                        [[1.0]],
-                        [-parameter.lower],
-                    )
+                    build.linear("sign", name, [index], [[1.0]], [-parameter.lower])
                 )
             # Two rows: theta + largest >= 0 and largest - theta >= 0.
             largest = self.largest_parameter
             out.append(
-                build.linear(
-                    "range",
-                    name,
-                    [index],
-                    [[1.0, -1.0]],
-                    [largest, largest],
-                )
+                build.linear("range", name, [index], [[1.0, -1.0]], [largest, largest])
             )
         return out
 
@@ -588,12 +563,7 @@ class Effect(ABC):
         """
         return size
 
-    def invert_channel(
-        self,
-        theta: Array,
-        t: Array,
-        torque: Array,
-    ) -> Array:
+    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         """Recover the true torque from what the torque channels read.
 
         Parameters
@@ -622,11 +592,7 @@ class Effect(ABC):
     # What a search asks.
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins on one joint.
 
         Parameters
@@ -849,11 +815,7 @@ class Effect(ABC):
         joints = (
             None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
         )
-        return {
-            "effect": self.name,
-            "joints": joints,
-            "shape": dict(self.shape),
-        }
+        return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
 
 
 def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:

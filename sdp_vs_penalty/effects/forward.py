@@ -77,11 +77,7 @@ class _Probe(Motion):
     contacts: Array | None = None
     signs: Array | None = None
 
-    def sign(
-        self,
-        joint: int,
-        width: float | None = None,
-    ) -> Array:
+    def sign(self, joint: int, width: float | None = None) -> Array:
         """Return the prescribed sign (N,) of dry friction on one joint (from 0), in
         place of the velocity's."""
         assert self.signs is not None
@@ -196,12 +192,7 @@ class Plant:
         """
         motion = replace(motion, sign_width=self.model.sign_width)
         states = [bristles.along(motion) for bristles in self.bristles]
-        return np.hstack(
-            [
-                np.zeros((len(motion.t), 0)),
-                *states,
-            ]
-        )
+        return np.hstack([np.zeros((len(motion.t), 0)), *states])
 
     def advanced(self, z: Array, travel: Array) -> Array:
         """Advance the friction's internal states by a displacement.
@@ -219,11 +210,7 @@ class Plant:
             (W, k) states after it.
         """
         n_states = [len(bristles.distances) for bristles in self.bristles]
-        parts = np.split(
-            z,
-            np.cumsum(n_states)[:-1],
-            axis=1,
-        )
+        parts = np.split(z, np.cumsum(n_states)[:-1], axis=1)
         moved = [np.zeros((len(z), 0))]
         # Without stateful effects np.split still returns one part, of no columns.
         for bristles, part in zip(self.bristles, parts, strict=False):
@@ -253,11 +240,7 @@ class Plant:
         """
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
-    def terms(
-        self,
-        state: State,
-        h: float,
-    ) -> tuple[Array, Array, Array, Array]:
+    def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:
         """Compute the terms of the equation of motion for W simulations at the middle
         of a step.
 
@@ -306,11 +289,7 @@ class Plant:
         return mass, bias + smooth, slope, np.column_stack(dry)
 
     def _forces(
-        self,
-        state: State,
-        moves: Sequence[tuple[Array, Array]],
-        signs: Array,
-        h: float,
+        self, state: State, moves: Sequence[tuple[Array, Array]], signs: Array, h: float
     ) -> Array:
         """Compute f, the force of all effects but the links', for P variants of the
         motion.
@@ -345,11 +324,7 @@ class Plant:
         )
         # One row of parameters for all instants, or a row for each.
         theta = np.tile(self.theta, (count if len(self.theta) > 1 else 1, 1))
-        return self._sum(self.effects, motion, z, theta).reshape(
-            count,
-            size,
-            -1,
-        )
+        return self._sum(self.effects, motion, z, theta).reshape(count, size, -1)
 
     def _sum(
         self,
@@ -395,30 +370,15 @@ class Plant:
         ]
         plain = [(e, k) for e, k in free if not isinstance(e, StatefulEffect)]
         # Torque of the links plus that of these effects.
-        torque = self.robot.inverse_dynamics(
-            links,
-            motion.q,
-            motion.dq,
-            ddq,
-        )
+        torque = self.robot.inverse_dynamics(links, motion.q, motion.dq, ddq)
         torque += self._sum(
-            plain,
-            motion,
-            np.zeros((len(motion.t), 0)),
-            reference[None],
+            plain, motion, np.zeros((len(motion.t), 0)), reference[None]
         )
         return replace(
-            motion,
-            ddq=ddq,
-            torque=torque,
-            current=CurrentModel(self.robot, links),
+            motion, ddq=ddq, torque=torque, current=CurrentModel(self.robot, links)
         )
 
-    def _mass_and_bias(
-        self,
-        q: Array,
-        dq: Array,
-    ) -> tuple[Array, Array]:
+    def _mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Compute the mass matrices (W, n, n), with rotors and payload, and the bias
         torques (W, n) of the links [N m, N] (gravity and velocity terms)."""
         if len(self._mass_and_bias_functions) == 1:
@@ -471,13 +431,7 @@ class Plant:
 
         def columns(ddq: Array) -> list[Array]:
             """Columns of the effect at one pose, at rest, with an acceleration (1, n)."""
-            motion = Motion(
-                np.zeros(1),
-                q,
-                dq=still,
-                ddq=ddq,
-                temperature=still,
-            )
+            motion = Motion(np.zeros(1), q, dq=still, ddq=ddq, temperature=still)
             return [block.columns for block in effect.blocks(motion)]
 
         before = columns(still)
@@ -504,11 +458,7 @@ class Plant:
 
 
 def advance(
-    plant: Plant,
-    state: State,
-    torque: Array,
-    h: float,
-    damping: Array | None = None,
+    plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None
 ) -> State:
     """Take one step of all simulations; positions move with the mean velocity of the
     step.
@@ -544,14 +494,7 @@ def advance(
     # matrix @ dq = h (torque - force) + matrix @ predicted + mass @ (dq_0 - predicted).
     push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
-    dq = dry_step(
-        matrix,
-        push,
-        state.dq,
-        h * dry,
-        plant.contacts,
-        plant.widths,
-    )
+    dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts, plant.widths)
     travel = 0.5 * h * (state.dq + dq)
     ddq = (dq - state.dq) / h
     z = plant.advanced(state.z, travel)
@@ -600,13 +543,7 @@ class ServoLoop:
             load = load + effect.torque(parameters, motion)
         return -load
 
-    def start(
-        self,
-        command: Command,
-        t: Array,
-        q: Array,
-        path: Array,
-    ) -> State:
+    def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
         """Make the initial states of W simulations, with the velocity of the command.
 
         Parameters
@@ -627,35 +564,15 @@ class ServoLoop:
         """
         dq = command.velocity(t)
         zero = np.zeros_like(q)
-        motion = Motion(
-            t,
-            q,
-            dq,
-            zero,
-            command=command,
-            position_integral=path,
-        )
+        motion = Motion(t, q, dq, zero, command=command, position_integral=path)
         z = (
             self.plant.remembered(motion)
             if self.plant.states
             else np.zeros((len(t), 0))
         )
-        return State(
-            t,
-            q,
-            dq,
-            zero,
-            z,
-            np.full_like(q, np.nan),
-            path,
-        )
+        return State(t, q, dq, zero, z, np.full_like(q, np.nan), path)
 
-    def step(
-        self,
-        state: State,
-        command: Command,
-        h: float,
-    ) -> State:
+    def step(self, state: State, command: Command, h: float) -> State:
         """Take one step of the simulated control loop.
 
         The drives' stiffness and damping are implicit: their torque is linearised in
@@ -681,12 +598,7 @@ class ServoLoop:
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
         path = state.position_integral + half * state.q
         middle = Motion(
-            state.t + half,
-            q,
-            dq,
-            state.ddq,
-            command=command,
-            position_integral=path,
+            state.t + half, q, dq, state.ddq, command=command, position_integral=path
         )
         torque = self.drive(middle)
         # The same middle reached a little faster: its torque gives the damping, the
@@ -700,11 +612,7 @@ class ServoLoop:
         )
         damping = (torque - self.drive(faster)) / _DRIVE_VELOCITY_STEP
         return advance(
-            self.plant,
-            state,
-            torque,
-            h,
-            damping[:, :, None] * np.eye(q.shape[1]),
+            self.plant, state, torque, h, damping[:, :, None] * np.eye(q.shape[1])
         )
 
 
@@ -712,12 +620,7 @@ class ServoLoop:
 
 
 def dry_step(
-    matrix: Array,
-    push: Array,
-    before: Array,
-    impulse: Array,
-    c: Array,
-    w: Array,
+    matrix: Array, push: Array, before: Array, impulse: Array, c: Array, w: Array
 ) -> Array:
     """Compute the velocities after a step with dry friction: K dq = push - c^T f, where
     the friction impulse of contact i is f_i = p_i tanh(c_i dq / w_i).
@@ -764,21 +667,13 @@ def dry_step(
     rows = np.flatnonzero(np.any(is_undecided, axis=1))
     if len(rows):
         friction[rows] = _solve_friction_impulses(
-            y0=y0[rows],
-            coupling=coupling[rows],
-            p=p[rows],
-            past=past[rows],
-            w=w,
+            y0=y0[rows], coupling=coupling[rows], p=p[rows], past=past[rows], w=w
         )
     return frictionless - np.einsum("kij,kj->ki", response, friction)
 
 
 def _solve_friction_impulses(
-    y0: Array,
-    coupling: Array,
-    p: Array,
-    past: Array,
-    w: Array,
+    y0: Array, coupling: Array, p: Array, past: Array, w: Array
 ) -> Array:
     """Solve for the impulses f (W, m) of dry friction in one step.
 
@@ -809,12 +704,7 @@ def _solve_friction_impulses(
     return np.clip(f, -p, p)
 
 
-def _friction(
-    x: Array,
-    g: Array,
-    p: Array,
-    w: Array | float,
-) -> Array:
+def _friction(x: Array, g: Array, p: Array, w: Array | float) -> Array:
     """Return the friction impulse f (W, m) of each contact from the unknown x = y + g f
     of Newton's method.
 
@@ -826,13 +716,7 @@ def _friction(
 
 
 def _newton(
-    x: Array,
-    y0: Array,
-    coupling: Array,
-    p: Array,
-    w: Array,
-    scale: Array,
-    share: float,
+    x: Array, y0: Array, coupling: Array, p: Array, w: Array, scale: Array, share: float
 ) -> Array:
     """Iterate x (W, m) by Newton's method until y + G f = y0, taking the fraction
     ``share`` of each step.
@@ -858,11 +742,7 @@ def _newton(
     return x
 
 
-def _resolvent(
-    x: Array,
-    c: Array,
-    w: Array | float,
-) -> Array:
+def _resolvent(x: Array, c: Array, w: Array | float) -> Array:
     """Solve y + c tanh(y / w) = x for y, elementwise.
 
     For x > 0 the left side is concave in y, so Newton's method from below converges

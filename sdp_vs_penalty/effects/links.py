@@ -49,16 +49,12 @@ class RigidBody(Effect):
             Parameter(name, unit, self.name, link)
             for link in range(1, self.robot.links + 1)
             for name, unit in zip(
-                inertia.parameter_names(link),
-                inertia.UNITS,
-                strict=True,
+                inertia.parameter_names(link), inertia.UNITS, strict=True
             )
         )
 
     def constraints(
-        self,
-        indices: NDArray[np.intp],
-        parameters: Sequence[Parameter] = (),
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """Return no constraints: the bounds of the links' parameters are stated by the
         problem."""
@@ -67,11 +63,7 @@ class RigidBody(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         """Compute the columns (N, 10 k) of each joint's torque: of the k links that it
         carries."""
-        regressor = self.robot.regressor(
-            motion.q,
-            motion.dq,
-            motion.ddq,
-        )
+        regressor = self.robot.regressor(motion.q, motion.dq, motion.ddq)
         blocks = []
         for joint, links in enumerate(self.robot.subtree):
             # Places of the ten parameters of each link that the joint carries.
@@ -81,13 +73,7 @@ class RigidBody(Effect):
             link_indices = (
                 slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
             )
-            blocks.append(
-                Block(
-                    joint,
-                    indices,
-                    regressor[:, joint, link_indices],
-                )
-            )
+            blocks.append(Block(joint, indices, regressor[:, joint, link_indices]))
         return blocks
 
     def torque(self, theta: Array, motion: Motion) -> Array:
@@ -101,12 +87,7 @@ class RigidBody(Effect):
         first_moments = np.linalg.norm(links[:, 1:4], axis=1)
         if np.any(first_moments > _FARTHEST * masses):
             return super().torque(theta, motion)
-        return self.robot.inverse_dynamics(
-            theta,
-            motion.q,
-            motion.dq,
-            motion.ddq,
-        )
+        return self.robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
 
 
 class Payload(Effect):
@@ -135,9 +116,7 @@ class Payload(Effect):
         )
 
     def constraints(
-        self,
-        indices: NDArray[np.intp],
-        parameters: Sequence[Parameter] = (),
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """Demand that the payload is a body: a positive semidefinite pseudo-inertia,
         besides bounds."""
@@ -273,11 +252,7 @@ class BaseTilt(Effect):
             else np.array([0.0, 0.0, -1.0])
         )
         down = gravity / np.linalg.norm(gravity)
-        axes = np.delete(
-            np.eye(3),
-            int(np.argmax(np.abs(down))),
-            axis=0,
-        )
+        axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
         flat = axes - np.outer(axes @ down, down)
         u, _, vt = np.linalg.svd(flat, full_matrices=False)
         return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
@@ -492,10 +467,7 @@ class Backlash(LinkDeviation):
     has_memory = True  # time derivatives of the side
     shapes = {
         "law": ShapeConstant(
-            1.0,
-            grid=(1.0, 2.0),
-            choices=(1.0, 2.0),
-            words=("rests", "crosses"),
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("rests", "crosses")
         ),
         "band": ShapeConstant(_BENDS, "Hz"),
     }
@@ -671,12 +643,7 @@ class JointResonance(LinkDeviation):
     forward = "left out"  # a link that moves by itself
     has_memory = True  # a link that swings
     shapes = {
-        "f": ShapeConstant(
-            4.0,
-            "Hz",
-            grid=(1.6, 2.5, 4.0, 6.3),
-            bounds=(0.7, 15.0),
-        ),
+        "f": ShapeConstant(4.0, "Hz", grid=(1.6, 2.5, 4.0, 6.3), bounds=(0.7, 15.0)),
         # A search begins with a wide resonance, so that few frequencies do.
         "zeta": ShapeConstant(0.05, grid=(0.1,), bounds=(0.005, 0.3)),
     }
@@ -724,12 +691,7 @@ class JointResonance(LinkDeviation):
         lag = self.lag(torque, step, compliance, slopes_of_joint)
         return -_moved(motion, lag, slopes) / compliance
 
-    def _compliance(
-        self,
-        motion: Motion,
-        joint: int,
-        slopes: Sequence[Array],
-    ) -> float:
+    def _compliance(self, motion: Motion, joint: int, slopes: Sequence[Array]) -> float:
         """Return 1 / stiffness [rad/(N m), m/N] of the gear on which the joint's mean
         inertia swings at f.
 
@@ -750,11 +712,7 @@ class JointResonance(LinkDeviation):
         return float(1.0 / stiffness)
 
     def lag(
-        self,
-        torque: Array,
-        step: float,
-        compliance: float,
-        slopes: Sequence[Array],
+        self, torque: Array, step: float, compliance: float, slopes: Sequence[Array]
     ) -> Array:
         """Compute by how much the link lags behind the encoder.
 
@@ -886,11 +844,7 @@ class KinematicError(Effect):
         return slice(sum(k < 3 for _, k in self._joint_axis_pairs), None)
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """Return one start without shape constants, [{}], for a search; none for a
         robot on which no displacement changes a torque."""
         return [{}] if cls(robot).parameters else []

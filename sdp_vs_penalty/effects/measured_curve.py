@@ -113,12 +113,7 @@ class Variable:
             return cls("t")
         if match := re.fullmatch(r"(d?q)([1-9]\d*)([+-])([\d.]*)\1([1-9]\d*)", text):
             ratio = float(match[3] + (match[4] or "1"))
-            return cls(
-                match[1],
-                int(match[2]) - 1,
-                int(match[5]) - 1,
-                ratio,
-            )
+            return cls(match[1], int(match[2]) - 1, int(match[5]) - 1, ratio)
         match = re.fullmatch(r"([a-z(]+)([1-9]\d*)(\)?)", text)
         if not match or match[1] + match[3] not in set(WORDS) - {"t", "none"}:
             raise ValueError(f"{text!r} is no variable of a curve")
@@ -163,10 +158,7 @@ def _is_value(key: str) -> bool:
 
 
 def _axis(
-    axis: str,
-    count: float,
-    default: float,
-    words: tuple[str, ...],
+    axis: str, count: float, default: float, words: tuple[str, ...]
 ) -> dict[str, ShapeConstant]:
     """Declare the shape constants of one axis ("x" or "y") of a table over a joint's
     variable.
@@ -189,11 +181,7 @@ def _axis(
     }
 
 
-def _variable(
-    constants: Mapping[str, float],
-    axis: str,
-    joint: int,
-) -> Variable | None:
+def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable | None:
     """Read the variable of one axis of a joint's table; None where the table has no
     such axis.
 
@@ -206,17 +194,12 @@ def _variable(
     if word == "none":
         return None
     return Variable(
-        word,
-        first - 1 if first else joint,
-        other - 1,
-        constants.get(f"{axis}c", 1.0),
+        word, first - 1 if first else joint, other - 1, constants.get(f"{axis}c", 1.0)
     )
 
 
 def _filled_table(
-    size: tuple[int, int],
-    known_places: NDArray[np.intp],
-    known_values: Sequence[float],
+    size: tuple[int, int], known_places: NDArray[np.intp], known_values: Sequence[float]
 ) -> Array:
     """Build a table of this size from some of its values; elsewhere it has the nearest
     known one.
@@ -302,10 +285,7 @@ class MeasuredCurve(JointEffect):
         self._missing.flat[measured] = 0.0
 
     def _refuse(
-        self,
-        robot: Robot,
-        constants: Mapping[str, float],
-        known: Sequence[int],
+        self, robot: Robot, constants: Mapping[str, float], known: Sequence[int]
     ) -> None:
         """Raise InputError for constants that make no table: sizes xn and yn that are
         no whole numbers, values outside of xn yn places, or ends in the wrong order.
@@ -318,8 +298,7 @@ class MeasuredCurve(JointEffect):
             size = constants[key]
             if size != int(size) or not 1 <= size <= _MOST:
                 raise InputError(
-                    f"{who} {key} = {size:g}",
-                    f"give a whole number from 1 to {_MOST}",
+                    f"{who} {key} = {size:g}", f"give a whole number from 1 to {_MOST}"
                 )
         count = int(constants["xn"] * constants["yn"])
         if not known or not 1 <= known[0] <= known[-1] <= count:
@@ -432,12 +411,7 @@ class MeasuredCurve(JointEffect):
         """Interpolate the table along a motion: (N,) torque [N m, N] of one joint."""
         return self._interpolated(self._table, motion, joint)
 
-    def _interpolated(
-        self,
-        table: Array,
-        motion: Motion,
-        joint: int,
-    ) -> Array:
+    def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
         """Interpolate a table (xn, yn) linearly along a motion; returns (N,) values.
 
         Values of the variables from ``low`` to ``high`` are mapped to places 0 to n - 1

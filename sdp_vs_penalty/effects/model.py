@@ -117,12 +117,7 @@ class Model:
         """The same model without the effects whose columns need the torque or links of
         a current model."""
         free = tuple(e for e in self.effects if not depends(e))
-        return Model(
-            self.robot,
-            free,
-            gains=self.gains,
-            known=self.known,
-        )
+        return Model(self.robot, free, gains=self.gains, known=self.known)
 
     @cached_property
     def before_channels(self) -> Model:
@@ -131,12 +126,7 @@ class Model:
         before = tuple(e for e in self.effects if not e.needs_torque)
         if len(before) == len(self.effects):
             return self
-        part = Model(
-            self.robot,
-            before,
-            gains=self.gains,
-            known=self.known,
-        )
+        part = Model(self.robot, before, gains=self.gains, known=self.known)
         # The current model, if there is one, is cut to the same parameters.
         if self.reference is None:
             return part
@@ -265,10 +255,7 @@ class Model:
         return out
 
     def blocks(
-        self,
-        motion: Motion,
-        known: Collection[int] = (),
-        smooth: Motion | None = None,
+        self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None
     ) -> dict[int, list[Block]]:
         """Compute the columns of each effect.
 
@@ -313,10 +300,7 @@ class Model:
         return {k: columns for k, columns in blocks.items() if k not in known}
 
     def _independent_blocks(
-        self,
-        motion: Motion,
-        left_out: Collection[int],
-        smooth: Motion | None,
+        self, motion: Motion, left_out: Collection[int], smooth: Motion | None
     ) -> dict[int, list[Block]]:
         """Compute the columns of the effects that need no current model, by their place.
 
@@ -335,9 +319,7 @@ class Model:
         return blocks
 
     def joined(
-        self,
-        blocks: Mapping[int, list[Block]],
-        count: int,
+        self, blocks: Mapping[int, list[Block]], count: int
     ) -> list[JointColumns]:
         """Join the blocks of all effects to the regressor.
 
@@ -372,9 +354,7 @@ class Model:
         ]
 
     def without_known(
-        self,
-        columns: Sequence[JointColumns],
-        torque: Array,
+        self, columns: Sequence[JointColumns], torque: Array
     ) -> tuple[list[JointColumns], Array]:
         """Subtract the torque of known parameters, and zero their columns.
 
@@ -436,10 +416,7 @@ class Model:
         return self.reference
 
     def _made(
-        self,
-        blocks: Mapping[int, list[Block]],
-        theta: Array,
-        motion: Motion,
+        self, blocks: Mapping[int, list[Block]], theta: Array, motion: Motion
     ) -> Array:
         """Sum the torque (N, n) [N m, N] of some effects' blocks with the parameters
         theta (p,)."""
@@ -480,11 +457,7 @@ class Model:
         attached = replace(motion, torque=torque, current=self._current(theta))
         return replace(attached, logged=logged, sign_width=self.sign_width)
 
-    def torque(
-        self,
-        theta: Sequence[float] | Array,
-        motion: Motion,
-    ) -> Array:
+    def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Compute the torque of the model: tau = Y(motion) theta.
 
         Long motions are computed part by part, to keep the columns within the memory.

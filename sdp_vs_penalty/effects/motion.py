@@ -164,11 +164,7 @@ class Command:
         outside of the samples count as the first or last one. The samples are evenly
         spaced, so the index follows by a division.
         """
-        instants = np.clip(
-            t,
-            self.t[0],
-            self.t[-1],
-        )
+        instants = np.clip(t, self.t[0], self.t[-1])
         step = float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         if step > 0.0:
             nearest = np.rint((instants - self.t[0]) / step).astype(np.intp)
@@ -222,12 +218,7 @@ class Legs:
             direction = sign[np.concatenate([moving_steps[:1], reversals])]
         else:  # one leg at rest
             direction = np.zeros(1)
-        return cls(
-            corners,
-            direction,
-            leg,
-            travel=q[1:] - corners[leg],
-        )
+        return cls(corners, direction, leg, travel=q[1:] - corners[leg])
 
 
 def _logged(field: str, what: str, columns: str) -> Any:
@@ -289,14 +280,10 @@ class Motion:
     logged_command: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
     integral: ClassVar[Array] = _logged("position_integral", "commands", "qcmd1..qcmdn")
     joint_temperature: ClassVar[Array] = _logged(
-        "temperature",
-        "temperatures",
-        "temp1..tempn",
+        "temperature", "temperatures", "temp1..tempn"
     )
     motor_acceleration: ClassVar[Array] = _logged(
-        "motors",
-        "positions of motors",
-        "qmot1..qmotn",
+        "motors", "positions of motors", "qmot1..qmotn"
     )
 
     def part(self, which: slice | NDArray[np.integer]) -> Motion:
@@ -351,11 +338,7 @@ class Motion:
                 out.__dict__[name] = self.__dict__[name]
         return out
 
-    def sign(
-        self,
-        joint: int,
-        width: float | None = None,
-    ) -> Array:
+    def sign(self, joint: int, width: float | None = None) -> Array:
         """Compute the smooth sign of a joint's velocity.
 
         Parameters
@@ -372,12 +355,7 @@ class Motion:
         """
         if width is None:
             return np.asarray(self._signs[joint])
-        return smooth_sign(
-            self.dq[:, joint],
-            width,
-            self.ddq[:, joint],
-            self.within,
-        )
+        return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
 
     def sign_ahead(self, joint: int, lead: float) -> Array:
         """Compute the smooth sign of a joint's velocity a little later.
@@ -416,12 +394,7 @@ class Motion:
         if joint is not None:
             return self.sign(joint)
         width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
-        return smooth_sign(
-            self.dq @ ratios,
-            width,
-            self.ddq @ ratios,
-            self.within,
-        )
+        return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
 
     def legs_along(self, ratios: Array) -> Legs:
         """Cut the path of a combination of positions into legs.
@@ -488,10 +461,7 @@ class Motion:
         """(N, n) torque that the gears transmit [N m, N]: the rigid-body torque of the
         current model's links, without friction."""
         return self._model.robot.inverse_dynamics(
-            self.model_links,
-            self.q,
-            self.dq,
-            self.ddq,
+            self.model_links, self.q, self.dq, self.ddq
         )
 
     def late_torque_rate(self, T: float) -> Array:
@@ -514,27 +484,9 @@ class Motion:
         middle = self.t - 0.5 * T  # of the interval from t - T to t
         half = max(0.5 * abs(T), step)  # half the interval, at least one sample
         torques = self.model_torque.T
-        later = np.stack(
-            [
-                np.interp(
-                    middle + half,
-                    self.t,
-                    x,
-                )
-                for x in torques
-            ],
-            axis=1,
-        )
+        later = np.stack([np.interp(middle + half, self.t, x) for x in torques], axis=1)
         sooner = np.stack(
-            [
-                np.interp(
-                    middle - half,
-                    self.t,
-                    x,
-                )
-                for x in torques
-            ],
-            axis=1,
+            [np.interp(middle - half, self.t, x) for x in torques], axis=1
         )
         return (later - sooner) / (2.0 * half)
 
@@ -579,16 +531,8 @@ class Motion:
         # Frequencies at half the rate and above do not occur in samples.
         if not 2.0 * band < rate or len(values) < 3:
             return values
-        line = np.linspace(
-            values[0],
-            values[-1],
-            len(values),
-        )
-        waves = scipy.fft.dst(
-            (values - line)[1:-1],
-            type=1,
-            axis=0,
-        )
+        line = np.linspace(values[0], values[-1], len(values))
+        waves = scipy.fft.dst((values - line)[1:-1], type=1, axis=0)
         # Frequency [Hz] of each coefficient of the sine transform.
         f = np.arange(1, len(values) - 1) * rate / (2 * len(values) - 2)
         attenuation = 1.0 + (f / band) ** 8
@@ -596,11 +540,7 @@ class Motion:
             -1, *[1] * (values.ndim - 1)
         )  # along the first axis
         smooth = line
-        smooth[1:-1] += scipy.fft.idst(
-            waves,
-            type=1,
-            axis=0,
-        )
+        smooth[1:-1] += scipy.fft.idst(waves, type=1, axis=0)
         return smooth
 
     @property
@@ -666,10 +606,7 @@ class Motion:
         for start in range(0, len(self.t), _ROWS_AT_A_TIME):
             rows = slice(start, start + _ROWS_AT_A_TIME)
             parts = model.robot.inverse_dynamics_derivatives(
-                model.links,
-                self.q[rows],
-                self.dq[rows],
-                self.ddq[rows],
+                model.links, self.q[rows], self.dq[rows], self.ddq[rows]
             )
             for by_state, part in zip(by_states, parts, strict=True):
                 by_state.append(part)

@@ -88,12 +88,7 @@ class EndStop(JointEffect):
     units = ("N*m/rad", "N/m")
     shapes = {
         "q0": ShapeConstant(
-            0.0,
-            POSITION,
-            grid=(0.0,),
-            bounds=(-1e3, 1e3),
-            scale="linear",
-            signed=True,
+            0.0, POSITION, grid=(0.0,), bounds=(-1e3, 1e3), scale="linear", signed=True
         ),
         "side": ShapeConstant(
             1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("above", "below")
@@ -144,10 +139,7 @@ _MOST = 200
 
 
 def _orders(
-    robot: Robot,
-    joint: int,
-    turns: Sequence[float],
-    finest: float,
+    robot: Robot, joint: int, turns: Sequence[float], finest: float
 ) -> list[float]:
     """List the wave numbers k of cos(k q) that a search tries on a joint (from 0).
 
@@ -214,11 +206,7 @@ class TorqueRipple(JointEffect):
         return ("joint_spring", "stiffening_spring")
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the wave numbers with which a search begins: 2 to 40 per turn; on a
         prismatic joint those that its travel can hold, down to a screw of 5 mm."""
         return [{"k": k} for k in _orders(robot, joint, cls.shapes["k"].grid, _FINEST)]
@@ -258,23 +246,14 @@ class PositionDependentFriction(JointEffect):
     }
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the wave numbers with which a search begins, each with one wave.
 
         Two waves fit anything where less than a full turn was travelled, so none is
         tried.
         """
         shape = cls.shapes["k"]
-        grid = _orders(
-            robot,
-            joint,
-            shape.grid,
-            (shape.bounds or (0.0, np.inf))[1],
-        )
+        grid = _orders(robot, joint, shape.grid, (shape.bounds or (0.0, np.inf))[1])
         return [{"k": k, "waves": 1.0} for k in grid]
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
@@ -300,9 +279,7 @@ class PositionDependentFriction(JointEffect):
         return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
 
     def constraints(
-        self,
-        indices: NDArray[np.intp],
-        parameters: Sequence[Parameter] = (),
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """Demand that Coulomb friction plus its variation stays at least zero at every
         position.

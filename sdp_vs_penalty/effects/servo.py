@@ -34,12 +34,7 @@ class Servo(JointEffect):
     sought = False
     shapes = {
         "T": ShapeConstant(
-            0.0,
-            "s",
-            grid=(0.0,),
-            bounds=(0.0, LATEST),
-            scale="linear",
-            signed=True,
+            0.0, "s", grid=(0.0,), bounds=(0.0, LATEST), scale="linear", signed=True
         )
     }
 
@@ -91,10 +86,7 @@ class ServoPosition(Servo):
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
     sized_by = slice(0, 1)
     position_gains = slice(0, None, 2)
-    shapes = {
-        **Servo.shapes,
-        "d": ShapeConstant(0.0, "s", scale="linear", signed=True),
-    }
+    shapes = {**Servo.shapes, "d": ShapeConstant(0.0, "s", scale="linear", signed=True)}
     searched = ("T",)  # the delay; the age of the velocity is given or zero
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:

@@ -48,19 +48,12 @@ class JointCoupling(WithPartner):
     }
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins: both neighbours, in all
         four forms."""
         forms = cls.shapes["form"].choices
         return [
-            {
-                "i": float(i + 1),
-                "form": form,
-            }
+            {"i": float(i + 1), "form": form}
             for i in neighbours(robot, joint)
             for form in forms
         ]
@@ -93,10 +86,7 @@ class JointCoupling(WithPartner):
         velocity = motion.dq[:, joint] + ratio * motion.dq[:, partner]
         acceleration = motion.ddq[:, joint] + ratio * motion.ddq[:, partner]
         return smooth_sign(
-            velocity,
-            width=motion.width(joint),
-            rate=acceleration,
-            within=motion.within,
+            velocity, width=motion.width(joint), rate=acceleration, within=motion.within
         )
 
 
@@ -221,10 +211,7 @@ class TransmissionFriction(StatefulEffect):
     }
     #: A law's own constant: travel, velocity; and where a search over combinations
     #: begins to refine it.
-    _OWN = {
-        "hysteresis": ("d", (0.002, 0.01)),
-        "stribeck": ("vs", (0.06, 0.25)),
-    }
+    _OWN = {"hysteresis": ("d", (0.002, 0.01)), "stribeck": ("vs", (0.06, 0.25))}
 
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
@@ -325,21 +312,13 @@ class TransmissionFriction(StatefulEffect):
             if self.law == "hysteresis"
             else np.zeros((0, self.robot.n))
         )
-        return Bristles(
-            rows,
-            np.full(len(rows), self.shape.get("d", 1.0)),
-            dahl,
-        )
+        return Bristles(rows, np.full(len(rows), self.shape.get("d", 1.0)), dahl)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         """Return c_j f(s) (N, 1) for each joint j, from the states z (N, 1)."""
         force = self._force(motion, z)
         return [
-            Block(
-                j,
-                np.array([0]),
-                (self.ratios[j] * force)[:, None],
-            )
+            Block(j, np.array([0]), (self.ratios[j] * force)[:, None])
             for j in self.joints
         ]
 
@@ -364,11 +343,7 @@ class TransmissionFriction(StatefulEffect):
         return sign
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins: every law, with two
         values of its travel or velocity where it has one."""
         for number, law in enumerate(LAWS, start=1):

@@ -135,9 +135,7 @@ class PowerLawFriction(JointEffect):
     refines = ("viscous_friction", "coulomb_friction")
     shapes = {
         "alpha": ShapeConstant(
-            2.0,
-            grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0),
-            bounds=(0.15, 4.0),
+            2.0, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0), bounds=(0.15, 4.0)
         )
     }
 
@@ -181,16 +179,10 @@ class SigmoidFriction(JointEffect):
     refines = ("coulomb_friction",)
     shapes = {
         "v0": ShapeConstant(
-            0.1,
-            VELOCITY,
-            grid=(0.02, 0.04, 0.08, 0.16, 0.32),
-            bounds=(0.012, 2.0),
+            0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0)
         ),
         "law": ShapeConstant(
-            1.0,
-            grid=(1.0, 2.0, 3.0),
-            choices=(1.0, 2.0, 3.0),
-            words=tuple(_RISES),
+            1.0, grid=(1.0, 2.0, 3.0), choices=(1.0, 2.0, 3.0), words=tuple(_RISES)
         ),
     }
 
@@ -227,26 +219,16 @@ class StribeckFriction(JointEffect):
     refines = ("coulomb_friction",)
     shapes = {
         "vs": ShapeConstant(
-            0.1,
-            VELOCITY,
-            grid=(0.02, 0.04, 0.08, 0.16, 0.32),
-            bounds=(0.012, 1.0),
+            0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)
         ),
         "delta": ShapeConstant(2.0, grid=(1.0, 2.0)),
         "law": ShapeConstant(
-            1.0,
-            grid=(1.0, 2.0),
-            choices=(1.0, 2.0),
-            words=("dip", "tail"),
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("dip", "tail")
         ),
     }
 
     @classmethod
-    def starts(
-        cls,
-        robot: Robot,
-        joint: int,
-    ) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins: every law but the tail
         with delta = 1.
 

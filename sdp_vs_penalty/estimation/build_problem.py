@@ -126,10 +126,7 @@ class PoseOptions:
             if settings is not None:
                 effects = [effect_from_dict(e, robot) for e in settings]
             return cls(
-                effects,
-                known=known,
-                instruments=recipe["instruments"],
-                **others,
+                effects, known=known, instruments=recipe["instruments"], **others
             )
         except (KeyError, TypeError, ValueError, AttributeError):
             raise InputError(
@@ -196,10 +193,7 @@ def build_problem(
     problem = as_problem(problem, "pose(problem=...)")
     options = options or PoseOptions()
     data = read_and_filter(
-        problem,
-        measurements,
-        options.preprocessing,
-        "pose(measurements=...)",
+        problem, measurements, options.preprocessing, "pose(measurements=...)"
     )
     return pose_filtered(problem, data, options, progress, workers)
 
@@ -254,21 +248,12 @@ def pose_filtered(
     problem = posed.problem
     compressed = partial(in_columns, posed.runs, workers=workers)
     model = with_reference(
-        problem,
-        posed.model,
-        compressed,
-        options.weighting,
-        progress,
+        problem, posed.model, compressed, options.weighting, progress
     )
     progress("compressing the measurements")
     regression = compressed(model)
     task = make_task(
-        problem,
-        model,
-        regression,
-        options.weighting,
-        options.seed,
-        progress,
+        problem, model, regression, options.weighting, options.seed, progress
     )
     return EstimationProblem(
         problem=problem,
@@ -295,10 +280,7 @@ class _PosedLog:
 
 
 def _pose_black_box(
-    problem: Problem,
-    data: BlackBox,
-    options: PoseOptions,
-    progress: Progress,
+    problem: Problem, data: BlackBox, options: PoseOptions, progress: Progress
 ) -> EstimationProblem:
     """State the identification problem of a black box, a simulator that answers with
     torque.
@@ -365,26 +347,12 @@ def _pose_torque_log(
     if options.known_loads:
         progress("determining the gains from the known loads")
         spread = float(np.max(options.gain_uncertainty))
-        gain, gain_errors = gains_from_loads(
-            model,
-            runs,
-            options.known_loads,
-            spread,
-        )
+        gain, gain_errors = gains_from_loads(model, runs, options.known_loads, spread)
         problem = replace(problem, gains=tuple(gain.tolist()))
         model = replace(model, gains=problem.gains)
         std = gain * np.linalg.norm(gain_errors, axis=1)
-        details["gains"] = {
-            "gain": gain.tolist(),
-            "std": std.tolist(),
-        }
-    return _PosedLog(
-        problem,
-        model,
-        runs,
-        gain_errors=gain_errors,
-        details=details,
-    )
+        details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
+    return _PosedLog(problem, model, runs, gain_errors=gain_errors, details=details)
 
 
 def _pose_servo_log(
@@ -416,10 +384,7 @@ def _pose_servo_log(
         # Loads are other runs: the recipe says what they made of the scale instead.
         options = replace(options, known=scale["known"])
     common = np.full(problem.robot.n, scale["scale_error"])
-    details = {
-        "servo": {**servo, **scale},
-        "recipe": options.recipe(),
-    }
+    details = {"servo": {**servo, **scale}, "recipe": options.recipe()}
     return _PosedLog(
         problem,
         model,
@@ -430,9 +395,7 @@ def _pose_servo_log(
 
 
 def in_columns(
-    runs: FilteredRuns,
-    model: Model,
-    workers: Workers = ALONE,
+    runs: FilteredRuns, model: Model, workers: Workers = ALONE
 ) -> Regression:
     """Compress runs in the columns of a model.
 
@@ -457,9 +420,7 @@ def in_columns(
     if runs.measurements.torque_logged:
         return compress(runs, model, workers=workers)
     return compress_cells(
-        runs,
-        model,
-        phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS),
+        runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS)
     )
 
 
@@ -509,9 +470,7 @@ def logged(data: Measurements | FilteredRuns) -> Measurements:
 
 
 def load_and_check(
-    problem: Problem,
-    measurements: Source | FilteredRuns | BlackBox,
-    what: str,
+    problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
 ) -> Measurements | FilteredRuns | BlackBox:
     """Read measurements in any form that users give, and check that they fit the robot.
 
@@ -540,10 +499,7 @@ def load_and_check(
     names = problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(
-            measurements,
-            n,
-            names,
-            what,
+            measurements, n, names, what
         )
     data = measurements if isinstance(measurements, BlackBox) else logged(measurements)
     if data.n != n:

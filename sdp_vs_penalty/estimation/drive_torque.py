@@ -33,9 +33,7 @@ _STEP = 8e-3
 
 
 def with_simulated_motion(
-    measurements: Measurements,
-    model: Model,
-    theta: Array,
+    measurements: Measurements, model: Model, theta: Array
 ) -> Measurements:
     """Attach the motion that a model's servo loop makes of each run's command.
 
@@ -167,16 +165,12 @@ def driven(
         remedy = "identify from a log with commands, or name one with torque"
         raise InputError(what, remedy, measurements.names[0])
     return plant(estimate), with_drive_torque(
-        estimate.model,
-        estimate.theta,
-        measurements,
+        estimate.model, estimate.theta, measurements
     )
 
 
 def with_drive_torque(
-    model: Model,
-    theta: Array,
-    measurements: Measurements,
+    model: Model, theta: Array, measurements: Measurements
 ) -> Measurements:
     """Add the torque that a model's servos make to a log without torque.
 
@@ -241,15 +235,7 @@ def plant(estimate: Estimate) -> Estimate:
     if reference is not None:
         reference = reference[keep]
     effects = estimate.model.without_drives.effects
-    model = replace(
-        estimate.model,
-        effects=effects,
-        known={},
-        reference=reference,
-    )
+    model = replace(estimate.model, effects=effects, known={}, reference=reference)
     return replace(
-        estimate,
-        model=model,
-        theta=estimate.theta[keep],
-        uncertainty=uncertainty,
+        estimate, model=model, theta=estimate.theta[keep], uncertainty=uncertainty
     )

@@ -260,9 +260,7 @@ class Estimate(Record):
             for effect in self.model.effects
         ]
         model = dataclasses.replace(
-            self.model,
-            robot=problem.robot,
-            effects=tuple(effects),
+            self.model, robot=problem.robot, effects=tuple(effects)
         )
         # The check has judged the runs under the former direction.
         provenance = {**self.provenance, "checks": {}}
@@ -460,11 +458,7 @@ class Estimate(Record):
         return self.model.torque(self.theta, motion)
 
     def predict(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        t: ArrayLike | None = None,
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike | None = None
     ) -> Array:
         """Return the modelled torque at states.
 
@@ -502,14 +496,7 @@ class Estimate(Record):
         if times.shape != (count,):
             what = f"predict(t=...): shape {times.shape}, but q has {count} rows"
             raise InputError(what, "give one time a row")
-        return self.torque(
-            Motion(
-                times,
-                states[0],
-                states[1],
-                states[2],
-            )
-        )
+        return self.torque(Motion(times, states[0], states[1], states[2]))
 
     def _require_no_time(self) -> None:
         """Raise InputError if an effect depends on time or on earlier motion."""
@@ -546,13 +533,7 @@ class Estimate(Record):
         )
         size = (3.0 * len(by_effect), 2.6)
         panels = np.atleast_1d(
-            formatting.axes(
-                axes,
-                1,
-                len(by_effect),
-                figsize=size,
-                layout="constrained",
-            )
+            formatting.axes(axes, 1, len(by_effect), figsize=size, layout="constrained")
         )
         for panel, (effect, parameters) in zip(panels, by_effect, strict=False):
             bars = panel.bar(
@@ -681,9 +662,7 @@ class Estimate(Record):
         }
 
     def require_joints(
-        self,
-        measurements: Measurements,
-        what: str = "measurements",
+        self, measurements: Measurements, what: str = "measurements"
     ) -> None:
         """Raise InputError unless the measurements have as many joints as the robot.
 
@@ -929,9 +908,7 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     nominal_gyration = inertia.gyration(nominal)
     # A link without mass has no centre of mass: NaN is shown as unknown.
     com = np.where(
-        links[:, :1] > 0.0,
-        inertia.barycentric_from_standard(links)[:, 1:4],
-        np.nan,
+        links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan
     )
     mm_per_m = 1e3
     return [

@@ -59,13 +59,7 @@ class Regressor:
     columns: NDArray[np.intp]
     scale: Array | float = 1.0
 
-    def at(
-        self,
-        t: Array,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array:
+    def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the regressor rows of states.
 
         Parameters
@@ -122,11 +116,7 @@ class Regressor:
         return float(np.linalg.cond(self.along(trajectory)))
 
     @classmethod
-    def of(
-        cls,
-        problem: Problem,
-        effects: str | None = None,
-    ) -> Regressor:
+    def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
         """Return the regressor of a problem's base parameters.
 
         Parameters
@@ -364,12 +354,7 @@ def excite(
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(
-            problem.robot,
-            seed,
-            duration,
-            harmonics,
-            frequency,
-            blend,
+            problem.robot, seed, duration, harmonics, frequency, blend
         )
     regressor = Regressor.of(problem, effects)
     return optimised(regressor, bounds, start, objective, iterations, progress=progress)
@@ -415,13 +400,7 @@ def optimised(
     """
     start = shrunk(start, limits)
     search = _Search(regressor, limits, start, objective, moving)
-    x = np.column_stack(
-        [
-            start.a,
-            start.b,
-            start.q_0,
-        ]
-    )
+    x = np.column_stack([start.a, start.b, start.q_0])
     history = [regressor.condition(start)]
     # The trust region's half-width, as a share of the limits: at first, and at which
     # the search ends.
@@ -453,17 +432,8 @@ def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
 
     L is the number of harmonics. Frequency, blend and duration are those of ``like``.
     """
-    a, b = np.split(
-        x[:, :-1],
-        2,
-        axis=1,
-    )
-    return replace(
-        like,
-        a=a.copy(),
-        b=b.copy(),
-        q_0=x[:, -1].copy(),
-    )
+    a, b = np.split(x[:, :-1], 2, axis=1)
+    return replace(like, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
 
 
 class _Search:
@@ -500,11 +470,7 @@ class _Search:
         self.t = np.linspace(0.0, start.duration, 160)
         instants = _instants(start, 2 * len(self.t) - 1)
         limits_of_states = np.column_stack(
-            [
-                limits.half,
-                limits.velocity,
-                limits.acceleration,
-            ]
+            [limits.half, limits.velocity, limits.acceleration]
         )
         width = 2 * start.a.shape[1] + 1  # a (L), b (L) and q_0 of a joint
         # States are linear in the coefficients: with the unit matrix for coefficients,
@@ -516,12 +482,7 @@ class _Search:
         is_position = np.arange(3 * len(instants)) < len(instants)
         self.offset = np.outer(-limits.middle / limits.half, is_position)
         # Sizes of a joint's coefficients: amplitudes of velocity, then the centre q_0.
-        self.unit = np.column_stack(
-            [
-                *[limits.velocity] * (width - 1),
-                limits.half,
-            ]
-        )
+        self.unit = np.column_stack([*[limits.velocity] * (width - 1), limits.half])
         self.maps = np.array(unit_motions.states(self.t))
 
     def at(self, x: Array) -> tuple[Array, float, Array]:
@@ -579,12 +540,7 @@ class _Search:
             slope[j] += rate @ linear
         return value, slope
 
-    def best_of_linear_model(
-        self,
-        x: Array,
-        slope: Array,
-        radius: float,
-    ) -> Array:
+    def best_of_linear_model(self, x: Array, slope: Array, radius: float) -> Array:
         """Minimise the linear model of the objective by one linear program a joint.
 
         The limits do not couple joints.
@@ -666,12 +622,7 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
         return trajectory
     share = (1.0 - 1e-9) / excess  # rounding stays inside of the limits
     q_0 = limits.middle + share * (trajectory.q_0 - limits.middle)
-    return replace(
-        trajectory,
-        a=trajectory.a * share,
-        b=trajectory.b * share,
-        q_0=q_0,
-    )
+    return replace(trajectory, a=trajectory.a * share, b=trajectory.b * share, q_0=q_0)
 
 
 def save_trajectory(
@@ -695,10 +646,7 @@ def save_trajectory(
     n_instants = int(np.floor(trajectory.duration * rate + 1e-9)) + 1
     t = np.arange(n_instants) / rate
     n = trajectory.states(t[:1])[0].shape[1]
-    header = [
-        "t",
-        *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n)),
-    ]
+    header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
     rows = np.column_stack([t, *trajectory.states(t)])
     row_format = ",".join(["%.9g"] * len(header))
     lines = [",".join(header)]
@@ -715,9 +663,7 @@ def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
     blend = trajectory.blend
     end = trajectory.duration - trajectory.blend
     instants = np.linspace(
-        0.0,
-        trajectory.duration,
-        count or round(1000.0 * trajectory.duration) + 1,
+        0.0, trajectory.duration, count or round(1000.0 * trajectory.duration) + 1
     )
     return np.union1d(instants, [0.5 * blend, blend, end, end + 0.5 * blend])
 

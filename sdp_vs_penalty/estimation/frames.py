@@ -139,10 +139,7 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
     entry_by_name = {entry["name"]: entry for entry in listed}
     rows = []
     for interval, row, leading in zip(
-        estimate.uncertainty.base,
-        base.rows,
-        base.leading,
-        strict=True,
+        estimate.uncertainty.base, base.rows, base.leading, strict=True
     ):
         entry = entry_by_name.get(interval.name, {})
         rows.append(
@@ -183,11 +180,7 @@ def base_expressions(estimate: Parameters) -> list[str]:
     ]
 
 
-def expression(
-    row: Array,
-    names: Sequence[str],
-    leading: int,
-) -> str:
+def expression(row: Array, names: Sequence[str], leading: int) -> str:
     """Return a linear combination of parameters as a sum, the leading parameter first.
 
     row : (p,) coefficients; names : (p,) names; leading : index of the leading

@@ -78,12 +78,7 @@ def loop_gains(estimate: Estimate) -> list[Gain]:
     """
     loop = estimate.details.get("loop") or {"gains": {}}
     return [
-        Gain(
-            name,
-            gain["value"],
-            NORMAL_95 * gain["std"],
-            gain["unit"],
-        )
+        Gain(name, gain["value"], NORMAL_95 * gain["std"], gain["unit"])
         for name, gain in loop["gains"].items()
     ]
 

@@ -81,10 +81,7 @@ DATA = "data"
 
 
 def parameter_sources(
-    task: Task,
-    theta: Array,
-    base: BaseParameters,
-    undetermined_by: str,
+    task: Task, theta: Array, base: BaseParameters, undetermined_by: str
 ) -> dict[str, Any]:
     """Return what determines each parameter, as fields of an estimate's details.
 
@@ -107,16 +104,8 @@ def parameter_sources(
         determine; "base_parameters": name, value, nominal value and source of each.
     """
     # Standard parameters are linear functions of theta, too: first them, then the base.
-    rows = np.vstack(
-        [
-            np.eye(len(theta)),
-            base.rows,
-        ]
-    )
-    names = [
-        *(p.name for p in task.model.parameters),
-        *base.names,
-    ]
+    rows = np.vstack([np.eye(len(theta)), base.rows])
+    names = [*(p.name for p in task.model.parameters), *base.names]
     entries = []
     for name, is_determined, value, nominal in zip(
         names,
@@ -169,9 +158,7 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
     # Root of the prior's information: upper triangular, half^T half = H_prior.
     half = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
     for indices, p0 in zip(
-        task.links,
-        inertia.pseudo_inertia(task.prior_links),
-        strict=True,
+        task.links, inertia.pseudo_inertia(task.prior_links), strict=True
     ):
         root = np.linalg.inv(np.linalg.cholesky(p0))
         whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
@@ -183,11 +170,7 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
         half[np.ix_(indices, indices)] = upper
     # In coordinates z = half theta the prior's information is the identity, and that of
     # the data A^T A with A = R half^-1.
-    inverse_half = scipy.linalg.solve_triangular(
-        half,
-        np.eye(len(half)),
-        lower=False,
-    )
+    inverse_half = scipy.linalg.solve_triangular(half, np.eye(len(half)), lower=False)
     _, s, vt = np.linalg.svd(task.data.R @ inverse_half, full_matrices=True)
     information = np.zeros(len(half))  # of the data, along each singular direction
     information[: len(s)] = s**2
@@ -199,10 +182,7 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
 
 
 def build_estimate(
-    posed: EstimationProblem,
-    estimator: Estimator,
-    fit: Fit,
-    workers: Workers = ALONE,
+    posed: EstimationProblem, estimator: Estimator, fit: Fit, workers: Workers = ALONE
 ) -> Estimate:
     """Certify a fit and collect everything that made it in an Estimate.
 
@@ -332,11 +312,7 @@ def proved(
             what, "choose one that solves the SDP, such as lmi-sdp, or penalty"
         )
     certified = replace(fit, theta=theta, bound=task.bound)
-    return optimum_proof(
-        certified,
-        [p.name for p in task.model.parameters],
-        made_of,
-    )
+    return optimum_proof(certified, [p.name for p in task.model.parameters], made_of)
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
@@ -397,19 +373,13 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         is_unchanged = np.array_equal(theta, fit.theta) and fit.bound is not None
         certified = fit if is_unchanged else replace(fit, theta=theta, bound=task.bound)
         certificate = replace(
-            certificate,
-            upper=certified.upper,
-            lower=certified.lower,
-            gap=certified.gap,
+            certificate, upper=certified.upper, lower=certified.lower, gap=certified.gap
         )
     return theta, certificate
 
 
 def certify_beside(
-    estimate: Estimate,
-    model: Model,
-    theta: Array,
-    part: Certificate,
+    estimate: Estimate, model: Model, theta: Array, part: Certificate
 ) -> Certificate:
     """Certify a whole model of which only the last effects were optimised.
 
@@ -467,11 +437,7 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
     bodies = problem.link_bodies
     # Consistent links make M(q) positive definite at every pose: no need to sample.
     is_consistent = consistent(links)
-    pairs = zip(
-        links[:, 0].tolist(),
-        bodies,
-        strict=True,
-    )
+    pairs = zip(links[:, 0].tolist(), bodies, strict=True)
     densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
     return {
         "positive_mass_matrices": (
@@ -507,11 +473,7 @@ def consistent(links: Array) -> bool:
     return bool(np.all(eigenvalues[:, 0] > rounding))
 
 
-def positive_mass_matrices(
-    robot: Robot,
-    links: Array,
-    poses: int = 10_000,
-) -> float:
+def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000) -> float:
     """Return the share of random poses at which the inertia matrix M(q) is positive
     definite.
 
@@ -615,13 +577,7 @@ def estimate_parameters(
     if proof is not None:
         progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
-        optimum = proved(
-            posed.task,
-            fit,
-            estimate.theta,
-            estimate.method,
-            made_of,
-        )
+        optimum = proved(posed.task, fit, estimate.theta, estimate.method, made_of)
         write_proof(optimum, proof)
     return estimate
 
@@ -714,9 +670,7 @@ _FAILURES_OF_PROOFS = (
 
 
 def verify_proof_file(
-    path: str | Path,
-    model: Estimate | None = None,
-    data: Source | None = None,
+    path: str | Path, model: Estimate | None = None, data: Source | None = None
 ) -> tuple[bool, str]:
     """Verify the proof in a file, and whether it belongs to a model and its
     measurements.
@@ -763,10 +717,7 @@ def verify_proof_file(
         sentences.append("it is of this model")
         if not fault and data is not None:
             runs = as_measurements(
-                data,
-                model.robot.n,
-                model.robot.joint_names,
-                "verify(data=...)",
+                data, model.robot.n, model.robot.joint_names, "verify(data=...)"
             )
             fault, sentence = _other_data(proof, model, runs)
             sentences.append(sentence)
@@ -804,9 +755,7 @@ def _what_is_proved(
 
 
 def _other_data(
-    proof: dict[str, Any],
-    model: Estimate,
-    runs: Measurements,
+    proof: dict[str, Any], model: Estimate, runs: Measurements
 ) -> tuple[str, str]:
     """Compare a proof with measurements.
 

@@ -68,10 +68,7 @@ def _loaded(
                 "give the mass that was on the last link",
             )
         runs = as_measurements(
-            source,
-            robot.n,
-            robot.joint_names,
-            "identify(known_loads=...)",
+            source, robot.n, robot.joint_names, "identify(known_loads=...)"
         )
         yield runs, float(mass)
 
@@ -128,11 +125,7 @@ def gains_from_loads(
     reaches = [c.LOAD_REACH] * 3 + [c.LOAD_REACH**2] * 6
     std_of_loads = [mass * reach for _, mass in parts[1:] for reach in reaches]
     prior_std = np.concatenate(
-        [
-            np.full(p, np.inf),
-            std_of_loads,
-            np.full(n, prior or c.GAIN_PRIOR),
-        ]
+        [np.full(p, np.inf), std_of_loads, np.full(n, prior or c.GAIN_PRIOR)]
     )
     log_gain = np.zeros(n)
     weights = np.ones(n)
@@ -163,10 +156,7 @@ def gains_from_loads(
 
 
 def _linearised(
-    parts: Sequence[tuple[Regression, float]],
-    p: int,
-    x: Array,
-    log_gain: Array,
+    parts: Sequence[tuple[Regression, float]], p: int, x: Array, log_gain: Array
 ) -> Regression:
     """Linearise the torque equations of all runs about the present unknowns.
 
@@ -195,11 +185,7 @@ def _linearised(
             torque_of_mass = columns[:, is_mass].sum(axis=1) * mass
             # Without the mass a load has nine unknowns; part 0 has no load.
             indices = f.indices[~is_mass]
-            indices = np.where(
-                indices > p,
-                indices - 1 + 9 * (part - 1),
-                indices,
-            )
+            indices = np.where(indices > p, indices - 1 + 9 * (part - 1), indices)
             # Modelled torque of the channel, which is its derivative by ln g as well.
             slope = columns[:, ~is_mass] @ x[indices] + torque_of_mass
             # All unknowns, so that every run of a joint has the same columns.
@@ -217,15 +203,7 @@ def _linearised(
                     rows=f.rows,
                 )
             )
-    unknowns = tuple(
-        Parameter(
-            f"x{k}",
-            "-",
-            "known_load",
-            0,
-        )
-        for k in range(size)
-    )
+    unknowns = tuple(Parameter(f"x{k}", "-", "known_load", 0) for k in range(size))
     return Regression(
         unknowns,
         joints=n,
@@ -330,10 +308,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
 
 
 def _in_units_of_error(
-    factor: Factor,
-    error: int,
-    other_parameters: Array,
-    p: int,
+    factor: Factor, error: int, other_parameters: Array, p: int
 ) -> Array:
     """Return a joint's rows (r, p) divided by s, the noise of its servo's control
     error.
@@ -442,10 +417,7 @@ def _motor_constants(
 
 
 def _factor_of_known(
-    model: Model,
-    regression: Regression,
-    theta: Array,
-    known: Mapping[str, float],
+    model: Model, regression: Regression, theta: Array, known: Mapping[str, float]
 ) -> float:
     """Return the factor on theta (p,) that gives the first known parameter its value.
 
@@ -650,10 +622,7 @@ def _factor_of_loads(
 
 
 def _gains_without_a_block(
-    problem: Problem,
-    model: Model,
-    runs: FilteredRuns,
-    loaded: Sequence[_LoadedRun],
+    problem: Problem, model: Model, runs: FilteredRuns, loaded: Sequence[_LoadedRun]
 ) -> list[float]:
     """Return the scaled gain that fixes the model's scale, fitted without each block of
     the training runs.

@@ -47,10 +47,7 @@ class Course:
 
 
 def courses_of(
-    run: Measurements,
-    estimate: Estimate,
-    plant: Plant,
-    shortest: float,
+    run: Measurements, estimate: Estimate, plant: Plant, shortest: float
 ) -> list[Course]:
     """Return the stretches of a run behind the state filter, one row a simulation step.
 
@@ -94,11 +91,7 @@ def courses_of(
             continue
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
-        padded = np.pad(
-            torque,
-            ((stride - 1, stride - 1), (0, 0)),
-            "edge",
-        )
+        padded = np.pad(torque, ((stride - 1, stride - 1), (0, 0)), "edge")
         torque = sum(w * padded[m : m + len(torque)] for m, w in enumerate(triangle))
         memory = plant.remembered(motion)  # inner states of effects with a memory
         is_moving = filters.movement.at(motion.t)
@@ -109,13 +102,7 @@ def courses_of(
             temperature = motion.joint_temperature
         path = unknown if motion.position_integral is None else motion.position_integral
         states = State(
-            motion.t,
-            motion.q,
-            motion.dq,
-            motion.ddq,
-            memory,
-            temperature,
-            path,
+            motion.t, motion.q, motion.dq, motion.ddq, memory, temperature, path
         )
         course = Course(
             name=run.names[0],
@@ -163,9 +150,7 @@ class _Window:
 
 
 def refine(
-    start: Estimate,
-    posed: EstimationProblem,
-    estimator: Estimator,
+    start: Estimate, posed: EstimationProblem, estimator: Estimator
 ) -> tuple[EstimationProblem, Fit]:
     """Minimise the error of forward simulations, by Gauss-Newton steps from an
     estimate.
@@ -231,20 +216,13 @@ def refine(
             break
         theta = tried[best]
         error = errors[best]
-    fit = replace(
-        fit,
-        theta=theta,
-        details={**fit.details, "window_s": seconds},
-    )
+    fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
     fit.details["simulation_rms"] = [begin, _rms(error * units)]
     return replace(posed, task=linearised), fit
 
 
 def _linearised(
-    task: Task,
-    theta: Array,
-    windows: Sequence[_Window],
-    size: Array,
+    task: Task, theta: Array, windows: Sequence[_Window], size: Array
 ) -> Task:
     """Return the least-squares problem of the simulations' errors, linear about theta
     (p,).
@@ -271,9 +249,7 @@ def _linearised(
 
 
 def _chosen(
-    plant: Plant,
-    courses: Sequence[Course],
-    size: Array,
+    plant: Plant, courses: Sequence[Course], size: Array
 ) -> tuple[list[_Window], float]:
     """Cut the courses into the longest windows in which the simulation follows the
     motion.
@@ -310,11 +286,7 @@ def _windows_of(course: Course, seconds: float) -> list[_Window]:
     return windows
 
 
-def _errors(
-    plant: Plant,
-    windows: Sequence[_Window],
-    size: Array,
-) -> Array:
+def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
     """Simulate all windows for all parameter vectors; return the errors of the
     positions.
 
@@ -342,11 +314,7 @@ def _errors(
             target = np.where(is_inside, measured[k], q[0])
             out.append(is_inside * (q - target) / size)
     errors = np.swapaxes(np.array(out), 0, 1).reshape(count, -1)
-    return np.clip(
-        np.nan_to_num(errors, nan=1e3),
-        -1e3,
-        1e3,
-    )
+    return np.clip(np.nan_to_num(errors, nan=1e3), -1e3, 1e3)
 
 
 def _padded(courses: Sequence[Array]) -> Array:

@@ -312,11 +312,7 @@ def cross_validate(
             "choose another method",
         )
     options = PoseOptions(
-        effects,
-        preprocessing,
-        weighting,
-        seed=seed,
-        known=known or {},
+        effects, preprocessing, weighting, seed=seed, known=known or {}
     )
     split = Split(problem, measurements, options, folds, progress)
     workers = replace(workers, progress=progress)
@@ -383,10 +379,7 @@ class Split:
         self.seed = options.seed
         names = problem.robot.joint_names
         data = as_measurements(
-            measurements,
-            problem.robot.n,
-            names,
-            "cross_validate(measurements=...)",
+            measurements, problem.robot.n, names, "cross_validate(measurements=...)"
         )
         if folds < 2:
             raise InputError(
@@ -402,9 +395,7 @@ class Split:
             self.model = problem.model(options.effects).without_drives
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(
-                self.runs,
-                self.model.reference_free,
-                self.phases,
+                self.runs, self.model.reference_free, self.phases
             )
         else:
             posed = build_problem(problem, data, options, progress)
@@ -414,9 +405,7 @@ class Split:
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(posed.runs, self.model, self.phases)
             self.raw = compress_cells(
-                self.runs,
-                replace(self.model, reference=None),
-                self.phases,
+                self.runs, replace(self.model, reference=None), self.phases
             )
         all_have_training = all(
             self.common.select(self.phases.training(k)).factors for k in range(folds)
@@ -596,11 +585,7 @@ def bootstrap(
             tau_squared=float(rows[:, p] @ rows[:, p]),
             rows=data.rows,
         )
-        fit = sdp.fit(
-            Objective(drawn, objective.entropy),
-            0.5 * TIGHT,
-            near=first,
-        )
+        fit = sdp.fit(Objective(drawn, objective.entropy), 0.5 * TIGHT, near=first)
         row[:] = np.append(task.model.with_known(fit.theta), fit.gap)
     return pandas.DataFrame(
         draws_of_parameters, columns=[*(q.name for q in task.model.parameters), "gap"]

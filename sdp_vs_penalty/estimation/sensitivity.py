@@ -94,10 +94,7 @@ class ShapeSensitivity(Effect):
     reference = "Seber, Wild, Nonlinear Regression 1989, ch. 5"
 
     def __init__(
-        self,
-        effect: Effect,
-        theta: Array,
-        finer: Sequence[tuple[Effect, Array]] = (),
+        self, effect: Effect, theta: Array, finer: Sequence[tuple[Effect, Array]] = ()
     ) -> None:
         """Vary each free shape constant of an effect by a small step, up and down.
 
@@ -137,13 +134,7 @@ class ShapeSensitivity(Effect):
             for key in self.keys
         }
         return tuple(
-            Parameter(
-                f"{key} of {e.text}",
-                "-",
-                kind,
-                0,
-            )
-            for key, kind in kinds.items()
+            Parameter(f"{key} of {e.text}", "-", kind, 0) for key, kind in kinds.items()
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
@@ -164,19 +155,12 @@ class ShapeSensitivity(Effect):
                     before = columns.get(joint_and_constant, 0.0)
                     columns[joint_and_constant] = before + change
         return [
-            Block(
-                j,
-                np.array([k]),
-                column[:, None],
-            )
+            Block(j, np.array([k]), column[:, None])
             for (j, k), column in columns.items()
         ]
 
     def _pairs(
-        self,
-        motion: Motion,
-        upper: Effect,
-        lower: Effect,
+        self, motion: Motion, upper: Effect, lower: Effect
     ) -> list[tuple[list[Block], list[Block], Array]]:
         """Return blocks of columns with the constant above and below its value, in
         pairs.
@@ -256,9 +240,7 @@ def sensitivities(
 
 
 def with_sensitivities(
-    model: Model,
-    theta: Array,
-    chosen: Callable[[Effect], bool] = lambda effect: True,
+    model: Model, theta: Array, chosen: Callable[[Effect], bool] = lambda effect: True
 ) -> Model:
     """Return the model with one further parameter for each free shape constant.
 
@@ -287,16 +269,9 @@ def with_sensitivities(
     reference = model.reference
     if reference is not None:
         reference = np.concatenate(
-            [
-                reference,
-                np.zeros(sum(len(e.parameters) for e in extra)),
-            ]
+            [reference, np.zeros(sum(len(e.parameters) for e in extra))]
         )
-    return replace(
-        model,
-        effects=(*model.effects, *extra),
-        reference=reference,
-    )
+    return replace(model, effects=(*model.effects, *extra), reference=reference)
 
 
 #: Effect, joint and name of a shape constant.
@@ -463,11 +438,7 @@ class _Descent:
     steps at which it was estimated.
     """
 
-    def __init__(
-        self,
-        fit: _ConstantFit,
-        begin: tuple[Effect, ...],
-    ) -> None:
+    def __init__(self, fit: _ConstantFit, begin: tuple[Effect, ...]) -> None:
         """Start at the constants of the effects ``begin``."""
         self.fit = fit
         self.begin = begin
@@ -487,21 +458,12 @@ class _Descent:
         if not fit.steps_of:
             no_steps = fit.unit  # (0,)
             residual, _ = self.residual(no_steps)
-            return Settled(
-                self.model_at(no_steps),
-                {},
-                float(np.sum(residual**2)),
-            )
+            return Settled(self.model_at(no_steps), {}, float(np.sum(residual**2)))
         rooms = [_room(self.begin[c.place], c.name) for c in fit.steps_of]
         low, high = np.transpose(rooms)
         start = np.zeros_like(fit.unit)
         best, residual, slopes = least_squares(
-            self.residual,
-            start,
-            (low, high),
-            xtol=1e-6,
-            ftol=1e-9,
-            steps=15,
+            self.residual, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15
         )
         std = np.sqrt(self.variances[best.tobytes()]) * deviations(slopes)
         keys = [c.key for c in fit.steps_of]
@@ -535,9 +497,7 @@ class _Descent:
         fit = self.fit
         p = fit.n_parameters
         wide_model = with_sensitivities(
-            self.model_at(steps),
-            self.theta,
-            lambda e: bool(fit.keys_of(e)),
+            self.model_at(steps), self.theta, lambda e: bool(fit.keys_of(e))
         )
         # Columns: those of the p parameters, then those of the constants that move.
         kept_columns = np.append(np.ones(p, bool), fit.moving_columns)
@@ -570,12 +530,7 @@ def _room(effect: Effect, key: str) -> tuple[float, float]:
     shape = effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind)
     value = effect.shape[key]
     assert shape.bounds is not None
-    ends = np.array(
-        [
-            min(shape.bounds[0], value),
-            max(shape.bounds[1], value),
-        ]
-    )
+    ends = np.array([min(shape.bounds[0], value), max(shape.bounds[1], value)])
     is_log = shape.scale == "log"
     low, high = (np.log(ends / value) if is_log else ends - value).tolist()
     # The optimiser needs room on both sides.

@@ -84,12 +84,7 @@ class Hypotheses:
     or one that the model has.
     """
 
-    def __init__(
-        self,
-        estimate: Estimate,
-        texts: str,
-        level: float,
-    ) -> None:
+    def __init__(self, estimate: Estimate, texts: str, level: float) -> None:
         """Read one or two effects from text, and scale them to ``level`` times the
         noise.
 
@@ -428,11 +423,7 @@ class _MotionSearch:
         return self.free(poses)
 
 
-def _drawn(
-    rng: np.random.Generator,
-    low: Array,
-    high: Array,
-) -> _Plan:
+def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
     """Draw a random plan of 6 to 39 points between positions low and high (n,).
 
     Some joints may stand still; moves may be slow and pauses short, all by chance.
@@ -449,11 +440,7 @@ def _drawn(
 
 
 def _changed(
-    rng: np.random.Generator,
-    now: _Plan,
-    low: Array,
-    high: Array,
-    reach: float,
+    rng: np.random.Generator, now: _Plan, low: Array, high: Array, reach: float
 ) -> _Plan:
     """Return a plan with random changes of a random share of its points, moves and
     pauses.

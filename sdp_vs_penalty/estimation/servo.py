@@ -78,12 +78,7 @@ class _Terms(Effect):
         """Return seven parameters a joint, for example term0_2: term 0 of joint 2 (from
         0)."""
         return tuple(
-            Parameter(
-                f"term{term}_{joint}",
-                unit="",
-                effect=self.name,
-                joint=joint + 1,
-            )
+            Parameter(f"term{term}_{joint}", unit="", effect=self.name, joint=joint + 1)
             for joint in self.joints
             for term in range(self.count)
         )
@@ -106,14 +101,7 @@ class _Terms(Effect):
         )
         columns = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
         indices = np.arange(self.count)
-        return [
-            Block(
-                j,
-                indices + self.count * j,
-                columns[:, j],
-            )
-            for j in self.joints
-        ]
+        return [Block(j, indices + self.count * j, columns[:, j]) for j in self.joints]
 
 
 def _law(name: str, d: float) -> Array:
@@ -221,12 +209,7 @@ def find_law(
         for name, score in scores.items()
     }
     has_lead = _has_lead(
-        cells,
-        split,
-        name=chosen,
-        score=scores[chosen],
-        T=about,
-        is_open=delay is None,
+        cells, split, name=chosen, score=scores[chosen], T=about, is_open=delay is None
     )
     return ServoLaw(chosen, total, has_lead, ratios)
 
@@ -294,10 +277,7 @@ def _fewest_gains(scores: Mapping[str, Array]) -> tuple[str, str]:
 
 
 def _cells(
-    load: Sequence[Effect],
-    runs: FilteredRuns,
-    split: PhaseFolds,
-    T: float,
+    load: Sequence[Effect], runs: FilteredRuns, split: PhaseFolds, T: float
 ) -> Regression:
     """Compress the load and the servo terms, delayed by T [s], by joint and fold.
 
@@ -305,11 +285,7 @@ def _cells(
     Blocks are the parts of the motion from which the folds are made.
     """
     robot = load[0].robot
-    model = Model(
-        robot,
-        (*load, _Terms(robot, T)),
-        allow_duplicates=True,
-    )
+    model = Model(robot, (*load, _Terms(robot, T)), allow_duplicates=True)
     return compress_cells(runs, model, split)
 
 
@@ -368,11 +344,7 @@ def _fitted(terms: Array, law: Array) -> Array:
     return np.asarray(law[:, 0] - law[:, 1:] @ gains)
 
 
-def _extra_delay(
-    joints: Sequence[_Joint],
-    name: str,
-    about: float,
-) -> float:
+def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
     """Return the delay [s], beyond that of the terms, with the smallest residual of a
     law.
 
@@ -395,11 +367,7 @@ def _extra_delay(
     return float(minimum.x)
 
 
-def _score(
-    joints: Sequence[_Joint],
-    name: str,
-    delay: float,
-) -> Array:
+def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     """Return (folds,) the logarithm of a law's squared held-out error, mean over
     joints.
 
@@ -469,9 +437,7 @@ class _Loop:
         if "servo_integral" in names and "torque_offset" not in names:
             offset = [effect_types()["torque_offset"](robot)]
         model = Model(
-            robot,
-            (*self.load, *offset, *delayed_drives),
-            gains=self.problem.gains,
+            robot, (*self.load, *offset, *delayed_drives), gains=self.problem.gains
         )
         theta = fit_up_to_scale(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
@@ -501,9 +467,7 @@ class _Loop:
         assert model.reference is not None
         # One more parameter, the last: the delay, in units of its prior deviation.
         wide = with_sensitivities(
-            model,
-            model.reference,
-            lambda e: bool(e.position_gains),
+            model, model.reference, lambda e: bool(e.position_gains)
         )
         drive = next(e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
@@ -511,11 +475,7 @@ class _Loop:
         better, _ = self.fitted_at_delay(delay)
         return better
 
-    def simulated(
-        self,
-        model: Model,
-        rows: FilteredRuns,
-    ) -> tuple[FilteredRuns, Array]:
+    def simulated(self, model: Model, rows: FilteredRuns) -> tuple[FilteredRuns, Array]:
         """Attach the motion that the model makes of the command, as instruments.
 
         The model's parameters are fitted to ``rows``. Returns the log with the
@@ -584,9 +544,7 @@ def servo_log(
     if "qcmd" not in runs.measurements.groups:
         what = "this log holds neither torque nor commands"
         raise InputError(
-            what,
-            "log tau1..taun or qcmd1..qcmdn",
-            runs.measurements.names[0],
+            what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0]
         )
     drives = [e for e in effects if e.forward == "drive"]
     load = _load_of(problem, effects, has_law=bool(drives), chosen=chosen)
@@ -614,10 +572,7 @@ def servo_log(
     model, theta = loop.fitted_at_delay(law.delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
     shapes = estimate_shapes(
-        replace(model, known=gains),
-        runs,
-        weighting,
-        widest=c.TURNS[-1],
+        replace(model, known=gains), runs, weighting, widest=c.TURNS[-1]
     )
     loop = replace(loop, load=with_shapes(load, shapes))
     model, _ = loop.fitted_at_delay(law.delay)
@@ -701,11 +656,7 @@ def _is_limited(demand: Array, missing: Array) -> bool:
 
 
 def _load_of(
-    problem: Problem,
-    effects: Sequence[Effect],
-    *,
-    has_law: bool,
-    chosen: bool,
+    problem: Problem, effects: Sequence[Effect], *, has_law: bool, chosen: bool
 ) -> list[Effect]:
     """Return the effects against which the drives work.
 
@@ -744,10 +695,7 @@ def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:
 
 
 def _refined(
-    loop: _Loop,
-    model: Model,
-    instruments: bool,
-    progress: Progress,
+    loop: _Loop, model: Model, instruments: bool, progress: Progress
 ) -> tuple[Model, FilteredRuns, Array]:
     """Alternate steps of the servos' delay and simulations of the closed loop.
 
@@ -786,9 +734,7 @@ def _refined(
 
 
 def loop_beside_torque(
-    drives: Sequence[Effect],
-    data: Measurements,
-    settings: Preprocessing,
+    drives: Sequence[Effect], data: Measurements, settings: Preprocessing
 ) -> dict[str, Any]:
     """Fit a servo's law to a logged torque, to see whether the loop is as stated.
 
@@ -818,9 +764,7 @@ def loop_beside_torque(
     """
     if "qcmd" not in data.groups:
         raise InputError(
-            "a servo's law needs the command",
-            "log qcmd1..qcmdn",
-            data.names[0],
+            "a servo's law needs the command", "log qcmd1..qcmdn", data.names[0]
         )
     robot = drives[0].robot
     turned = replace(data, tau=-data.tau)  # a drive's torque counts negative
@@ -843,9 +787,7 @@ def loop_beside_torque(
     delay = _given_delay(drives)
     if delay is None:
         minimum = scipy.optimize.minimize_scalar(
-            log_residual,
-            bounds=(0.0, LATEST),
-            method="bounded",
+            log_residual, bounds=(0.0, LATEST), method="bounded"
         )
         delay = float(minimum.x)
         if not log_residual(delay) < log_residual(0.0):

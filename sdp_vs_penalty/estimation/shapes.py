@@ -86,12 +86,7 @@ class ShapeEstimate(JsonRecord):
 
         The file counts joints from 1, this class from 0.
         """
-        return super().from_dict(
-            {
-                **data,
-                "joint": data["joint"] - 1,
-            }
-        )
+        return super().from_dict({**data, "joint": data["joint"] - 1})
 
 
 def at_end(u: float, low: float, high: float) -> bool:
@@ -226,11 +221,7 @@ class _Cells:
         """
         return [(0, 0.0, 0.0)] * (self.folds.count + 1)
 
-    def cell(
-        self,
-        run: int,
-        t: Array,
-    ) -> NDArray[np.intp]:
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
         """Return (N,) the cell of each row: its fold of the motion, from 0.
 
         Rows of ``run`` at instants t (N,) [s] that are not chosen go to an extra cell
@@ -267,29 +258,16 @@ class _Bank:
         c2 d + c3, with d = u - the interval's left end.
         """
         # Number of the interval that holds u; beyond the grid, the outermost one.
-        k = int(
-            np.searchsorted(
-                self.spline.x[1:-1],
-                u,
-                "right",
-            )
-        )
+        k = int(np.searchsorted(self.spline.x[1:-1], u, "right"))
         # Evaluating the cubic's coefficients is ten times as fast as calling the
         # spline.
         d = u - self.spline.x[k]
-        powers = np.array(
-            [
-                [d**3, d**2, d, 1.0],
-                [3.0 * d**2, 2.0 * d, 1.0, 0.0],
-            ]
-        )
+        powers = np.array([[d**3, d**2, d, 1.0], [3.0 * d**2, 2.0 * d, 1.0, 0.0]])
         return np.asarray(powers @ self.spline.c[:, k])
 
 
 def _with_banks(
-    model: Model,
-    open_constants: Sequence[_OpenConstant],
-    widest: float,
+    model: Model, open_constants: Sequence[_OpenConstant], widest: float
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """Build a model with a column for every grid value of every open shape constant.
 
@@ -331,21 +309,12 @@ def _with_banks(
             )
         )
     effects = (*fixed, *parts)
-    wide = Model(
-        model.robot,
-        effects,
-        gains=model.gains,
-        known=model.known,
-    )
+    wide = Model(model.robot, effects, gains=model.gains, known=model.known)
     return wide, base, banks
 
 
 def _grid_with(
-    effect: Effect,
-    joint: int,
-    key: str,
-    now: float,
-    widest: float,
+    effect: Effect, joint: int, key: str, now: float, widest: float
 ) -> tuple[float, ...]:
     """Return the ascending grid of values at which a constant's columns are computed.
 
@@ -398,12 +367,7 @@ class _Grid(Effect):
             for b in effect.blocks(motion)
         )
         return [
-            Block(
-                b.joint,
-                b.parameters + m,
-                b.columns,
-            )
-            for m, b in blocks_of_values
+            Block(b.joint, b.parameters + m, b.columns) for m, b in blocks_of_values
         ]
 
 
@@ -445,20 +409,10 @@ class _ShapeProfile:
         data = folds.least_squares()
         self.weights = np.ones(folds.joints)
         if weighting == "noise":
-            fit = scipy.linalg.lstsq(
-                data.R,
-                data.rho,
-                1e-10,
-                lapack_driver="gelsy",
-            )
+            fit = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")
             self.weights = joint_weights(folds, fit[0])
             data = folds.least_squares(self.weights)
-        banks_and_torque = np.column_stack(
-            [
-                data.R[:, len(base) :],
-                data.rho,
-            ]
-        )
+        banks_and_torque = np.column_stack([data.R[:, len(base) :], data.rho])
         shown, self.shown = column_space(data.R[:, base])
         projection = shown @ (shown.T @ banks_and_torque)
         remaining = triangular([banks_and_torque - projection])
@@ -611,20 +565,14 @@ class _ShapeProfile:
         # Each column is a combination of the banks' columns on their grids.
         combinations = np.zeros((self.count + 1, len(weights) + 1))
         for column, values, j in zip(
-            combinations.T,
-            weights,
-            bank_of[n_shown:],
-            strict=False,
+            combinations.T, weights, bank_of[n_shown:], strict=False
         ):
             column[self.banks[j].columns - len(self.shown)] = values
         combinations[-1, -1] = 1.0  # the torque
         return _LocalColumns(combinations, np.array(bank_of), np.array(is_new))
 
     def _fits_to_others(
-        self,
-        grams: Array,
-        local: _LocalColumns,
-        moved: Sequence[int],
+        self, grams: Array, local: _LocalColumns, moved: Sequence[int]
     ) -> Array:
         """Return (1 + len(moved), F, k + d) least-squares coefficients with each fold
         left out.
@@ -690,11 +638,7 @@ class _ShapeProfile:
             columns[:, k] = grid_columns[best]
         return u
 
-    def minimised(
-        self,
-        start: Array,
-        free: NDArray[np.intp],
-    ) -> Array:
+    def minimised(self, start: Array, free: NDArray[np.intp]) -> Array:
         """Minimise the squared residual of the torque over some of the constants.
 
         start (B,) is ln u of all constants; free (f,) are the indices of those that may

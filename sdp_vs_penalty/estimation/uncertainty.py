@@ -517,15 +517,11 @@ class Uncertainty(JsonRecord):
             base_std = np.array([interval.std for interval in self.base])
             combined = _with_stds(self.base, base_std * base_factors)
         return replace(
-            self,
-            standard=_with_stds(self.standard, self.std * factors),
-            base=combined,
+            self, standard=_with_stds(self.standard, self.std * factors), base=combined
         )
 
     def band(
-        self,
-        theta: Array,
-        columns: Sequence[JointColumns],
+        self, theta: Array, columns: Sequence[JointColumns]
     ) -> tuple[Array, Array]:
         """Return the modelled torque and the standard deviation of its model error.
 
@@ -617,11 +613,7 @@ def _with_stds(intervals: Sequence[Interval], std: Array) -> tuple[Interval, ...
     return tuple(out)
 
 
-def _sandwich_of(
-    task: Task,
-    regression: Regression,
-    white: bool = False,
-) -> Sandwich:
+def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:
     """Return the sandwich of a task's data, in which shape constants are parameters as
     well.
 
@@ -641,10 +633,7 @@ def _sandwich_of(
         agrees[agrees] = np.abs(sandwich.solution[agrees]) <= half_widths
     if agrees.any():
         return Sandwich(
-            regression.keeping(~agrees),
-            task.weights,
-            prior_std[~agrees],
-            white,
+            regression.keeping(~agrees), task.weights, prior_std[~agrees], white
         )
     return sandwich
 
@@ -718,11 +707,7 @@ def of_regression(
         gain_errors=gain_errors,
     )
     names = [q.name for q in task.model.parameters]
-    standard = BaseParameters(
-        np.eye(p),
-        names,
-        list(range(p)),
-    )
+    standard = BaseParameters(np.eye(p), names, list(range(p)))
     mean_squares = own_regression.joint_losses(value) / np.maximum(
         own_regression.joint_rows(), 1
     )
@@ -792,11 +777,7 @@ class _Intervals:
         torque.
         """
         data = self.task.data
-        norms = np.where(
-            data.column_norms > 0.0,
-            data.column_norms,
-            np.nan,
-        )
+        norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
         # fmin ignores NaN: a zero column leaves the bound.
         return np.fmin(self.task.bound, np.sqrt(data.tau_squared) / norms)
 
@@ -928,12 +909,7 @@ def beside_held(
     wide = regression.given_first(fixed)
     sandwich = _sandwich_of(task, wide)
     everything = np.zeros(regression.p)
-    everything[: len(fixed) + k] = np.concatenate(
-        [
-            fixed,
-            theta,
-        ]
-    )
+    everything[: len(fixed) + k] = np.concatenate([fixed, theta])
     # Torque errors that errors of the fixed model, and of the gains, leave for the new
     # effects to explain, in the rows of each factor.
     torque_by_spread = []

@@ -156,11 +156,7 @@ class Verdict(JsonRecord):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the record as JSON, with grade and headline for readers of the file."""
-        return {
-            "grade": self.grade,
-            "headline": self.headline,
-            **super().to_dict(),
-        }
+        return {"grade": self.grade, "headline": self.headline, **super().to_dict()}
 
 
 #: What is said of a model without a verdict.
@@ -287,11 +283,7 @@ def judge(
 
 
 def _missing(
-    text: str,
-    *,
-    is_complete: bool,
-    links: str,
-    links_are_possible: bool,
+    text: str, *, is_complete: bool, links: str, links_are_possible: bool
 ) -> Line:
     """Return the line on missing effects and on the links.
 
@@ -370,9 +362,7 @@ class JointErrors:
             unit = formatting.plain_unit(self.units[joint - 1])
         assert self.over_noise is not None
         return formatting.times_noise(
-            float(self.over_noise[joint - 1]),
-            float(self.rmse[joint - 1]),
-            unit,
+            float(self.over_noise[joint - 1]), float(self.rmse[joint - 1]), unit
         )
 
 
@@ -514,9 +504,7 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
         k: v for k, v in certificate.violations.items() if k != BarycentricBound.family
     }
     family = max(
-        violation_by_family,
-        key=lambda name: violation_by_family[name],
-        default="",
+        violation_by_family, key=lambda name: violation_by_family[name], default=""
     )
     if violation_by_family.get(family, 0.0) > ROUNDING:
         return (
@@ -594,19 +582,12 @@ def _relative_changes(before: Array, after: Array) -> Array:
     """Return (n,) relative changes of errors (n,); infinite where one begins at zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(
-            before > 0.0,
-            after / before - 1.0,
-            np.where(after > 0.0, np.inf, 0.0),
+            before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0)
         )
 
 
 def _change_in_words(
-    before: float,
-    after: float,
-    *,
-    share: float,
-    noise: float | None,
-    unit: str,
+    before: float, after: float, *, share: float, noise: float | None, unit: str
 ) -> str:
     """Describe the change of one error [unit]: in its unit, in multiples of its noise
     where that is known, and in per cent (``share`` is the relative change)."""
@@ -636,11 +617,7 @@ def over_noise(rmse: Array, floor: Array | None) -> Array | None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = rmse / floor
-    return np.where(
-        floor > 0.0,
-        ratio,
-        np.where(rmse > 0.0, np.inf, 1.0),
-    )
+    return np.where(floor > 0.0, ratio, np.where(rmse > 0.0, np.inf, 1.0))
 
 
 @dataclass(frozen=True)

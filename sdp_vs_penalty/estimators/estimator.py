@@ -105,12 +105,7 @@ class Task:
         if not len(rigid):
             return unit
         matrix, _ = base_parameters(self.model, self.independent)
-        return np.vstack(
-            [
-                matrix @ unit[rigid],
-                np.delete(unit, rigid, axis=0),
-            ]
-        )
+        return np.vstack([matrix @ unit[rigid], np.delete(unit, rigid, axis=0)])
 
     @cached_property
     def ols(self) -> Array:
@@ -268,9 +263,7 @@ def make_task(
     if weighting == "noise":
         weights = joint_weights(regression, first)
         data = with_plausible(
-            regression.least_squares(weights),
-            model,
-            regression.oversampling,
+            regression.least_squares(weights), model, regression.oversampling
         )
     guessed = problem.guessed_links
     return Task(
@@ -306,9 +299,7 @@ def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]
 
 
 def with_plausible(
-    data: LeastSquares,
-    model: Model,
-    oversampling: float,
+    data: LeastSquares, model: Model, oversampling: float
 ) -> LeastSquares:
     """Return data with the effects' prior knowledge of parameters as further
     observations.
@@ -368,11 +359,7 @@ def _scaled_prior(
     return out
 
 
-def joint_scale(
-    regression: Regression,
-    model: Model,
-    theta: np.ndarray,
-) -> np.ndarray:
+def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.ndarray:
     """Return the scale |tau_j| / |Y_jk| of each joint parameter k.
 
     It is the value with which the parameter alone would make the torque of its joint.

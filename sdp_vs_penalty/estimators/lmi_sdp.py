@@ -257,12 +257,7 @@ class LmiSdpTwoStep(Estimator):
         }
         return replace(bounded, details=details)
 
-    def _step(
-        self,
-        task: Task,
-        objective: Objective,
-        feasible: ConstraintSet,
-    ) -> Fit:
+    def _step(self, task: Task, objective: Objective, feasible: ConstraintSet) -> Fit:
         """Minimise one step's objective over the feasible set by an SDP; return the
         Fit.
 
@@ -302,9 +297,7 @@ class PosedSdp:
         if solver is None:
             with suppress(NotApplicableError):
                 self.cones = SmallCones(
-                    objective.entropy,
-                    constraints,
-                    len(self.interior),
+                    objective.entropy, constraints, len(self.interior)
                 )
 
     def with_data(self, task: Task, objective: Objective) -> Self:
@@ -329,10 +322,7 @@ class PosedSdp:
         return posed
 
     def fit(
-        self,
-        objective: Objective,
-        accuracy: float = 1e-10,
-        near: Fit | None = None,
+        self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None
     ) -> Fit:
         """Solve the SDP until our own certificate is tight.
 
@@ -365,10 +355,7 @@ class PosedSdp:
             solved = minimise(self.cones, data, [near.central], accuracy)
         if self.cones is not None and solved is None:
             solved = minimise(
-                self.cones,
-                data,
-                [self._start(data), self.interior],
-                accuracy,
+                self.cones, data, [self._start(data), self.interior], accuracy
             )
         if self.cones is not None and solved is not None:
             multipliers, slopes = self.cones.multipliers(solved.multipliers)
@@ -524,9 +511,7 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
 
 
 def interior_point(
-    task: Task,
-    constraints: ConstraintSet,
-    solver_name: str = "clarabel",
+    task: Task, constraints: ConstraintSet, solver_name: str = "clarabel"
 ) -> Array:
     """Return a theta strictly inside all convex constraints.
 
@@ -556,11 +541,7 @@ def interior_point(
     # A millionth of the bound above a lower end: strictly inside in any system of
     # units.
     lower = np.array([p.lower for p in task.model.parameters])
-    nominal = np.where(
-        np.isinf(lower),
-        0.0,
-        lower + 1e-6 * task.bound,
-    )
+    nominal = np.where(np.isinf(lower), 0.0, lower + 1e-6 * task.bound)
     nominal[task.links] = task.nominal[task.links]
     # A nominal point near the boundary, such as an earlier estimate, is no use: scaled
     # there, cones are stretched a million times. Depth is the smallest relative margin.

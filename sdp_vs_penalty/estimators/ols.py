@@ -118,9 +118,4 @@ class ReverseEngineering(Estimator):
             "condition_number": condition_number(task),
             "relative_error_percent": error,
         }
-        return Fit(
-            task.ols,
-            Objective(task.data),
-            task.constraints,
-            details=details,
-        )
+        return Fit(task.ols, Objective(task.data), task.constraints, details=details)

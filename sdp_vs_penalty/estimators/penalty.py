@@ -119,9 +119,7 @@ class QuadraticForms:
 
 
 def barycentric_part(
-    bounds: Sequence[BarycentricBound],
-    theta_scale: Array,
-    reference: Array,
+    bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
 ) -> PenaltyPart:
     """Return the penalty on bounds of inertias about the centre of mass.
 
@@ -219,13 +217,7 @@ def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Penal
     matrix[:, : group.matrix.shape[1]] = group.matrix
     matrix *= theta_scale
     if group.cone == "psd":
-        diagonals = np.abs(
-            np.diagonal(
-                values,
-                axis1=1,
-                axis2=2,
-            )
-        )
+        diagonals = np.abs(np.diagonal(values, axis1=1, axis2=2))
         root = 1.0 / np.sqrt(nonzero_or_one(diagonals))
         scale = root[:, :, None] * root[:, None, :]
     else:
@@ -274,9 +266,7 @@ class ShiftedPenalty:
         norms = data.column_norms
         size = np.sqrt(data.tau_squared)
         scales = np.where(
-            (norms > 0.0) & (size > 0.0),
-            size / nonzero_or_one(norms),
-            np.inf,
+            (norms > 0.0) & (size > 0.0), size / nonzero_or_one(norms), np.inf
         )
         self.theta_scale = np.minimum(scales, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same
@@ -312,15 +302,10 @@ class ShiftedPenalty:
         by_constraint: dict[Constraint, Array] = {}
         # The groups are the first of the parts, in this order.
         for group, part, shift in zip(
-            self.received.groups,
-            self.parts,
-            shifts,
-            strict=False,
+            self.received.groups, self.parts, shifts, strict=False
         ):
             groups_with_values = zip(
-                group.places.tolist(),
-                self.loss_scale * part.scale * shift,
-                strict=True,
+                group.places.tolist(), self.loss_scale * part.scale * shift, strict=True
             )
             by_constraint |= {
                 self.received.convex[k]: multiplier
@@ -328,12 +313,7 @@ class ShiftedPenalty:
             }
         return constraints.stack_multipliers(by_constraint)
 
-    def shifted(
-        self,
-        x: Array,
-        shifts: Sequence[Array],
-        weight: float,
-    ) -> list[Array]:
+    def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Return the next shifts of the augmented Lagrangian, Pi_K(S - w F(x)).
 
         Parameters
@@ -356,10 +336,7 @@ class ShiftedPenalty:
         return new_shifts
 
     def rows(
-        self,
-        x: Array,
-        shifts: Sequence[Array],
-        weight: float,
+        self, x: Array, shifts: Sequence[Array], weight: float
     ) -> tuple[Array, Array]:
         """Return residuals r and Jacobian J of the augmented Lagrangian L = |r|^2 +
         constant.
@@ -382,19 +359,11 @@ class ShiftedPenalty:
             r (m,) and J (m, p): rows of the data, then of the cones.
         """
         residuals, slopes = self.cone_rows(x, shifts, weight)
-        all_residuals = np.concatenate(
-            [
-                self.R @ x - self.rho,
-                residuals,
-            ]
-        )
+        all_residuals = np.concatenate([self.R @ x - self.rho, residuals])
         return all_residuals, np.concatenate([self.R, slopes])
 
     def cone_rows(
-        self,
-        x: Array,
-        shifts: Sequence[Array],
-        weight: float,
+        self, x: Array, shifts: Sequence[Array], weight: float
     ) -> tuple[Array, Array]:
         """Return residuals and Jacobian of the penalty alone, without the data.
 
@@ -416,16 +385,8 @@ class ShiftedPenalty:
         slopes = [np.zeros((0, len(x)))]
         for part, shift in zip(self.parts, shifts, strict=True):
             # (cones of the part, entries of a cone, p)
-            jacobian = part.jacobian(x).reshape(
-                len(shift),
-                -1,
-                len(x),
-            )
-            r, J = projected_rows(
-                part.cone,
-                shift - weight * part.values(x),
-                jacobian,
-            )
+            jacobian = part.jacobian(x).reshape(len(shift), -1, len(x))
+            r, J = projected_rows(part.cone, shift - weight * part.values(x), jacobian)
             residuals.append(r / np.sqrt(2.0 * weight))
             slopes.append(-np.sqrt(0.5 * weight) * J)
         return np.concatenate(residuals), np.concatenate(slopes)
@@ -448,18 +409,8 @@ class _Stage:
 
         These are the data, and the pull near (z - centre).
         """
-        loss = np.column_stack(
-            [
-                self.penalty.R,
-                self.penalty.rho,
-            ]
-        )
-        pull = np.column_stack(
-            [
-                self.near,
-                self.near @ self.centre,
-            ]
-        )
+        loss = np.column_stack([self.penalty.R, self.penalty.rho])
+        pull = np.column_stack([self.near, self.near @ self.centre])
         stacked = np.vstack([loss, pull])
         return np.asarray(np.linalg.qr(stacked, mode="r"))
 
@@ -568,9 +519,7 @@ class _Point:
 
 
 def minimise(
-    penalty: ShiftedPenalty,
-    x: Array,
-    tolerance: float,
+    penalty: ShiftedPenalty, x: Array, tolerance: float
 ) -> tuple[Array, list[Array], dict[str, Any]]:
     """Minimise by a sequence of shifted penalties until constraints and shifts settle.
 
@@ -791,10 +740,7 @@ def fit_penalty(
         x, shifts, spent = minimise(penalty, start / penalty.theta_scale, tolerance)
         theta = made_feasible(constraints, penalty.theta_scale * x, interior)
         violation = max(constraints.worst(theta).values(), default=0.0)
-        losses = {
-            "loss": task.data.loss(theta),
-            "objective": data.loss(theta),
-        }
+        losses = {"loss": task.data.loss(theta), "objective": data.loss(theta)}
         figures.append({**losses, "violation": violation, **spent})
         run = PenaltyRun(theta, shifts, figures[-1])
         lowest = min(f["objective"] for f in figures)
@@ -822,10 +768,7 @@ def fit_penalty(
 
 
 def _starts(
-    task: Task,
-    constraints: ConstraintSet,
-    interior: Array,
-    count: int,
+    task: Task, constraints: ConstraintSet, interior: Array, count: int
 ) -> Iterator[Array]:
     """Yield theta (p,) of each start: the interior point, then random points of the
     box.
@@ -908,16 +851,8 @@ class BarycentricBox:
         box = task.box[: len(self.links)]
         lower = box[:, :, 0]
         upper = box[:, :, 1]
-        self.lower[self.links] = np.where(
-            np.isfinite(lower),
-            lower,
-            implied_lower,
-        )
-        self.upper[self.links] = np.where(
-            np.isfinite(upper),
-            upper,
-            implied_upper,
-        )
+        self.lower[self.links] = np.where(np.isfinite(lower), lower, implied_lower)
+        self.upper[self.links] = np.where(np.isfinite(upper), upper, implied_upper)
 
     @staticmethod
     def _joint_range(task: Task) -> Array:
@@ -928,11 +863,7 @@ class BarycentricBox:
         entries of links have no meaning; the caller overwrites them.
         """
         norms = task.data.column_norms
-        torque = np.where(
-            norms > 0.0,
-            np.sqrt(task.data.tau_squared),
-            0.0,
-        )
+        torque = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0)
         largest_alone = torque / nonzero_or_one(norms)
         return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, largest_alone), task.bound)
 

@@ -106,11 +106,7 @@ class PenaltyPaper(Estimator):
         PenalisedLoss
             The objective.
         """
-        return PenalisedLoss(
-            task,
-            task.data,
-            np.arange(len(task.bound)),
-        )
+        return PenalisedLoss(task, task.data, np.arange(len(task.bound)))
 
 
 @dataclass(frozen=True)
@@ -152,10 +148,7 @@ class Search(Protocol):
 
 
 def retrieve(
-    settings: PenaltyPaper,
-    task: Task,
-    loss: PenalisedLoss,
-    search: Search,
+    settings: PenaltyPaper, task: Task, loss: PenalisedLoss, search: Search
 ) -> Fit:
     """Minimise the penalised objective by several independent runs; return the best.
 
@@ -189,13 +182,7 @@ def retrieve(
             rng = random_numbers_of_step(task.seed, number, step)
             u, spent = search(loss, weight, u, budget, rng)
             n_evaluations += spent
-        run = _run_summary(
-            loss,
-            task,
-            u,
-            settings.weights[-1],
-            n_evaluations,
-        )
+        run = _run_summary(loss, task, u, settings.weights[-1], n_evaluations)
         runs.append(run)
         if run["penalised"] < best_value:
             best_value = run["penalised"]
@@ -205,12 +192,7 @@ def retrieve(
             f" {run['violation']:.1e}"
         )
     details = {"runs": runs}
-    return Fit(
-        best_theta,
-        Objective(loss.data),
-        task.constraints,
-        details=details,
-    )
+    return Fit(best_theta, Objective(loss.data), task.constraints, details=details)
 
 
 def start_of_run(seed: int, number: int, size: int) -> Array:
@@ -233,11 +215,7 @@ def start_of_run(seed: int, number: int, size: int) -> Array:
     return np.random.default_rng([seed, number]).uniform(size=size)
 
 
-def random_numbers_of_step(
-    seed: int,
-    number: int,
-    step: int,
-) -> np.random.Generator:
+def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Generator:
     """Return the random generator of one step of one run, so that a stopped run can go
     on.
 
@@ -260,11 +238,7 @@ def random_numbers_of_step(
 
 
 def _run_summary(
-    loss: PenalisedLoss,
-    task: Task,
-    u: Array,
-    weight: float,
-    n_evaluations: int,
+    loss: PenalisedLoss, task: Task, u: Array, weight: float, n_evaluations: int
 ) -> dict[str, Any]:
     """Return the figures of a run that ended at u (d,), scaled to the unit box.
 
@@ -285,11 +259,7 @@ def _run_summary(
 
 
 def anneal_and_search(
-    loss: PenalisedLoss,
-    weight: float,
-    u: Array,
-    budget: int,
-    rng: np.random.Generator,
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
 ) -> tuple[Array, int]:
     """Spend half of the budget on simulated annealing from u, half on a local search.
 
@@ -336,10 +306,7 @@ def anneal_and_search(
 
 
 def search_locally(
-    loss: PenalisedLoss,
-    weight: float,
-    u: Array,
-    budget: int,
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
 ) -> tuple[Array, int]:
     """Minimise by SLSQP from a start, and restart it as long as that helps.
 
@@ -470,21 +437,11 @@ class TriangleInequality(Demand):
     family = "triangle inequality"
     violation_scale = 2.0
     #: Places in I (3, 3) of the six entries, by row.
-    _matrix = np.array(
-        [
-            [0, 1, 3],
-            [1, 2, 4],
-            [3, 4, 5],
-        ]
-    )
+    _matrix = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
     #: How often each of the six entries stands in I.
     _multiplicity = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
 
-    def __init__(
-        self,
-        links: NDArray[np.intp],
-        size: int,
-    ) -> None:
+    def __init__(self, links: NDArray[np.intp], size: int) -> None:
         """Store where the inertia of each link stands among ``size`` parameters.
 
         links : (n, 10) indices of the links' barycentric parameters m, c (3), inertia
@@ -541,11 +498,7 @@ class CentreCones(Demand):
 
     family = "centre of mass cone"
 
-    def __init__(
-        self,
-        group: ConeGroup,
-        masses: NDArray[np.intp],
-    ) -> None:
+    def __init__(self, group: ConeGroup, masses: NDArray[np.intp]) -> None:
         """Take the cones, and the indices (n,) of the links' masses among the
         parameters.
         """
@@ -582,12 +535,7 @@ class PenalisedLoss:
     """loss(p) + weight g(p) in u in [0, 1]^d, p = lower + u (upper - lower) on the free
     parameters."""
 
-    def __init__(
-        self,
-        task: Task,
-        data: LeastSquares,
-        free: NDArray[np.intp],
-    ) -> None:
+    def __init__(self, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> None:
         """Collect box, demands and free parameters.
 
         ``free`` (d,) are the indices of the searched parameters; others keep their OLS

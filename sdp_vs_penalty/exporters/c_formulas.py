@@ -22,12 +22,7 @@ def _sign(estimate: Estimate, joint: int) -> str:
     return f"tanh(dq[{joint}] / {width})"
 
 
-def _asymmetric_viscous(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _asymmetric_viscous(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for tau_j = f |dq_j|: a torque of joint j (from 0) proportional to
     its speed.
 
@@ -36,12 +31,7 @@ def _asymmetric_viscous(
     return f"{number(theta[0])} * fabs(dq[{j}])"
 
 
-def _asymmetric_coulomb(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _asymmetric_coulomb(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for tau_j = f |tanh(dq_j / width)|: a torque of joint j (from 0)
     that is constant while it moves.
 
@@ -50,12 +40,7 @@ def _asymmetric_coulomb(
     return f"{number(theta[0])} * fabs({_sign(m, j)})"
 
 
-def _power_law(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _power_law(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for tau_j = f tanh(dq_j / width) |dq_j|^alpha: friction of joint j
     (from 0).
 
@@ -65,12 +50,7 @@ def _power_law(
     return f"{number(theta[0])} * {_sign(m, j)} * pow(fabs(dq[{j}]), {alpha})"
 
 
-def _sigmoid(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _sigmoid(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for tau_j = f (s(dq_j / v0) - tanh(dq_j / width)): friction of
     joint j (from 0) that rises slowly, less Coulomb's jump.
 
@@ -89,12 +69,7 @@ def _sigmoid(
     return f"{number(theta[0])} * ({rise} - {_sign(m, j)})"
 
 
-def _stribeck(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _stribeck(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for friction of joint j (from 0) that falls with speed (Stribeck).
 
     tau_j = f tanh(dq_j / width) g(x) with x = (|dq_j| / vs)^delta; g is exp(-x) for law
@@ -108,12 +83,7 @@ def _stribeck(
     return f"{number(theta[0])} * {_sign(m, j)} * ({falls})"
 
 
-def _load_dependent(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _load_dependent(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for tau_j = f |load_j| tanh(dq_j / width): dry friction of joint j
     (from 0) proportional to the torque of the links.
 
@@ -122,12 +92,7 @@ def _load_dependent(
     return f"{number(theta[0])} * fabs(load[{j}]) * {_sign(m, j)}"
 
 
-def _spring(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _spring(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for tau_j = k q_j: a spring at joint j (from 0).
 
     e : the effect; theta : (1,) k, its stiffness; m : the model.
@@ -149,12 +114,7 @@ def _waves(e: Effect, j: int, theta: Array) -> str:
     return " + ".join(terms)
 
 
-def _ripple(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _ripple(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for the torque ripple of joint j.
 
     e : the effect; theta : its parameters on this joint; m : the model.
@@ -162,12 +122,7 @@ def _ripple(
     return _waves(e, j, theta)
 
 
-def _position_dependent(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _position_dependent(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for dry friction of joint j that varies with its position.
 
     e : the effect; theta : its parameters on this joint; m : the model.
@@ -175,12 +130,7 @@ def _position_dependent(
     return f"{_sign(m, j)} * ({_waves(e, j, theta)})"
 
 
-def _coupling(
-    e: Any,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _coupling(e: Any, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for friction of joint j (from 0) that depends on the velocity of
     its partner joint i.
 
@@ -199,12 +149,7 @@ def _coupling(
     return f"{number(theta[0])} * {motion}"
 
 
-def _stiffening(
-    e: Effect,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _stiffening(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for a spring of joint j (from 0) with a cubic law.
 
     e : the effect; theta : (3,) factors of q, q^2 and q^3; m : the model.
@@ -214,12 +159,7 @@ def _stiffening(
     return f"{q} * ({first} + {q} * ({second} + {q} * {third}))"
 
 
-def _end_stop(
-    e: Any,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _end_stop(e: Any, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for a spring that joint j (from 0) touches on one side of q0.
 
     e : the effect, with its shape constants q0 and side; theta : (1,) stiffness; m : the
@@ -229,12 +169,7 @@ def _end_stop(
     return f"{number(theta[0])} * {side}(q[{j}] - {number(e.shape['q0'])}, 0.0)"
 
 
-def _elastic_coupling(
-    e: Any,
-    j: int,
-    theta: Array,
-    m: Estimate,
-) -> str:
+def _elastic_coupling(e: Any, j: int, theta: Array, m: Estimate) -> str:
     """Return C code for the pull on joint j (from 0) of a spring over several joints.
 
     e : the effect; theta : all its stiffnesses, in the order of e.pairs; m : the model.

@@ -150,12 +150,7 @@ class Content:
             **_joint_values(estimate),
         )
 
-    def left_out(
-        self,
-        *,
-        armature: bool,
-        springs: bool = False,
-    ) -> tuple[str, ...]:
+    def left_out(self, *, armature: bool, springs: bool = False) -> tuple[str, ...]:
         """Return the effects that are lost in a file, as they are written.
 
         Parameters
@@ -270,11 +265,7 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
     )
     return replace(
         estimate,
-        model=replace(
-            model,
-            effects=effects,
-            reference=reference,
-        ),
+        model=replace(model, effects=effects, reference=reference),
         theta=estimate.theta[index],
         uncertainty=uncertainty,
         provenance={
@@ -300,10 +291,7 @@ def verdict_line(estimate: Estimate) -> str:
     """
     line = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
     parameters = zip(
-        estimate.model.parameters,
-        estimate.theta,
-        estimate.model.drives,
-        strict=True,
+        estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True
     )
     gains = [
         f"{p.name} = {value:.6g} {p.unit}"
@@ -392,17 +380,9 @@ class Inertial:
         Inertial
         """
         if link[0] == 0.0:  # consistent and massless: nothing at all
-            return cls(
-                0.0,
-                np.zeros(3),
-                np.zeros((3, 3)),
-            )
+            return cls(0.0, np.zeros(3), np.zeros((3, 3)))
         parts = inertia.barycentric_from_standard(link)
-        return cls(
-            float(parts[0]),
-            parts[1:4],
-            inertia.inertia_matrix(parts[4:]),
-        )
+        return cls(float(parts[0]), parts[1:4], inertia.inertia_matrix(parts[4:]))
 
     @property
     def urdf_attributes(self) -> dict[str, str]:
@@ -451,12 +431,7 @@ def xml_name(text: str) -> str:
     return _NOT_XML.sub(lambda found: printable(found[0]), text)
 
 
-def element(
-    parent: Any,
-    tag: str,
-    text: Any = None,
-    **attributes: Any,
-) -> Any:
+def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
     """Append a child with text and attributes to an XML element.
 
     Parameters
@@ -485,9 +460,7 @@ def element(
         return " ".join(map(number, np.atleast_1d(x)))
 
     child = etree.SubElement(
-        parent,
-        tag,
-        {name: written(x) for name, x in attributes.items()},
+        parent, tag, {name: written(x) for name, x in attributes.items()}
     )
     child.text = None if text is None else written(text)
     return child
@@ -510,13 +483,7 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
     """
     etree.indent(root)
     return (
-        bytes(
-            etree.tostring(
-                root,
-                xml_declaration=declaration,
-                encoding="utf-8",
-            )
-        )
+        bytes(etree.tostring(root, xml_declaration=declaration, encoding="utf-8"))
         + b"\n"
     )
 
@@ -556,14 +523,7 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
         parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
         # A link without parameters is declared massless.
         body = Inertial.of(link_of.get(i, np.zeros(10)))
-        yield LinkPart(
-            i,
-            joint,
-            f"link{i + 1}",
-            parent,
-            body,
-            places.get(joint.name),
-        )
+        yield LinkPart(i, joint, f"link{i + 1}", parent, body, places.get(joint.name))
 
 
 def payload(estimate: Estimate) -> Inertial:

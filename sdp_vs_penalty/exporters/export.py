@@ -74,9 +74,7 @@ def write_model(
     home = format_of(out)
     if urdf is not None and not getattr(home, "EDITS", False):
         raise InputError(
-            "an edited URDF must end in .urdf",
-            "rename it, or leave the URDF out",
-            out,
+            "an edited URDF must end in .urdf", "rename it, or leave the URDF out", out
         )
     options = Options(urdf, force, flange)
     content, left_out = home.write(estimate, options)

@@ -46,12 +46,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         )
     lines = ["joint,velocity,torque,std"]
     for c in curves:
-        for row in zip(
-            c.velocity,
-            c.torque,
-            c.std,
-            strict=True,
-        ):
+        for row in zip(c.velocity, c.torque, c.std, strict=True):
             lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
     others = (e for e in estimate.model.effects if e.name != "rigid_body")
     left = tuple(e.text for e in others if not follows_alone(e, "dq"))
@@ -89,11 +84,7 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
         dq = zeros.copy()
         dq[:, j] = velocity
         motion = Motion(
-            np.zeros(len(velocity)),
-            zeros,
-            dq,
-            zeros,
-            sign_width=model.sign_width,
+            np.zeros(len(velocity)), zeros, dq, zeros, sign_width=model.sign_width
         )
         torque = zeros[:, 0]
         # Rows s with standard deviation |s|: columns times a factor of the covariance.

@@ -51,12 +51,7 @@ class LinkCheck:
     nearest: Inertial | None
 
     @classmethod
-    def of(
-        cls,
-        link: str,
-        theta: Array,
-        reach: float,
-    ) -> "LinkCheck":
+    def of(cls, link: str, theta: Array, reach: float) -> "LinkCheck":
         """Check the inertial of one link.
 
         Parameters
@@ -145,10 +140,7 @@ class LinkCheck:
         out["plausible"] = self.consistent and not self.unlikely
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
-            out |= {
-                "nearest_inertia": values,
-                "distance": self.distance,
-            }
+            out |= {"nearest_inertia": values, "distance": self.distance}
         return out
 
 
@@ -174,10 +166,7 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     robot, nominal = load_urdf(path)
     without_bounds = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
     bodies = link_bodies(
-        robot,
-        without_bounds,
-        np.zeros_like(nominal),
-        link_geometry(path),
+        robot, without_bounds, np.zeros_like(nominal), link_geometry(path)
     )
     # Links fixed to a moving link are part of its body.
     reach_by_link = {
@@ -328,19 +317,11 @@ def massless_links(path: str | Path) -> list[str]:
     InputError
         For a file that is not a URDF of a tree of joints.
     """
-    moving = zip(
-        placed_links(path),
-        load_urdf(path)[1],
-        strict=True,
-    )
+    moving = zip(placed_links(path), load_urdf(path)[1], strict=True)
     return [str(parts[0][0].get("name")) for parts, theta in moving if not theta.any()]
 
 
-def write_nearest(
-    path: str | Path,
-    checks: list[LinkCheck],
-    out: str | Path,
-) -> None:
+def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) -> None:
     """Write a copy of a URDF in which inconsistent inertials are replaced by the
     nearest.
 
@@ -365,10 +346,7 @@ def write_nearest(
     for check in checks:
         if check.nearest is not None:
             document.put(
-                links[check.link],
-                "inertial",
-                {},
-                inertial_tags(check.nearest),
+                links[check.link], "inertial", {}, inertial_tags(check.nearest)
             )
         elif not check.consistent:
             what = (

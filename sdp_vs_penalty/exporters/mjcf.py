@@ -68,13 +68,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     root = etree.Element("mujoco", model=xml_name(robot.name))
     # Nothing is to be guessed or mended: the numbers are those that were identified.
     no = dict.fromkeys(("inertiafromgeom", "balanceinertia"), "false")
-    element(
-        root,
-        "compiler",
-        angle="radian",
-        autolimits="true",
-        **no,
-    )
+    element(root, "compiler", angle="radian", autolimits="true", **no)
     element(root, "option", gravity=robot.gravity)
     bodies: list[Any] = [element(root, "worldbody")]
     actuators = etree.Element("actuator")
@@ -98,13 +92,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         _require_loadable(part)
         # Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
         full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        element(
-            body,
-            "inertial",
-            pos=solid.com,
-            mass=solid.mass,
-            fullinertia=full,
-        )
+        element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
         kind = "hinge" if joint.kind == "revolute" else "slide"
         attributes: dict[str, Any] = {
             "name": joint.name,
@@ -121,23 +109,14 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
                 "frictionloss": content.friction[k],
             }
             attributes |= _spring(content.stiffness[k], content.offset[k])
-            element(
-                body,
-                "joint",
-                **attributes,
-                armature=content.armature[k],
-            )
+            element(body, "joint", **attributes, armature=content.armature[k])
             _actuator(actuators, joint, content, k)
         else:
             leader, multiplier, offset = robot.leader(i)
             course = (offset, multiplier, 0.0, 0.0, 0.0)
             element(body, "joint", **attributes)
             element(
-                equality,
-                "joint",
-                joint1=joint.name,
-                joint2=leader,
-                polycoef=course,
+                equality, "joint", joint1=joint.name, joint2=leader, polycoef=course
             )
         # A capsule from this body's origin to each joint that it carries shows its
         # shape.
@@ -206,34 +185,17 @@ def _spring(stiffness: float, offset: float) -> dict[str, float]:
     if not offset:
         return {"stiffness": stiffness, "springref": 0.0}
     stiffness = stiffness or _SOFT * abs(offset)
-    return {
-        "stiffness": stiffness,
-        "springref": -offset / stiffness,
-    }
+    return {"stiffness": stiffness, "springref": -offset / stiffness}
 
 
-def _actuator(
-    actuators: Any,
-    joint: Joint,
-    content: Content,
-    k: int,
-) -> None:
+def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:
     """Append the actuator of joint k: a position servo if its gains are known, else
     a motor.
     """
-    names: dict[str, Any] = {
-        "name": joint.name,
-        "joint": joint.name,
-    }
+    names: dict[str, Any] = {"name": joint.name, "joint": joint.name}
     if content.servo is not None:
         kp, kd = content.servo[:, k]
-        element(
-            actuators,
-            "position",
-            kp=kp,
-            kv=kd,
-            **names,
-        )
+        element(actuators, "position", kp=kp, kv=kd, **names)
         return
     if content.gains:  # a command is in the units that the channel measures
         names["gear"] = 1.0 / content.gains[k]

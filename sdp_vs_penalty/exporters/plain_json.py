@@ -29,13 +29,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         # (row[0] = 0) has no centre.
         for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
             names = "ixx", "ixy", "iyy", "ixz", "iyz", "izz"
-            moments = dict(
-                zip(
-                    names,
-                    row[4:].tolist(),
-                    strict=True,
-                )
-            )
+            moments = dict(zip(names, row[4:].tolist(), strict=True))
             plain = {
                 "link": k + 1,
                 "joint": robot.tree[carrier].name,
@@ -52,20 +46,10 @@ def write(estimate: Estimate, options: Options) -> Written:
             for name in ("equation", "explanation", "reference")
         }
         about["parameters"] = [
-            {
-                "name": p.name,
-                "joint": p.joint,
-                "value": float(value),
-                "unit": p.unit,
-            }
+            {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}
             for p, value in zip(effect.parameters, estimate.theta[indices], strict=True)
         ]
-        effects.append(
-            {
-                **effect.to_dict(),
-                **about,
-            }
-        )
+        effects.append({**effect.to_dict(), **about})
     content = {
         "robot": robot.to_dict(),
         "links": links,
@@ -74,11 +58,4 @@ def write(estimate: Estimate, options: Options) -> Written:
         "verdict": verdict_line(estimate),
         "provenance": dict(estimate.provenance),
     }
-    return (
-        json.dumps(
-            content,
-            indent=1,
-            allow_nan=False,
-        )
-        + "\n"
-    ).encode(), ()
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode(), ()

@@ -39,12 +39,7 @@ def write(estimate: Estimate, options: Options) -> Written:
     # The base, fixed to the world.
     element(model, "link", name="base_link")
     _texts(
-        element(
-            model,
-            "joint",
-            name="base",
-            type="fixed",
-        ),
+        element(model, "joint", name="base", type="fixed"),
         parent="world",
         child="base_link",
     )
@@ -55,53 +50,25 @@ def write(estimate: Estimate, options: Options) -> Written:
         link = element(model, "link", name=part.name)
         # The link's frame in its parent's: position [m], then roll, pitch and yaw
         # [rad].
-        pose = np.concatenate(
-            [
-                joint.placement[:3, 3],
-                rpy_of(joint.placement[:3, :3]),
-            ]
-        )
-        element(
-            link,
-            "pose",
-            pose,
-            relative_to=part.parent,
-        )
+        pose = np.concatenate([joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])])
+        element(link, "pose", pose, relative_to=part.parent)
         # Mass, centre of mass, and inertia about it in axes of the link's frame.
         inertial = element(link, "inertial")
         _texts(
-            inertial,
-            pose=f"{' '.join(map(number, body.com))} 0 0 0",
-            mass=body.mass,
+            inertial, pose=f"{' '.join(map(number, body.com))} 0 0 0", mass=body.mass
         )
         _texts(element(inertial, "inertia"), **body.urdf_attributes)
-        joint_element = element(
-            model,
-            "joint",
-            name=joint.name,
-            type=joint.kind,
-        )
-        _texts(
-            joint_element,
-            parent=part.parent,
-            child=part.name,
-        )
+        joint_element = element(model, "joint", name=joint.name, type=joint.kind)
+        _texts(joint_element, parent=part.parent, child=part.name)
         axis = element(joint_element, "axis")
         _texts(axis, xyz=joint.axis)
         # Limits that are known.
-        ends = {
-            "lower": joint.lower,
-            "upper": joint.upper,
-            "effort": joint.effort,
-        }
+        ends = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort}
         if limits := {k: x for k, x in ends.items() if np.isfinite(x)}:
             _texts(element(axis, "limit"), **limits)
         # A driven joint, number k, has friction; one that follows another has none.
         if (k := part.place) is not None:
-            friction = {
-                "damping": content.damping[k],
-                "friction": content.friction[k],
-            }
+            friction = {"damping": content.damping[k], "friction": content.friction[k]}
             _texts(element(axis, "dynamics"), **friction)
     return xml_text(root), content.left_out(armature=False)
 

@@ -130,15 +130,7 @@ def export_sdp(
         "nonzeros": int(files_written.problem.A.nnz),
         **more,
     }
-    write_text(
-        f"{path}.json",
-        json.dumps(
-            about,
-            indent=1,
-            allow_nan=False,
-        )
-        + "\n",
-    )
+    write_text(f"{path}.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
     return about
 
 
@@ -191,23 +183,13 @@ def write_posed(
             "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
     check_format(out, estimator.entropy > 0.0)
-    posed = build_problem(
-        problem,
-        measurements,
-        options,
-        progress,
-    )
+    posed = build_problem(problem, measurements, options, progress)
     task = posed.task
     runs = posed.runs
     objective, constraints = estimator.posed(task)
     progress("proving the optimum")
     fit = estimator.fit(task)
-    proof = proved(
-        task,
-        fit,
-        certify(task, fit)[0],
-        method,
-    )
+    proof = proved(task, fit, certify(task, fit)[0], method)
     centre = fit.theta
     # The cones are scaled at a point close to the optimum, on the way to the interior
     # point. Scaled at the interior point itself, csdp's optimum is off by 2e-6 on the
@@ -216,12 +198,7 @@ def write_posed(
     sent = essential(constraints, objective)
     smallest = objective.least_squares.loss_scale(centre)
     sdp = least_squares_sdp(
-        objective,
-        sent,
-        inside,
-        task.bound,
-        centre,
-        least_loss=smallest,
+        objective, sent, inside, task.bound, centre, least_loss=smallest
     )
     return export_sdp(
         sdp,

@@ -82,30 +82,18 @@ class Document:
         source = read_bytes(Path(path))
         if b"<!DOCTYPE" in source:
             raise InputError(
-                "files with a <!DOCTYPE> are not edited",
-                "remove it",
-                path,
+                "files with a <!DOCTYPE> are not edited", "remove it", path
             )
         root = etree.fromstring(
-            source,
-            etree.XMLParser(
-                resolve_entities=False,
-                no_network=True,
-            ),
+            source, etree.XMLParser(resolve_entities=False, no_network=True)
         )
         encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
         if encoding not in ("UTF-8", "ASCII", "US-ASCII", "ISO-8859-1", "LATIN-1"):
             raise InputError(
-                f"the encoding {encoding} is not edited",
-                "save the file as UTF-8",
-                path,
+                f"the encoding {encoding} is not edited", "save the file as UTF-8", path
             )
         elements = [e for e in root.iter() if isinstance(e.tag, str)]
-        return cls(
-            source,
-            root,
-            dict(zip(elements, _spans(source), strict=True)),
-        )
+        return cls(source, root, dict(zip(elements, _spans(source), strict=True)))
 
     def put(
         self,
@@ -215,11 +203,7 @@ HOLDS = HELD
 RESTS = True
 
 
-def write(
-    estimate: Estimate,
-    options: Options,
-    drake: bool = False,
-) -> Written:
+def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
     """Make a URDF of the model, or put the model's numbers into the user's own URDF.
 
     This module is an :class:`ExportFormat`. drake : whether to add Drake's
@@ -237,11 +221,7 @@ def write(
     return file_content, content.left_out(armature=drake and urdf_given is None)
 
 
-def make_urdf(
-    robot: Robot,
-    content: Content,
-    drake: bool = False,
-) -> bytes:
+def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
     """Make a URDF with a model's kinematics, inertials, damping and friction.
 
     Link frames lie on the joints.
@@ -262,9 +242,7 @@ def make_urdf(
         The document.
     """
     root = etree.Element(
-        "robot",
-        name=xml_name(robot.name),
-        nsmap={"drake": _DRAKE} if drake else None,
+        "robot", name=xml_name(robot.name), nsmap={"drake": _DRAKE} if drake else None
     )
     element(root, "link", name="base_link")
     for part in parts(robot, content.links):
@@ -299,21 +277,13 @@ def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
         Attributes by tag.
     """
     return {
-        "origin": {
-            "xyz": " ".join(map(number, body.com)),
-            "rpy": "0 0 0",
-        },
+        "origin": {"xyz": " ".join(map(number, body.com)), "rpy": "0 0 0"},
         "mass": {"value": number(body.mass)},
         "inertia": body.urdf_attributes,
     }
 
 
-def _joint(
-    root: Any,
-    robot: Robot,
-    part: LinkPart,
-    content: Content,
-) -> None:
+def _joint(root: Any, robot: Robot, part: LinkPart, content: Content) -> None:
     """Append a joint to a URDF: frame, parent and child, axis, limits, and either
     damping and friction (driven joints) or "mimic" (joints that follow another).
 
@@ -323,12 +293,7 @@ def _joint(
     # A revolute joint without ends is "continuous" in URDF.
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
-    joint_element = element(
-        root,
-        "joint",
-        name=joint.name,
-        type=kind,
-    )
+    joint_element = element(root, "joint", name=joint.name, type=kind)
     element(
         joint_element,
         "origin",
@@ -338,16 +303,9 @@ def _joint(
     element(joint_element, "parent", link=part.parent)
     element(joint_element, "child", link=part.name)
     element(joint_element, "axis", xyz=joint.axis)
-    limits = {
-        "effort": joint.effort,
-        "velocity": joint.velocity,
-    }
+    limits = {"effort": joint.effort, "velocity": joint.velocity}
     if kind != "continuous":
-        limits = {
-            "lower": joint.lower,
-            "upper": joint.upper,
-            **limits,
-        }
+        limits = {"lower": joint.lower, "upper": joint.upper, **limits}
     # URDF demands a number where a limit is unknown; these do not limit.
     element(
         joint_element,
@@ -365,11 +323,7 @@ def _joint(
     else:
         leader, multiplier, offset = robot.leader(part.index)
         element(
-            joint_element,
-            "mimic",
-            joint=leader,
-            multiplier=multiplier,
-            offset=offset,
+            joint_element, "mimic", joint=leader, multiplier=multiplier, offset=offset
         )
 
 
@@ -397,11 +351,7 @@ def rpy_of(rotation: Array) -> Array:
     return np.array([roll, pitch, yaw])
 
 
-def edit_urdf(
-    path: str | Path,
-    robot: Robot,
-    content: Content,
-) -> bytes:
+def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     """Return the user's URDF with the model's inertials, damping and friction; every
     other byte stays.
 
@@ -429,13 +379,7 @@ def edit_urdf(
     """
     urdf_robot, _ = load_urdf(path)
     order = _order(path, urdf_robot, robot)
-    links = _in_frames_of(
-        path,
-        urdf_robot,
-        robot,
-        content.links,
-        order,
-    )
+    links = _in_frames_of(path, urdf_robot, robot, content.links, order)
     document = Document.read(path)
     link_elements = {link.get("name"): link for link in document.root.findall("link")}
     zero = {
@@ -466,11 +410,7 @@ def edit_urdf(
     return document.edited()
 
 
-def _order(
-    path: str | Path,
-    urdf_robot: Robot,
-    model_robot: Robot,
-) -> list[int]:
+def _order(path: str | Path, urdf_robot: Robot, model_robot: Robot) -> list[int]:
     """Return for each joint of the file's tree the index of the model's joint.
 
     Joints correspond by name if all names agree, else by order. Raises InputError for
@@ -534,18 +474,14 @@ def _in_frames_of(
         axis_of_other = relation[:3, :3] @ other.axis
         if not is_like or np.linalg.norm(axis_of_other - joint.axis) > _NEAR:
             raise InputError(
-                f"{what} (another kind, parent or direction of its axis)",
-                _REMEDY,
-                path,
+                f"{what} (another kind, parent or direction of its axis)", _REMEDY, path
             )
         offset = relation[:3, 3]
         across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
         # A prismatic joint has a direction, but no place.
         if joint.kind == "revolute" and across > _NEAR:
             raise InputError(
-                f"{what}: its axis lies {1e3 * across:.3g} mm away",
-                _REMEDY,
-                path,
+                f"{what}: its axis lies {1e3 * across:.3g} mm away", _REMEDY, path
             )
         if index in urdf_robot.link_joints:
             link = link_of_joint[k]

@@ -121,12 +121,7 @@ class ArmModel:
         self._tree_torque = np.zeros(n_tree)
         self._tree_columns = np.zeros((n_tree, 10))
 
-    def update(
-        self,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> None:
+    def update(self, q: Array, dq: Array, ddq: Array) -> None:
         """Compute torque and payload columns of one instant.
 
         Parameters
@@ -153,32 +148,16 @@ class ArmModel:
             tree_dq = follow @ dq
             tree_ddq = follow @ ddq
         regressor = self._regressor(
-            self._pinocchio,
-            self._data,
-            tree_q,
-            tree_dq,
-            tree_ddq,
+            self._pinocchio, self._data, tree_q, tree_dq, tree_ddq
         )
         np.dot(regressor, self._tree_links, out=self._tree_torque)
-        np.dot(
-            regressor[:, self._last],
-            self._map,
-            out=self._tree_columns,
-        )
+        np.dot(regressor[:, self._last], self._map, out=self._tree_columns)
         if self._mechanism is None:
             np.copyto(self.torque, self._tree_torque)
             np.copyto(self.columns, self._tree_columns)
         else:
-            np.dot(
-                self._mechanism.matrix.T,
-                self._tree_torque,
-                out=self.torque,
-            )
-            np.dot(
-                self._mechanism.matrix.T,
-                self._tree_columns,
-                out=self.columns,
-            )
+            np.dot(self._mechanism.matrix.T, self._tree_torque, out=self.torque)
+            np.dot(self._mechanism.matrix.T, self._tree_columns, out=self.columns)
         self.friction[:] = 0.0
         self._add_table(dq, self.friction)
         self.torque += self.friction
@@ -209,19 +188,9 @@ class ArmModel:
         np.copyto(self._index, place, casting="unsafe")
         place -= self._index  # now the share of the way to the next entry
         self._index += self._first  # the joints' tables stand end to end
-        np.take(
-            self._table,
-            self._index,
-            out=low,
-            mode="clip",
-        )
+        np.take(self._table, self._index, out=low, mode="clip")
         self._index += 1
-        np.take(
-            self._table,
-            self._index,
-            out=high,
-            mode="clip",
-        )
+        np.take(self._table, self._index, out=high, mode="clip")
         high -= low
         high *= place
         torque += low
@@ -238,11 +207,7 @@ class ArmModel:
         """
         # 400 random states (400, n), on which table and slopes are checked below.
         rng = np.random.default_rng(0)
-        q, dq, ddq = rng.uniform(
-            -1.0,
-            1.0,
-            (3, 400, self.n),
-        )
+        q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 400, self.n))
         try:
             exact = self._torque(effect, theta, q, dq, ddq)
             # Torque over velocity, joint after joint (n entries,).
@@ -285,12 +250,7 @@ class ArmModel:
         return np.asarray(_FINEST * np.sinh(place / self._scale), float)
 
     def _torque(
-        self,
-        effect: Effect,
-        theta: Array,
-        q: Array,
-        dq: Array,
-        ddq: Array,
+        self, effect: Effect, theta: Array, q: Array, dq: Array, ddq: Array
     ) -> Array:
         """Return the torque (N, n) of one effect at N independent states (N, n).
 
@@ -299,11 +259,5 @@ class ArmModel:
         """
         # The states are unrelated: their instants [s] have no meaning.
         clock = 1e-3 * np.arange(len(q), dtype=float)
-        motion = Motion(
-            clock,
-            q,
-            dq,
-            ddq,
-            sign_width=self.model.sign_width,
-        )
+        motion = Motion(clock, q, dq, ddq, sign_width=self.model.sign_width)
         return effect.torque(theta, motion)

@@ -109,13 +109,7 @@ class ChangeDetector:
         self._window = Information(n_drifts)
         self._posterior = Posterior(prior, n_drifts)
 
-    def add(
-        self,
-        rows: Array,
-        weighted: Array,
-        period: float,
-        time: float,
-    ) -> None:
+    def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
         """Add the rows of one instant.
 
         Parameters
@@ -267,11 +261,7 @@ class ChangeDetector:
             self._outer -= np.outer(vector_before, vector_before)
             # ln likelihood of a change at each snapshot, up to a constant: what came
             # before it is explained by the old payload.
-            score = np.tensordot(
-                self._matrices[slots, :WIDTH, :WIDTH],
-                self._outer,
-                2,
-            )
+            score = np.tensordot(self._matrices[slots, :WIDTH, :WIDTH], self._outer, 2)
             score *= 0.5 / self._correlation
             place = int(slots[np.argmax(score)])
         if not (is_carrying or self.is_carrying):
@@ -319,11 +309,7 @@ class ChangeDetector:
         Data after = all data - data up to the snapshot. ``out`` is not solved yet.
         """
         window = self._window
-        np.subtract(
-            self.total.matrix,
-            self._matrices[place],
-            out=window.matrix,
-        )
+        np.subtract(self.total.matrix, self._matrices[place], out=window.matrix)
         window.seconds = self.total.seconds - self._seconds[place]
         out.clear()
         out.add(window.matrix, window.weight(self._correlation))

@@ -49,9 +49,7 @@ class PayloadPrior:
     """
 
     def __init__(
-        self,
-        mass: float = c.PAYLOAD_MASS,
-        reach: float = c.PAYLOAD_REACH,
+        self, mass: float = c.PAYLOAD_MASS, reach: float = c.PAYLOAD_REACH
     ) -> None:
         """Set the scales and the prior information (inverse covariance) of a payload.
 
@@ -174,11 +172,7 @@ class Posterior:
             ``precision`` and ``linear`` are updated.
         """
         # Lambda += weight Y^T Y, b += weight Y^T e, by work space without allocation.
-        np.multiply(
-            matrix[:WIDTH, :WIDTH],
-            weight,
-            out=self._work_matrix,
-        )
+        np.multiply(matrix[:WIDTH, :WIDTH], weight, out=self._work_matrix)
         self._explain_by_drift(matrix, weight)
         self._work_matrix -= self._explained
         self.add_again()
@@ -202,29 +196,11 @@ class Posterior:
         drifts alone, it is Z^T Z with L Z = C. ``matrix`` and ``weight`` [1/s] are
         those of :meth:`add`.
         """
-        np.multiply(
-            matrix[WIDTH:, WIDTH:],
-            weight,
-            out=self._drift,
-        )
+        np.multiply(matrix[WIDTH:, WIDTH:], weight, out=self._drift)
         self._drift_diagonal += 1.0
-        scipy.linalg.lapack.dpotrf(
-            self._drift,
-            lower=1,
-            clean=0,
-            overwrite_a=1,
-        )
-        np.multiply(
-            matrix[WIDTH:, :WIDTH],
-            weight,
-            out=self._cross,
-        )
-        scipy.linalg.lapack.dtrtrs(
-            self._drift,
-            self._cross,
-            lower=1,
-            overwrite_b=1,
-        )
+        scipy.linalg.lapack.dpotrf(self._drift, lower=1, clean=0, overwrite_a=1)
+        np.multiply(matrix[WIDTH:, :WIDTH], weight, out=self._cross)
+        scipy.linalg.lapack.dtrtrs(self._drift, self._cross, lower=1, overwrite_b=1)
         np.dot(self._cross.T, self._cross, out=self._explained)
 
     def solve(self) -> float:
@@ -237,19 +213,9 @@ class Posterior:
         the logarithms of the factor's diagonal.
         """
         np.copyto(self._factor, self.precision)
-        scipy.linalg.lapack.dpotrf(
-            self._factor,
-            lower=1,
-            clean=0,
-            overwrite_a=1,
-        )
+        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
         np.copyto(self.mean, self.linear)
-        scipy.linalg.lapack.dpotrs(
-            self._factor,
-            self.mean,
-            lower=1,
-            overwrite_b=1,
-        )
+        scipy.linalg.lapack.dpotrs(self._factor, self.mean, lower=1, overwrite_b=1)
         np.log(self._diagonal, out=self._work_vector)
         half_log_det = float(self._work_vector.sum())
         fit = 0.5 * float(np.dot(self.linear, self.mean))

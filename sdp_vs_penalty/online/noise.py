@@ -187,10 +187,7 @@ class _Stretch:
         return np.reshape(parts, (-1, self.residual.shape[1]))
 
     def mass_errors(
-        self,
-        seconds: float,
-        noise: ResidualNoise,
-        prior: PayloadPrior,
+        self, seconds: float, noise: ResidualNoise, prior: PayloadPrior
     ) -> list[float]:
         """Estimate the mass of a payload in each part of a motion without a payload.
 
@@ -221,11 +218,7 @@ class _Stretch:
             # e and Y over the noise's std; samples at rest (NaN) count as zero rows.
             e = np.where(is_known, residual / noise.std, 0.0).ravel()
             scaled = self.columns[part] * prior.scale
-            Y = np.where(
-                is_known[..., None],
-                scaled / noise.std[:, None],
-                0.0,
-            )
+            Y = np.where(is_known[..., None], scaled / noise.std[:, None], 0.0)
             Y = Y.reshape(-1, SIZE)
             information = prior.information + weight * Y.T @ Y
             covariance = np.linalg.inv(information)
@@ -234,11 +227,7 @@ class _Stretch:
         return errors
 
 
-def _stretches(
-    estimate: Estimate,
-    run: Measurements,
-    delay: float,
-) -> list[_Stretch]:
+def _stretches(estimate: Estimate, run: Measurements, delay: float) -> list[_Stretch]:
     """Return residual torques and payload columns of the gap-free pieces of a run.
 
     residual = measured torque - torque of the arm's model, both smoothed as in the
@@ -253,23 +242,11 @@ def _stretches(
     # The filter's window lasts twice its delay: it must not reach across a gap.
     gaps = np.flatnonzero(np.diff(run.t) > 2.0 * delay) + 1
     for rows in np.split(np.arange(len(run.t)), gaps):
-        clock = np.arange(
-            run.t[rows[0]],
-            run.t[rows[-1]],
-            period,
-        )
+        clock = np.arange(run.t[rows[0]], run.t[rows[-1]], period)
         if len(clock) < 4 * half:  # about two windows of 2 half + 1 samples
             continue
-        q = interpolated(
-            clock,
-            run.t[rows],
-            run.q[rows],
-        )
-        tau = interpolated(
-            clock,
-            run.t[rows],
-            run.tau[rows],
-        )
+        q = interpolated(clock, run.t[rows], run.q[rows])
+        tau = interpolated(clock, run.t[rows], run.tau[rows])
         position, velocity, acceleration = smooth(q, half, period)
         torque, _, _ = smooth(tau, half, period)
         # The filter gives no value for half a window at both ends.

@@ -172,12 +172,7 @@ class PayloadEstimator:
         self._filter = SmoothingFilter(2 * n, self.period, delay)
         self.delay = self._filter.delay
         self._detector = ChangeDetector(
-            self._prior,
-            2 * n,
-            noise.correlation,
-            self.period,
-            forgetting,
-            self.delay,
+            self._prior, 2 * n, noise.correlation, self.period, forgetting, self.delay
         )
         self._posterior = Posterior(self._prior, 2 * n)
         self._projection = ConeProjection()
@@ -298,12 +293,7 @@ class PayloadEstimator:
         """Whether a payload is carried, as far as is known."""
         return self._detector.is_carrying
 
-    def update(
-        self,
-        t: float,
-        q: Array,
-        tau: Array,
-    ) -> PayloadChange | None:
+    def update(self, t: float, q: Array, tau: Array) -> PayloadChange | None:
         """Process one sample in the control loop.
 
         Parameters
@@ -392,29 +382,13 @@ class PayloadEstimator:
         # rows (n, 11 + 2n) = [Y, e, N]: scaled payload columns Y (n, 10), residual e
         # (n,), columns of drift N (n, 2n).
         rows = self._rows
-        np.multiply(
-            self.arm.friction,
-            self._drift_share,
-            out=self._friction_drift,
-        )
-        np.multiply(
-            self.arm.columns,
-            self._prior.scale,
-            out=rows[:, :SIZE],
-        )
+        np.multiply(self.arm.friction, self._drift_share, out=self._friction_drift)
+        np.multiply(self.arm.columns, self._prior.scale, out=rows[:, :SIZE])
         # e = torque - arm's torque - drifted offset - drifted share of friction.
         residual = rows[:, SIZE]
-        np.subtract(
-            torque,
-            self.arm.torque,
-            out=residual,
-        )
+        np.subtract(torque, self.arm.torque, out=residual)
         residual -= self.drift_offset
-        np.multiply(
-            self.drift_friction,
-            self.arm.friction,
-            out=self._part,
-        )
+        np.multiply(self.drift_friction, self.arm.friction, out=self._part)
         residual -= self._part
         self._weigh(velocity, acceleration)
         np.multiply(rows, self._weight_column, out=self._weighted)
@@ -424,11 +398,7 @@ class PayloadEstimator:
         is_projecting = False
         if self.is_carrying:
             # Information of each joint on the mass (column 0), for errors of gains.
-            np.multiply(
-                rows[:, 0],
-                self._weighted[:, 0],
-                out=self._part,
-            )
+            np.multiply(rows[:, 0], self._weighted[:, 0], out=self._part)
             self._mass_weight += self._part
             is_projecting = self._project()
         # A fast loop projects in one cycle and judges changes in another: that bounds
@@ -475,11 +445,7 @@ class PayloadEstimator:
         np.multiply(self._dry_variance, self._unsettled, out=weight)
         weight += self._variance
         if self.is_carrying:
-            np.dot(
-                self._rows[:, :SIZE],
-                self._posterior.mean,
-                out=self._load,
-            )
+            np.dot(self._rows[:, :SIZE], self._posterior.mean, out=self._load)
             np.multiply(self._load, c.LOAD_FRICTION, out=part)
             part *= part
             weight += part
@@ -502,12 +468,7 @@ class PayloadEstimator:
             np.subtract(residual, self._load, out=self._part)
         else:
             np.copyto(self._part, residual)
-        np.clip(
-            self._part,
-            -self.noise.std,
-            self.noise.std,
-            out=self._part,
-        )
+        np.clip(self._part, -self.noise.std, self.noise.std, out=self._part)
         self._part *= self._learning  # period / drift time
         np.logical_not(self._is_resting, out=self._is_moving)
         self._part *= self._is_moving

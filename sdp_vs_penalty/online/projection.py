@@ -92,12 +92,7 @@ class ConeProjection:
             self.is_done = True
             return
         np.copyto(self._factor, precision)
-        scipy.linalg.lapack.dpotrf(
-            self._factor,
-            lower=1,
-            clean=0,
-            overwrite_a=1,
-        )
+        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
         # Warm start: from the last solution, moved off the cone's boundary.
         if self._is_warm:
             self._raise_last()
@@ -148,16 +143,8 @@ class ConeProjection:
         X = _matrix(self._x)
         Z = self._Z
         inverse = _inverse(X)
-        np.multiply(
-            inverse[:, None, :, None],
-            Z[None, :, None, :],
-            out=self._kronecker,
-        )
-        np.dot(
-            _BASIS,
-            self._kronecker.reshape(16, 16),
-            out=self._products,
-        )
+        np.multiply(inverse[:, None, :, None], Z[None, :, None, :], out=self._kronecker)
+        np.dot(_BASIS, self._kronecker.reshape(16, 16), out=self._products)
         np.dot(self._products, _BASIS.T, out=self._hessian)
         # Only its lower triangle is read; both orders of a product are the same here.
         self._hessian += self._precision
@@ -171,19 +158,9 @@ class ConeProjection:
         np.dot(self._precision, self._step, out=self._slope)
         self._slope *= -1.0
         self._slope += _BASIS @ (target * inverse).ravel()
-        scipy.linalg.lapack.dpotrf(
-            self._lapack,
-            lower=1,
-            clean=0,
-            overwrite_a=1,
-        )
+        scipy.linalg.lapack.dpotrf(self._lapack, lower=1, clean=0, overwrite_a=1)
         np.copyto(self._step, self._slope)
-        scipy.linalg.lapack.dpotrs(
-            self._lapack,
-            self._step,
-            lower=1,
-            overwrite_b=1,
-        )
+        scipy.linalg.lapack.dpotrs(self._lapack, self._step, lower=1, overwrite_b=1)
         # 4. dZ = mu X^-1 - Z - sym(X^-1 dX Z); go as far as both stay in the cone.
         dX = _matrix(self._step)
         product = inverse @ dX @ Z

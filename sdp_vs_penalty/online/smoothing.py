@@ -25,12 +25,7 @@ class SmoothingFilter:
     InputError for a delay that is too long, or shorter than two samples.
     """
 
-    def __init__(
-        self,
-        channels: int,
-        period: float,
-        delay: float,
-    ) -> None:
+    def __init__(self, channels: int, period: float, delay: float) -> None:
         """Allocate the ring buffer of samples and compute the kernel of the window.
 
         The window holds 2 half + 1 samples, half = delay / period to either side of its
@@ -108,21 +103,11 @@ def smoothing_kernel(half: int, period: float) -> Array:
         Weights of the value, its rate [1/s] and its acceleration [1/s^2].
     """
     t = np.arange(-half, half + 1) * period
-    fit = np.linalg.pinv(
-        np.vander(
-            t,
-            4,
-            increasing=True,
-        )
-    )
+    fit = np.linalg.pinv(np.vander(t, 4, increasing=True))
     return np.ascontiguousarray(fit[:3] * np.array([[1.0], [1.0], [2.0]]))
 
 
-def smooth(
-    samples: Array,
-    half: int,
-    period: float,
-) -> tuple[Array, Array, Array]:
+def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Array]:
     """Smooth a whole log with the kernel of the stream.
 
     Parameters
@@ -143,10 +128,6 @@ def smooth(
     (N - 2 half, channels) array
         Accelerations [1/s^2].
     """
-    windows = np.lib.stride_tricks.sliding_window_view(
-        samples,
-        2 * half + 1,
-        axis=0,
-    )
+    windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
     value, rate, acceleration = smoothing_kernel(half, period)
     return windows @ value, windows @ rate, windows @ acceleration

@@ -139,12 +139,7 @@ class ArmScene:
                 self.view.select(joint=min(int(link), n_joints - 1))
                 return
 
-    def load(
-        self,
-        name: str,
-        read: Mapping[str, Any],
-        errors: Any = None,
-    ) -> None:
+    def load(self, name: str, read: Mapping[str, Any], errors: Any = None) -> None:
         """Show the motion of another recording, unless it is shown already.
 
         Parameters
@@ -230,13 +225,7 @@ class ArmScene:
         [m].
         """
         middle = [0.5 * x for x in end]
-        tube = self.scene.quadratic_bezier_tube(
-            [0.0] * 3,
-            middle,
-            end,
-            1,
-            thin,
-        )
+        tube = self.scene.quadratic_bezier_tube([0.0] * 3, middle, end, 1, thin)
         tube.material(_BONES)
 
     def _draw_axis(self, axis: list[float], thin: float) -> None:
@@ -245,20 +234,10 @@ class ArmScene:
         """
         start, end = (np.outer([-4.0, 6.0], axis) * thin).tolist()
         middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]
-        stick = self.scene.quadratic_bezier_tube(
-            start,
-            middle,
-            end,
-            1,
-            0.2 * thin,
-        )
+        stick = self.scene.quadratic_bezier_tube(start, middle, end, 1, 0.2 * thin)
         stick.material(_AXES)
 
-    def _draw_link(
-        self,
-        body: Mapping[str, Any],
-        look: _Look,
-    ) -> None:
+    def _draw_link(self, body: Mapping[str, Any], look: _Look) -> None:
         """Draw a link as the ellipsoid of uniform density with the same mass and
         inertia.
         """
@@ -320,12 +299,7 @@ def camera_place(poses: Array, about: Mapping[str, Any]) -> dict[str, float]:
     bodies = about["bodies"]
     centres = [poses[:, body["joint"]] @ np.array(body["place"]) for body in bodies]
     frames = [*centres, *poses.swapaxes(0, 1)]
-    places = np.concatenate(
-        [
-            np.zeros((1, 3)),
-            *(f[..., :3, 3] for f in frames),
-        ]
-    )
+    places = np.concatenate([np.zeros((1, 3)), *(f[..., :3, 3] for f in frames)])
     centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
     distances = np.linalg.norm(places - centre, axis=1)
     radius = distances.max() + 0.1 * reach(about)  # room for the links' thickness

@@ -44,9 +44,7 @@ def guarded(app: App, port: int, key: str) -> App:
     checks the key and the origin.
     """
     return TrustedHostMiddleware(
-        AuthMiddleware(app, port, key),
-        _NAMES,
-        www_redirect=False,
+        AuthMiddleware(app, port, key), _NAMES, www_redirect=False
     )
 
 
@@ -59,12 +57,7 @@ class AuthMiddleware:
     printed address, once, and in a cookie thereafter.
     """
 
-    def __init__(
-        self,
-        app: App,
-        port: int,
-        key: str,
-    ) -> None:
+    def __init__(self, app: App, port: int, key: str) -> None:
         """Prepare the allowed origins and the response headers for a server at this
         port.
 
@@ -156,9 +149,7 @@ class AuthMiddleware:
             path += f"?{other_query}"
         cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict"
         return RedirectResponse(
-            path,
-            303,
-            {"set-cookie": cookie, "cache-control": "no-store"},
+            path, 303, {"set-cookie": cookie, "cache-control": "no-store"}
         )
 
 

@@ -55,16 +55,9 @@ def torque_chart(
         low, high = np.searchsorted(t, (span[0] - edge, span[1] + edge))
         cut = slice(min(low, len(t) - 1), max(high, low + 1))
     part = Curves(
-        t[cut],
-        run.torque[cut],
-        {name: m[cut] for name, m in run.modelled.items()},
+        t[cut], run.torque[cut], {name: m[cut] for name, m in run.modelled.items()}
     )
-    plot = plots.torque_figure(
-        [part],
-        joint,
-        units[joint],
-        side_by_side=False,
-    )
+    plot = plots.torque_figure([part], joint, units[joint], side_by_side=False)
     plot.update_layout(shapes=shades(stretches))
     if span is not None:
         plot.update_axes("x", range=list(span))
@@ -100,14 +93,7 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
                 "line": {"color": colour, "width": 1.2},
                 "showlegend": row == 0,
             }
-            plot.add(
-                "scatter",
-                row,
-                x=t,
-                y=read[name][:, j],
-                **look,
-                **named,
-            )
+            plot.add("scatter", row, x=t, y=read[name][:, j], **look, **named)
             repaired = read.get(f"repaired_{name}")
             if repaired is None:
                 continue
@@ -186,31 +172,20 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
 
 
 def missing_chart(
-    curve: Curve,
-    units: Sequence[str],
-    read: Mapping[str, Any],
+    curve: Curve, units: Sequence[str], read: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Draw a measured curve of missing torque with its band, and where a run's rows
     lie.
 
     The rows are left out for a curve over temperature, which recordings do not hold.
     """
-    motion = Motion(
-        read["t"],
-        read["q"],
-        read["dq"],
-        read["ddq"],
-        read["modelled"],
-    )
+    motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
     warm = any(v.startswith("temp") for v in curve.of)  # a recording holds none
     return ready(plots.missing_figure(curve, units, [] if warm else [motion]), 260)
 
 
 def failing_stretches(
-    model: ModelStep,
-    run: str,
-    j: int,
-    start: float,
+    model: ModelStep, run: str, j: int, start: float
 ) -> list[tuple[float, float, str]]:
     """List the stretches of a run in which a joint's error is large.
 
@@ -252,13 +227,7 @@ def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
     read = session.arrays(step.pictures)
 
     def signals(name: str) -> Signals:
-        return Signals(
-            read["t"],
-            read["q"],
-            read["dq"],
-            read["measured"],
-            read[name],
-        )
+        return Signals(read["t"], read["q"], read["dq"], read["measured"], read[name])
 
     before = signals("before")
     after = signals("after")
@@ -331,12 +300,7 @@ def residual_chart(
     def dots(y: Any, name: str, colour: str) -> None:
         marker = {"size": 3, "color": colour}
         plot.add(
-            "scatter",
-            x=x[rows],
-            y=y[rows],
-            mode="markers",
-            name=name,
-            marker=marker,
+            "scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker
         )
 
     if len(errors) > 1:  # in the colours of the torque's figure

@@ -44,37 +44,16 @@ def commands_of(
         commands.append(["simulate", source, *made_by])
     name = first.opened or "model1.json"
     if not first.opened:
-        words = [
-            "--method",
-            first.method,
-            "--effects",
-            ",".join(first.effects),
-        ]
+        words = ["--method", first.method, "--effects", ",".join(first.effects)]
         words += ["--seed", str(seed)]
         if not has_check:
             words.append("--no-check")
         words += _option_words(robot["gravity"], options)
-        commands.append(
-            [
-                "identify",
-                source,
-                *data,
-                *words,
-                "--out",
-                name,
-            ]
-        )
+        commands.append(["identify", source, *data, *words, "--out", name])
     for k, model in enumerate(history[1:], start=2):
         added = ",".join(model.added)
         frozen = ["--frozen"] if model.frozen else []
-        words = [
-            name,
-            added,
-            *data,
-            "--seed",
-            str(seed),
-            *frozen,
-        ]
+        words = [name, added, *data, "--seed", str(seed), *frozen]
         name = f"model{k}.json"
         commands.append(["add", *words, "--out", name])
     return [command_line(["sdp-vs-penalty", *words]) for words in commands]

@@ -21,12 +21,7 @@ from sdp_vs_penalty.results.table import Table
 Handler = Callable[..., Any]
 
 
-def tag(
-    name: str,
-    text: str = "",
-    style: str = "",
-    **attributes: Any,
-) -> Any:
+def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
     """Draw an HTML element with escaped text, and return it.
 
     ``style`` are its CSS classes. Further attributes are written with underscores
@@ -46,24 +41,13 @@ def note(text: str) -> None:
     tag("p", text, "soft")
 
 
-def button(
-    text: str,
-    do: Handler,
-    key: str,
-    style: str = "",
-    **attributes: Any,
-) -> Any:
+def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
     """Draw a button that calls ``do`` when it is clicked.
 
     By ``key`` the browser finds the focused element again after a redraw.
     """
     element_made = tag(
-        "button",
-        text,
-        f"action {style}",
-        type="button",
-        data_key=key,
-        **attributes,
+        "button", text, f"action {style}", type="button", data_key=key, **attributes
     )
     return element_made.on("click", lambda _: do(), args=[])
 
@@ -108,12 +92,7 @@ def choice(
         )
 
 
-def number(
-    label: str,
-    value: int,
-    do: Callable[[int], Any],
-    key: str,
-) -> None:
+def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
     """Draw a labelled field for a whole number from 0; ``do`` gets the new number.
 
     Text that is no number is ignored, as the browser marks it already.
@@ -164,12 +143,7 @@ def text_field(
 
 
 def slider(
-    label: str,
-    value: str,
-    do: Callable[[int], Any],
-    key: str,
-    least: str,
-    most: str,
+    label: str, value: str, do: Callable[[int], Any], key: str, least: str, most: str
 ) -> None:
     """Draw a slider between two whole numbers; ``do`` gets the number on release."""
     with tag("label", style="field"):
@@ -192,11 +166,7 @@ def slider(
 
 
 def check(
-    label: str,
-    on: bool,
-    do: Callable[[bool], Any],
-    key: str,
-    hint: str = "",
+    label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = ""
 ) -> None:
     """Draw a labelled checkbox; ``do`` gets True or False when it is clicked."""
     with tag("label", style="check", title=hint):
@@ -253,11 +223,7 @@ def drop(text: str, kind: str) -> None:
     files = f"choose files: {', '.join(sorted(accept))}"
     hint = f"or {files}" if several else "drop a file here, or choose one"
     with tag("label", style="drop", data_drop=kind):
-        files_of = {
-            "type": "file",
-            "accept": ",".join(accept),
-            "data_send": kind,
-        }
+        files_of = {"type": "file", "accept": ",".join(accept), "data_send": kind}
         tag(
             "input",
             data_key=f"drop-{kind}",
@@ -269,11 +235,7 @@ def drop(text: str, kind: str) -> None:
         tag("span", hint)
 
 
-def details(
-    title: str,
-    key: str,
-    on: bool = False,
-) -> Any:
+def details(title: str, key: str, on: bool = False) -> Any:
     """Draw a section that unfolds on a click; fill it in a ``with`` statement.
 
     on : whether it is unfolded at first.
@@ -297,11 +259,7 @@ def judged(models: Sequence[ModelStep]) -> None:
     numbered = enumerate(models, start=1)
     names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in numbered]
     rows = [
-        [
-            name,
-            *model.judged[1:],
-        ]
-        for name, model in zip(names, models, strict=True)
+        [name, *model.judged[1:]] for name, model in zip(names, models, strict=True)
     ]
     table(judged_table(rows), "Models judged")
 

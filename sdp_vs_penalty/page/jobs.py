@@ -79,9 +79,7 @@ class JobRequest(dict[str, Any]):
     """
 
     def __init__(
-        self,
-        words: Mapping[str, Any],
-        progress: Progress = no_progress,
+        self, words: Mapping[str, Any], progress: Progress = no_progress
     ) -> None:
         """Hold the request's fields and note when the work begins.
 
@@ -159,10 +157,7 @@ class JobRequest(dict[str, Any]):
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
         loaded = load_measurements(*files)
-        sides: dict[str, list[Measurements]] = {
-            "train": [],
-            "test": [],
-        }
+        sides: dict[str, list[Measurements]] = {"train": [], "test": []}
         for run, part in zip(self["runs"], loaded.runs(), strict=True):
             for side, stretch in _by_use(run, part):
                 sides[side].append(stretch)
@@ -232,26 +227,13 @@ def read(job: JobRequest) -> Answer:
             remarks += [str(w.message) for w in heard if issubclass(w.category, Remark)]
             _refuse_duplicate(part, [*job["runs"], *runs], path)
             alone = len(job["files"]) == 1 and not job["runs"]
-            runs.append(
-                keep(
-                    job,
-                    problem,
-                    part,
-                    file["name"],
-                    alone=alone,
-                )
-            )
+            runs.append(keep(job, problem, part, file["name"], alone=alone))
         except InputError as error:
             refused.append(str(error))
             columns = _columns_of(path, problem)
             if columns is not None:
                 mappings.append({**file, **columns})
-    return {
-        "runs": runs,
-        "refused": refused,
-        "remarks": remarks,
-        "mappings": mappings,
-    }
+    return {"runs": runs, "refused": refused, "remarks": remarks, "mappings": mappings}
 
 
 def _refuse_duplicate(
@@ -262,9 +244,7 @@ def _refuse_duplicate(
     for run in known_runs:
         if run["file"] == file:
             raise InputError(
-                f"holds the same samples as {run['name']}",
-                "name each run once",
-                path,
+                f"holds the same samples as {run['name']}", "name each run once", path
             )
 
 
@@ -285,10 +265,7 @@ def _columns_of(path: Path, problem: Problem) -> Answer | None:
         if report is None or not (report.missing or report.problem):
             return None
         numbers = range(1, len(joints) + 1)
-        ours = [
-            "t",
-            *(f"{group}{j}" for group in ("q", "tau") for j in numbers),
-        ]
+        ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
         if len(report.rows) < len(ours):
             return None  # no choice gives every joint a column
         return {
@@ -333,14 +310,7 @@ def look_again(job: JobRequest) -> Answer:
     parts = ((load_measurements(job.folder / run["file"]), run) for run in job["runs"])
     return {
         "runs": [
-            keep(
-                job,
-                problem,
-                part,
-                run["name"],
-                run["use"],
-            )
-            for part, run in parts
+            keep(job, problem, part, run["name"], run["use"]) for part, run in parts
         ]
     }
 
@@ -359,23 +329,9 @@ def simulate(job: JobRequest) -> Answer:
     if job["effect"] != "none":
         joint_indices = [number - 1 for number in job["joints"]]
         hidden.append((job["effect"], joint_indices))
-    hidden_result = hidden_runs(
-        problem,
-        hidden,
-        job["level"],
-        job["seed"],
-        len(names),
-    )
+    hidden_result = hidden_runs(problem, hidden, job["level"], job["seed"], len(names))
     named = zip(names, hidden_result.runs, strict=True)
-    runs = [
-        keep(
-            job,
-            problem,
-            part,
-            name,
-        )
-        for name, part in named
-    ]
+    runs = [keep(job, problem, part, name) for name, part in named]
     return {"runs": runs, "effects": hidden_result.truth["model_effects"]}
 
 
@@ -444,11 +400,7 @@ def keep(
     (report_of_run,) = check(problem, part, thorough=False)
     split = split_run(problem, part)
     findings = [
-        {
-            **f.to_dict(),
-            "gravity": f.gravity,
-        }
-        for f in report_of_run.errors_and_warnings
+        {**f.to_dict(), "gravity": f.gravity} for f in report_of_run.errors_and_warnings
     ]
     # Of a long run the check looks at windows all over it anyway.
     if alone and split is not None and not report_of_run.is_long:
@@ -487,11 +439,7 @@ def _window_issues(
     known = {(issue.kind, issue.where) for issue in report_of_run.issues}
     new_issues = []
     for side, word in (("train", "identified from"), ("test", "judged")):
-        reports = check(
-            problem,
-            windowed(part, split[side]),
-            thorough=False,
-        )
+        reports = check(problem, windowed(part, split[side]), thorough=False)
         for issue in (i for report in reports for i in report.errors_and_warnings):
             if (issue.kind, issue.where) in known:
                 continue
@@ -508,9 +456,7 @@ def _run_file_name(part: Measurements) -> str:
 
 
 def _preview_arrays(
-    problem: Problem,
-    part: Measurements,
-    mended: Measurements,
+    problem: Problem, part: Measurements, mended: Measurements
 ) -> dict[str, Any]:
     """Return the arrays that the page draws of a run, thinned to what a screen can
     show.
@@ -567,14 +513,7 @@ def _repaired_rows(part: Measurements, mended: Measurements) -> Array:
         return rows
     if not np.all(np.diff(mended.t) > 0.0):
         return np.hstack([part.q, part.tau])
-    columns = [
-        np.interp(
-            part.t,
-            mended.t,
-            column,
-        )
-        for column in rows.T
-    ]
+    columns = [np.interp(part.t, mended.t, column) for column in rows.T]
     return np.column_stack(columns)
 
 
@@ -598,18 +537,12 @@ def resplit(job: JobRequest) -> Answer:
     split = split_run(job.problem, part, job["share"])
     if split is None:
         raise InputError(
-            f"{run['name']} cannot be split so",
-            "drag the bar back",
-            run["name"],
+            f"{run['name']} cannot be split so", "drag the bar back", run["name"]
         )
     return {"split": split}
 
 
-def placed(
-    robot: Robot,
-    t: Array,
-    q: Array,
-) -> tuple[Array, Array]:
+def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
     """Place the arm at up to 160 instants of a motion, for the 3D view.
 
     Parameters
@@ -771,12 +704,7 @@ def extend(job: JobRequest) -> Answer:
         effects = Diagnosis.from_dict(job["findings"]).selected(confident=True)
     else:
         effects = chosen_effects(job)
-    bigger = add(
-        job.model,
-        effects,
-        job.runs.train,
-        **job.common_options,
-    )
+    bigger = add(job.model, effects, job.runs.train, **job.common_options)
     return summary(job, bigger)
 
 
@@ -854,19 +782,11 @@ def _confirmed_on_other_splits(job: JobRequest, diagnosis: Diagnosis) -> Diagnos
     recording = load_measurements(job.folder / split_runs[0]["file"])
     recording = replace(recording, names=(split_runs[0]["name"],))
     splits = other_splits(job.problem, recording, split_runs[0]["split"])
-    return confirmed(
-        diagnosis,
-        job.model,
-        recording,
-        splits,
-        **job.common_options,
-    )
+    return confirmed(diagnosis, job.model, recording, splits, **job.common_options)
 
 
 def _card_arrays(
-    model: Estimate,
-    better: Estimate | None,
-    judged: Measurements,
+    model: Estimate, better: Estimate | None, judged: Measurements
 ) -> dict[str, Any]:
     """Return the arrays from which the page draws the findings, thinned to M rows.
 
@@ -921,11 +841,7 @@ def methods(job: JobRequest) -> Answer:
         options = PoseOptions(effects=effects, seed=job["seed"])
         try:
             estimates_made = estimate_parameters(
-                current.problem,
-                filtered,
-                name,
-                options,
-                progress=progress,
+                current.problem, filtered, name, options, progress=progress
             )
             folds = None
             if job["folds"]:
@@ -938,18 +854,12 @@ def methods(job: JobRequest) -> Answer:
                     progress=progress,
                 )
         except InputError as error:
-            refused = [
-                name,
-                str(error),
-                *[""] * len(tables.JUDGED_HEADS[1:]),
-            ]
+            refused = [name, str(error), *[""] * len(tables.JUDGED_HEADS[1:])]
             rows.append(refused)
             continue
         row = tables.judged_cells(
             compare(
-                {name: estimates_made},
-                runs.judge,
-                noise_from=runs.judged_recordings,
+                {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
             )[0]
         )
         if folds is not None:
@@ -1012,24 +922,14 @@ def _write_export(job: JobRequest, out: Path) -> list[str]:
     loaded, for how that changes the error.
     """
     urdf = job.get("urdf") if out.name == "robot.urdf" else None
-    x, y, z = numbers(
-        "flange",
-        job.get("flange") or "0,0,0",
-        3,
-    )
+    x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
     model = job.model
     judged: tuple[Verdict, str] | None = None
     if job.get("runs"):
         runs = job.runs
         judged = judge_as_exported(model, out, runs.judge, runs.judged_recordings)
     verdict = None if judged is None else judged[0]
-    lost = write_model(
-        model,
-        out,
-        urdf,
-        flange=(x, y, z),
-        judged=verdict,
-    )
+    lost = write_model(model, out, urdf, flange=(x, y, z), judged=verdict)
     if not lost:
         return []
     names = ", ".join(map(effect_in_words, lost))
@@ -1056,12 +956,7 @@ def forward(job: JobRequest) -> Answer:
     """
     estimate = job.model
     drive = job["drive"]
-    following = follow(
-        estimate,
-        job.runs.judge,
-        drive=drive,
-        **job.common_options,
-    )
+    following = follow(estimate, job.runs.judge, drive=drive, **job.common_options)
     files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
     for file, free in zip(files, following.free, strict=True):
         t = free.simulated.t
@@ -1111,11 +1006,7 @@ def about(estimate: Estimate) -> dict[str, Any]:
         "links": None if links is None else links.to_dict(),
         "words": words.caveats(estimate),
         "friction": [
-            {
-                "velocity": c.velocity,
-                "torque": c.torque,
-                "half": NORMAL_95 * c.std,
-            }
+            {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
             for c in friction_curves(estimate)
         ],
         "certificate": tables.certificate_table({"model": estimate}).to_dict(),
@@ -1136,11 +1027,7 @@ def _distinct_names(runs: Sequence[Measurements]) -> list[str]:
     return distinct
 
 
-def _verdict_of(
-    job: JobRequest,
-    estimate: Estimate,
-    comparison: Comparison,
-) -> Answer:
+def _verdict_of(job: JobRequest, estimate: Estimate, comparison: Comparison) -> Answer:
     """Return the verdict on a model, with what the last diagnosis found that it
     lacks.
     """
@@ -1177,9 +1064,7 @@ def _curves_of_run(estimate: Estimate, arm: Estimate, rows: Rows) -> dict[str, A
 
 
 def _failures_of(
-    estimate: Estimate,
-    judge: Measurements,
-    comparison: Comparison,
+    estimate: Estimate, judge: Measurements, comparison: Comparison
 ) -> list[Answer]:
     """Return for each joint where and why the model fails, with sentences for the page.
 
@@ -1208,9 +1093,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     out = Path(job["out"])
     job.progress("comparing measured with modelled")
     comparison = compare(
-        {"model": estimate},
-        checked.judge,
-        noise_from=checked.judged_recordings,
+        {"model": estimate}, checked.judge, noise_from=checked.judged_recordings
     )[0]
     # A model of servos turns commands into torques; ``arm`` is the arm within it.
     arm, judge = driven(estimate, checked.judge)
@@ -1218,10 +1101,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     settings = estimate.preprocessing.resolve(judge)
     verdict_of_model = _verdict_of(job, estimate, comparison)
     estimate.provenance["verdict"] = verdict_of_model
-    runs = [
-        *train.runs(),
-        *(judge.runs() if checked.test is not None else ()),
-    ]
+    runs = [*train.runs(), *(judge.runs() if checked.test is not None else ())]
     for number, run in enumerate(runs):
         rows = FilteredRun(run, settings).all_rows(arm.model)
         arrays = _curves_of_run(estimate, arm, rows)

@@ -41,12 +41,7 @@ _STYLE = (
 _LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text('utf-8')}</script>"
 
 
-def serve(
-    folder: Path | None,
-    port: int | None,
-    browser: bool,
-    forms: Forms,
-) -> None:
+def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) -> None:
     """Serve the page on this computer until it is interrupted.
 
     Only who has the printed address, with its secret key, can open it.
@@ -70,9 +65,7 @@ def serve(
     """
     if folder is not None and not folder.is_dir():
         raise InputError(
-            "not a folder",
-            "name the folder with your runs, or leave it out",
-            folder,
+            "not a folder", "name the folder with your runs, or leave it out", folder
         )
     # Listens already now, since the browser may connect before the server answers.
     listener = _listener(port)
@@ -126,11 +119,7 @@ def _listener(port: int | None) -> socket.socket:
         ) from error
 
 
-def make_app(
-    sessions: Sessions,
-    folder: Path | None,
-    forms: Forms,
-) -> FastAPI:
+def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     """Build the web application.
 
     / continues the browser's last session or opens one, /new opens one, and /s/<token>
@@ -176,9 +165,7 @@ def make_app(
         if name not in os.listdir(session.folder):
             raise HTTPException(404, "There is no such file.")
         return FileResponse(
-            session.folder / name,
-            filename=name,
-            headers={"cache-control": "no-store"},
+            session.folder / name, filename=name, headers={"cache-control": "no-store"}
         )
 
     @ui.page("/s/{token}", title="sdp-vs-penalty workbench")

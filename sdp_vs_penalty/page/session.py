@@ -194,11 +194,7 @@ class Session:
             return None
         return stored if stored["model"] == self.model.file else None
 
-    def recording(
-        self,
-        model: ModelStep,
-        run: str,
-    ) -> dict[str, Any]:
+    def recording(self, model: ModelStep, run: str) -> dict[str, Any]:
         """Load the curves of one run as a model explains it.
 
         Parameters
@@ -355,12 +351,7 @@ class Session:
         """
         self.names[source] = urdf or source
         answer = await self._job("Reading the robot", "robot", robot={"source": source})
-        self.robot = {
-            **answer,
-            "source": source,
-            "gravity": None,
-            "file": urdf,
-        }
+        self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
         self.runs = []
         self.effects = list(answer["effects"])
         self.method = DEFAULT_METHOD
@@ -379,17 +370,8 @@ class Session:
         files = self.arrived
         self.arrived = {}
         self.names |= {str(path): name for name, path in files.items()}
-        listed = [
-            {
-                "path": str(path),
-                "name": name,
-            }
-            for name, path in files.items()
-        ]
-        how: dict[str, Any] = {
-            "files": listed,
-            "options": self.reading,
-        }
+        listed = [{"path": str(path), "name": name} for name, path in files.items()]
+        how: dict[str, Any] = {"files": listed, "options": self.reading}
         try:
             await self._take_runs("Reading measurements", "read", self.runs, **how)
         finally:
@@ -400,12 +382,7 @@ class Session:
                 if path.parent == self.folder and str(path) not in unassigned:
                     path.unlink(missing_ok=True)
 
-    def choose_column(
-        self,
-        path: str,
-        ours: str,
-        theirs: str,
-    ) -> None:
+    def choose_column(self, path: str, ours: str, theirs: str) -> None:
         """Assign a column of a refused file to one of the names that a run needs.
 
         Parameters
@@ -464,15 +441,7 @@ class Session:
         await self._take_runs("Simulating", "simulate", [], **how)
         at = ":" + "+".join(map(str, joints)) if joints else ""
         hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
-        self.made_by = [
-            *hide,
-            "--level",
-            level,
-            "--seed",
-            str(seed),
-            "--out",
-            ".",
-        ]
+        self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
 
     async def _take_runs(
         self, title: str, job: str, before: list[dict[str, Any]], **details: Any
@@ -494,10 +463,7 @@ class Session:
         self.made_by = None
         self._choose_uses(new)
         self.effects = list(answer.get("effects", self.effects))
-        self.mappings = [
-            *self.mappings,
-            *answer.get("mappings", ()),
-        ]
+        self.mappings = [*self.mappings, *answer.get("mappings", ())]
         refused = answer.get("refused", ())
         remarks = [*answer.get("remarks", ())]
         if new:
@@ -539,10 +505,7 @@ class Session:
         for testing.
         """
         answer = await self._job(
-            "Splitting the run",
-            "resplit",
-            file=file,
-            share=percent / 100.0,
+            "Splitting the run", "resplit", file=file, share=percent / 100.0
         )
         self.runs = [
             {**run, "split": answer["split"]} if run["file"] == file else run
@@ -601,10 +564,7 @@ class Session:
         }
         self._begin(
             await self._step(
-                f"Identifying by {self.method}",
-                "fit",
-                request,
-                label="identified",
+                f"Identifying by {self.method}", "fit", request, label="identified"
             )
         )
 
@@ -617,10 +577,7 @@ class Session:
         step_fields = {"label": name, "opened": name}
         self._begin(
             await self._step(
-                f"Opening {name}",
-                "open_model",
-                {"model": path},
-                **step_fields,
+                f"Opening {name}", "open_model", {"model": path}, **step_fields
             )
         )
 
@@ -649,17 +606,13 @@ class Session:
         self._refuse_meaningless()
         pictures = f"cards-{Path(self.current.file).stem}.npz"
         answer = await self._job(
-            "Looking for what is missing",
-            "find",
-            frozen=self.frozen,
-            pictures=pictures,
+            "Looking for what is missing", "find", frozen=self.frozen, pictures=pictures
         )
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         # A model that lacks a confident finding gets a lower grade.
         before = Verdict.from_dict(self.current.comparison["verdict"])
         verdict = before.with_missing(
-            answer["missing"],
-            answer["has_open_finding"],
+            answer["missing"], answer["has_open_finding"]
         ).to_dict()
         name, _, *figures = self.current.judged  # the second cell is the grade
         self.history[-1] = replace(
@@ -703,10 +656,7 @@ class Session:
     async def ask(self, title: str, job: str, **on: Any) -> None:
         """Run a job that changes nothing, and keep its answer for the current model."""
         model = self.current.file
-        self.answers[job] = {
-            **await self._job(title, job, **on),
-            "model": model,
-        }
+        self.answers[job] = {**await self._job(title, job, **on), "model": model}
 
     async def show_me(self) -> None:
         """Demonstrate the full workflow on simulated runs with a hidden effect.
@@ -737,24 +687,14 @@ class Session:
         """
         steps = enumerate(self.history, start=1)
         content = {
-            "models": [
-                {
-                    "label": f"{k}: {m.label}",
-                    "file": m.file,
-                }
-                for k, m in steps
-            ],
+            "models": [{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
             "commands": self.commands(),
             "findings": self.findings and self.findings.to_dict(),
             "urdf": self.robot["source"] if self.robot["file"] else None,
             "forward": self.answer("forward") is not None,
         }
         answer = await self._job(
-            f"Making {name}",
-            "take",
-            name=name,
-            **content,
-            **(options or {}),
+            f"Making {name}", "take", name=name, **content, **(options or {})
         )
         self.say(*answer["notice"], error=False)
         ready(name)

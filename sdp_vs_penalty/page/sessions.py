@@ -26,11 +26,7 @@ LARGEST = LEAST
 SILENCE = 30.0
 
 #: By what is dropped.
-SUFFIXES = {
-    "runs": suffixes(),
-    "robot": (".urdf", ".xml"),
-    "model": (".json",),
-}
+SUFFIXES = {"runs": suffixes(), "robot": (".urdf", ".xml"), "model": (".json",)}
 
 
 def shown_name(name_given: str) -> str:
@@ -97,18 +93,14 @@ async def receive(
                     if _size_of(folder) > LARGEST:
                         what = f"a page takes {LARGEST // 2**20} MB of files"
                         raise InputError(
-                            what,
-                            "start over, or use the command line",
-                            name,
+                            what, "start over, or use the command line", name
                         )
                     patience.reschedule(clock() + SILENCE)
     except BaseException as error:
         path.unlink(missing_ok=True)
         if isinstance(error, TimeoutError):
             raise InputError(
-                f"nothing came for {SILENCE:g} s",
-                "send it again",
-                name,
+                f"nothing came for {SILENCE:g} s", "send it again", name
             ) from error
         raise
     return path

@@ -82,13 +82,7 @@ class _Cutting:
 
         share : share of the motion for training. None if the run is too short.
         """
-        return phase_windows(
-            self.clock,
-            self.seconds,
-            share,
-            self.pause,
-            self.shortest,
-        )
+        return phase_windows(self.clock, self.seconds, share, self.pause, self.shortest)
 
     def judged_share(self, tested: Windows) -> float:
         """Return the share of the run's filtered rows that lie in the tested windows
@@ -101,9 +95,7 @@ class _Cutting:
 
 
 def split_run(
-    problem: Problem,
-    run: Measurements,
-    share: float | None = None,
+    problem: Problem, run: Measurements, share: float | None = None
 ) -> dict[str, Any] | None:
     """Cut a run into windows to identify from, and windows to judge on.
 
@@ -167,12 +159,7 @@ def _best_cut(
     return best
 
 
-def _piece(
-    side: str,
-    start: float,
-    stop: float,
-    seconds: float,
-) -> dict[str, Any]:
+def _piece(side: str, start: float, stop: float, seconds: float) -> dict[str, Any]:
     """Return side, left edge and width [% of the run] of a window, for drawing it as
     a bar.
     """
@@ -184,9 +171,7 @@ def _piece(
 
 
 def other_splits(
-    problem: Problem,
-    run: Measurements,
-    split: Mapping[str, Any],
+    problem: Problem, run: Measurements, split: Mapping[str, Any]
 ) -> list[tuple[Windows, Windows]]:
     """List further splits of a run, whose tested stretches lie elsewhere in its motion.
 
@@ -217,12 +202,7 @@ def other_splits(
     splits = []
     for k in range(1, N_SPLITS):
         train, test = rotated_windows(
-            first,
-            clock,
-            cutting.seconds,
-            k * step,
-            cutting.pause,
-            cutting.shortest,
+            first, clock, cutting.seconds, k * step, cutting.pause, cutting.shortest
         )
         if train and test:
             splits.append((train, test))
@@ -324,8 +304,7 @@ def _named(diagnosis: Diagnosis) -> set[tuple[str, tuple[int, ...]]]:
 
 
 def _with_splits(
-    finding: Finding,
-    shown: Sequence[set[tuple[str, tuple[int, ...]]]],
+    finding: Finding, shown: Sequence[set[tuple[str, tuple[int, ...]]]]
 ) -> Finding:
     """Count how many splits show a confident finding; rate it weak if these are too
     few.
@@ -339,7 +318,5 @@ def _with_splits(
     if count >= np.ceil(CONFIRMED_SHARE * len(shown) - 1e-9):
         return counted
     return replace(
-        counted,
-        confidence="weak",
-        doubts=(*finding.doubts, Doubt("few_splits")),
+        counted, confidence="weak", doubts=(*finding.doubts, Doubt("few_splits"))
     )

@@ -140,9 +140,7 @@ def identified(session: Session) -> StageVerdict | None:
     grade = verdict_of_model["grade"]
     level = "bad" if grade == "do not use" else grade
     return StageVerdict(
-        level,
-        spoken(verdict_of_model["lines"][0]["text"]),
-        grade.capitalize(),
+        level, spoken(verdict_of_model["lines"][0]["text"]), grade.capitalize()
     )
 
 
@@ -183,9 +181,7 @@ class Stage:
 
 
 def requires_model(
-    anchor: str,
-    title: str,
-    also: Callable[[Session], Any] = lambda session: None,
+    anchor: str, title: str, also: Callable[[Session], Any] = lambda session: None
 ) -> Callable[[Callable[[View], None]], PagePart]:
     """Return a decorator that makes a function a part of the page, shown once there is
     a model.

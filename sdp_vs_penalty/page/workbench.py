@@ -125,12 +125,7 @@ class Workbench:
         if ready:
             part.draw(self.view)
 
-    def _fill(
-        self,
-        place: Any,
-        state: Any,
-        draw: Callable[[], None],
-    ) -> None:
+    def _fill(self, place: Any, state: Any, draw: Callable[[], None]) -> None:
         """Redraw an element with ``draw`` if the state that it depends on has changed.
 
         States are compared as JSON texts.
@@ -142,11 +137,7 @@ class Workbench:
             with place:
                 draw()
 
-    def _link(
-        self,
-        k: int,
-        stage: Stage,
-    ) -> tuple[Any, Any]:
+    def _link(self, k: int, stage: Stage) -> tuple[Any, Any]:
         """Draw the link to the k-th stage (from 1); return the link and its mark.
 
         The mark is a hidden text that reads the stage's verdict to screen readers.
@@ -180,11 +171,7 @@ class Workbench:
         """
         with tag("div", style="dock", aria_label="Status", role="region"):
             self._announcement = tag(
-                "p",
-                "",
-                "unseen",
-                role="status",
-                aria_live="polite",
+                "p", "", "unseen", role="status", aria_live="polite"
             )
             self._notices = {
                 role: tag("div", style="notice", role=role)

@@ -50,10 +50,7 @@ class SearchedPoint:
 
 
 def search_runs(
-    loss: PenalisedLoss,
-    seed: int,
-    weights: Sequence[float],
-    plan: SearchPlan,
+    loss: PenalisedLoss, seed: int, weights: Sequence[float], plan: SearchPlan
 ) -> list[SearchedPoint]:
     """Run the published search several times, over increasing weights of the penalty.
 
@@ -80,13 +77,7 @@ def search_runs(
     for number in range(plan.runs):
         u = start_of_run(seed, number, len(loss.free))
         for step, weight in enumerate(weights):
-            u, n_evaluations = _search(
-                loss,
-                weight,
-                u,
-                plan,
-                (seed, number, step),
-            )
+            u, n_evaluations = _search(loss, weight, u, plan, (seed, number, step))
             points.append(
                 SearchedPoint(
                     search=plan.name,

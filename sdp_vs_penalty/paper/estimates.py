@@ -139,9 +139,7 @@ def fit_seconds(estimator: Estimator, task: Task) -> float:
 
 
 def _timed_fit(
-    estimator: Estimator,
-    task: Task,
-    steps: "AnnealingSteps",
+    estimator: Estimator, task: Task, steps: "AnnealingSteps"
 ) -> tuple[Fit, float]:
     """Return a fit and its processor time [s]; steps of annealing come from
     ``steps``.
@@ -204,19 +202,14 @@ class AnnealingSteps:
         )
         begin = time.process_time()
         plain = remembered(
-            "annealing",
-            content,
-            partial(_annealed, loss, weight, u, budget, rng),
+            "annealing", content, partial(_annealed, loss, weight, u, budget, rng)
         )
         self.seconds_read += plain["seconds"] - (time.process_time() - begin)
         return np.array(plain["u"]), int(plain["evaluations"])
 
 
 def search_locally_once(
-    loss: PenalisedLoss,
-    weight: float,
-    u: Array,
-    budget: int,
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
 ) -> tuple[Array, int]:
     """Run :func:`search_locally`, or read its result from the disk.
 
@@ -247,18 +240,13 @@ def search_locally_once(
         budget,
     )
     plain = remembered(
-        "local-search",
-        content,
-        partial(_searched_locally, loss, weight, u, budget),
+        "local-search", content, partial(_searched_locally, loss, weight, u, budget)
     )
     return np.array(plain["u"]), int(plain["evaluations"])
 
 
 def _searched_locally(
-    loss: PenalisedLoss,
-    weight: float,
-    u: Array,
-    budget: int,
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
 ) -> dict[str, Any]:
     """Search locally from u (d,); return the best point and its evaluations as JSON."""
     best, n_evaluations = search_locally(loss, weight, u, budget)
@@ -266,11 +254,7 @@ def _searched_locally(
 
 
 def _annealed(
-    loss: PenalisedLoss,
-    weight: float,
-    u: Array,
-    budget: int,
-    rng: np.random.Generator,
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Anneal and search locally from u (d,); return point, evaluations and seconds
     as JSON.

@@ -118,20 +118,8 @@ def view() -> Array:
     The camera stands at AZIMUTH about the vertical and ELEVATION [rad] above the
     horizon; ``towards`` is the horizontal direction from the arm to it.
     """
-    right = np.array(
-        [
-            np.cos(AZIMUTH),
-            np.sin(AZIMUTH),
-            0.0,
-        ]
-    )
-    towards = np.array(
-        [
-            np.sin(AZIMUTH),
-            -np.cos(AZIMUTH),
-            0.0,
-        ]
-    )
+    right = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
+    towards = np.array([np.sin(AZIMUTH), -np.cos(AZIMUTH), 0.0])
     up = -np.sin(ELEVATION) * towards
     up[2] = np.cos(ELEVATION)
     return np.stack([right, up])
@@ -191,12 +179,7 @@ def outline(link: Array, frame: Array) -> tuple[Array, Array, bool]:
     return centre, axes * np.sqrt(np.maximum(sizes, 0.0)), exists
 
 
-def _figure(
-    title: str,
-    links: Array,
-    robot: Robot,
-    pose: Array,
-) -> str:
+def _figure(title: str, links: Array, robot: Robot, pose: Array) -> str:
     """Return a picture of the links (n, 10) on the arm as SVG, with its caption.
 
     Links that cannot exist are marked, and those larger than the picture are left out;
@@ -261,20 +244,10 @@ def _on_paper(points: Array, middle: Array, scale: float) -> Array:
     middle : (2,) the point in the middle of the picture; scale : picture units a metre.
     """
     moved = (points - middle) * scale
-    return np.column_stack(
-        [
-            0.5 * WIDTH + moved[:, 0],
-            0.5 * HEIGHT - moved[:, 1],
-        ]
-    )
+    return np.column_stack([0.5 * WIDTH + moved[:, 0], 0.5 * HEIGHT - moved[:, 1]])
 
 
-def _ellipse(
-    centre: Array,
-    axes: Array,
-    name: str,
-    kind: str,
-) -> str:
+def _ellipse(centre: Array, axes: Array, name: str, kind: str) -> str:
     """Return an SVG ellipse with a title.
 
     ``centre`` (2,) and the half axes, the columns of ``axes`` (2, 2) with the longer

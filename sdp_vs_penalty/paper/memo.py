@@ -33,9 +33,7 @@ Plain = Any
 
 
 def remembered(
-    kind: str,
-    content: Iterable[object],
-    compute: Callable[[], Plain],
+    kind: str, content: Iterable[object], compute: Callable[[], Plain]
 ) -> Any:
     """Return what ``compute`` returns, read from the disk if it was computed before.
 
@@ -68,9 +66,7 @@ def remembered(
 
 
 def remembered_arrays(
-    kind: str,
-    content: Iterable[object],
-    compute: Callable[[], Mapping[str, Array]],
+    kind: str, content: Iterable[object], compute: Callable[[], Mapping[str, Array]]
 ) -> dict[str, Array]:
     """Return the arrays of ``compute``, read from the disk if they were computed
     before.
@@ -220,12 +216,7 @@ def task_content(task: Task) -> tuple[object, ...]:
 def program_version() -> str:
     """Return a hash of all sources of this program, and of the notes of its tables."""
     home = Path(__file__).parents[1]
-    paths = sorted(
-        [
-            *home.rglob("*.py"),
-            *home.rglob("*.md"),
-        ]
-    )
+    paths = sorted([*home.rglob("*.py"), *home.rglob("*.md")])
     return content_key(path.read_text(encoding="utf-8") for path in paths)
 
 

@@ -91,26 +91,15 @@ class BoxedProblem:
         box = problem.task.box[: len(self.links)]
         low = box[:, 1:4, 0]
         high = box[:, 1:4, 1]
-        self.c_low = np.where(
-            np.isfinite(low),
-            low,
-            -self.farthest,
-        )
-        self.c_high = np.where(
-            np.isfinite(high),
-            high,
-            self.farthest,
-        )
+        self.c_low = np.where(np.isfinite(low), low, -self.farthest)
+        self.c_high = np.where(np.isfinite(high), high, self.farthest)
         self.inertia_box = box[:, 4:]
         skipped = ("centre of mass", "moments")
         self.hard = [c for c in problem.hard if c.family not in skipped]
         self.first_q = problem.p + len(problem.prices)
 
     def solve_cell(
-        self,
-        weight: float,
-        low: Array,
-        high: Array,
+        self, weight: float, low: Array, high: Array
     ) -> tuple[float, PenalisedOptimum, Array]:
         """Solve the relaxation over a cell of centres of mass.
 
@@ -151,12 +140,7 @@ class BoxedProblem:
         cost[problem.p : self.first_q] = weight * problem.prices
         farthest = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
         largest_q = self.task.bound[self.links[:, 0]] * farthest**2
-        bound = np.concatenate(
-            [
-                self._bound(limit),
-                np.repeat(largest_q, 6),
-            ]
-        )
+        bound = np.concatenate([self._bound(limit), np.repeat(largest_q, 6)])
         fit = solve_once(widened, cost, constraints, start, bound)
         if fit is None:
             raise InputError(
@@ -179,12 +163,7 @@ class BoxedProblem:
         raised = self.problem.links_slack @ limit[: len(self.links)]
         return np.concatenate([self.task.bound + raised, limit])
 
-    def _start(
-        self,
-        low: Array,
-        high: Array,
-        limit: Array,
-    ) -> Array:
+    def _start(self, low: Array, high: Array, limit: Array) -> Array:
         """Return a strictly feasible point of a cell's relaxation.
 
         Centres of mass lie in the middle of the cell, masses are those of the interior
@@ -222,21 +201,9 @@ class BoxedProblem:
         steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
         first_moments = mass[:, None] * middle
         theta = problem.interior.copy()
-        theta[self.links] = np.column_stack(
-            [
-                mass,
-                first_moments,
-                about + steiner,
-            ]
-        )
+        theta[self.links] = np.column_stack([mass, first_moments, about + steiner])
         theta = theta + problem.links_slack @ slack[:n]
-        return np.concatenate(
-            [
-                theta,
-                slack,
-                inertia.inertia_entries(q).ravel(),
-            ]
-        )
+        return np.concatenate([theta, slack, inertia.inertia_entries(q).ravel()])
 
     def _inside_box(self, links: Array) -> Array:
         """Return inertias about the centres of mass, moved strictly inside the box.
@@ -260,12 +227,7 @@ class BoxedProblem:
         about = inertia.barycentric_from_standard(links)[:, 4:]
         return np.clip(about, lower + clear, upper - clear)
 
-    def _cell(
-        self,
-        k: int,
-        low: Array,
-        high: Array,
-    ) -> list[Constraint]:
+    def _cell(self, k: int, low: Array, high: Array) -> list[Constraint]:
         """Return all constraints of link k in a cell, on (m, h, J'), its slack, and Q.
 
         low, high : (3,) ends of the cell [m].
@@ -275,13 +237,7 @@ class BoxedProblem:
         name = f"link {k + 1}"
         rows = _cell_rows(low, high)
         indices = np.concatenate([link, q])
-        cell = linear(
-            "cell",
-            name,
-            indices,
-            np.array(rows).T,
-            np.zeros(len(rows)),
-        )
+        cell = linear("cell", name, indices, np.array(rows).T, np.zeros(len(rows)))
         # The link's own slack follows the p parameters.
         with_slack = np.append(link, self.problem.p + k)
         return [
@@ -370,11 +326,7 @@ class BoxedProblem:
         columns = np.flatnonzero(fold.any(axis=0))  # of the remaining variables
         number = np.full(len(fold), -1)
         number[columns] = np.arange(len(columns))
-        constraints = [
-            *self.hard,
-            *problem.soft,
-            *problem.between(limit),
-        ]
+        constraints = [*self.hard, *problem.soft, *problem.between(limit)]
         for k, link in enumerate(self.links):
             constraints.append(
                 _consistent_about_fixed_centre(f"link {k + 1}", link, c[k])
@@ -421,17 +373,10 @@ class BoxedProblem:
         """
         c = inertia.barycentric_from_standard(theta[self.links])[:, 1:4]
         middle = 0.5 * (self.c_low + self.c_high)
-        return np.clip(
-            np.where(np.isfinite(c), c, middle),
-            self.c_low,
-            self.c_high,
-        )
+        return np.clip(np.where(np.isfinite(c), c, middle), self.c_low, self.c_high)
 
     def branch_all(
-        self,
-        weights: Iterable[float],
-        gap: float,
-        most_cells: int,
+        self, weights: Iterable[float], gap: float, most_cells: int
     ) -> list[BoxedOptimum]:
         """Run branch and bound at increasing weights.
 
@@ -472,10 +417,7 @@ class BoxedProblem:
         return optima
 
     def branch_and_bound(
-        self,
-        weight: float,
-        gap: float,
-        most_cells: int,
+        self, weight: float, gap: float, most_cells: int
     ) -> BoxedOptimum:
         """Minimise the penalised objective inside the box by branch and bound over the
         centres of mass.
@@ -508,11 +450,7 @@ class BoxedProblem:
         while True:
             lower, _, cell = cells[0]
             # A point: the optimum at the relaxation's own centres of mass.
-            centres = np.clip(
-                self.centres(cell.relaxation.theta),
-                cell.low,
-                cell.high,
-            )
+            centres = np.clip(self.centres(cell.relaxation.theta), cell.low, cell.high)
             candidate = self.solve_at(weight, centres)
             if candidate is not None and (best is None or candidate.value < best.value):
                 best = candidate
@@ -527,12 +465,7 @@ class BoxedProblem:
                 entry = (max(half.lower, lower), next(number), half)
                 heapq.heappush(cells, entry)
 
-    def _solved_cell(
-        self,
-        weight: float,
-        low: Array,
-        high: Array,
-    ) -> SolvedCell:
+    def _solved_cell(self, weight: float, low: Array, high: Array) -> SolvedCell:
         """Solve the relaxation over the cell low <= c <= high (n, 3), and bundle the
         result.
         """
@@ -593,12 +526,7 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
         )
         for x, y, sign in corners:
             row = _row(
-                {
-                    10 + _index_of_entry(a, b): 1.0,
-                    1 + b: -x,
-                    1 + a: -y,
-                    0: x * y,
-                }
+                {10 + _index_of_entry(a, b): 1.0, 1 + b: -x, 1 + a: -y, 0: x * y}
             )
             rows.append(sign * row)
     return rows
@@ -612,11 +540,7 @@ def _row(values: dict[int, float], size: int = 16) -> Array:
     return row
 
 
-def _lifted(
-    name: str,
-    link: NDArray[np.intp],
-    q: NDArray[np.intp],
-) -> Constraint:
+def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
     """Return Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
 
     link : (10,) indices of m, h and second moments of a link; q : (6,) indices of Q.
@@ -626,20 +550,11 @@ def _lifted(
     for a, b in np.ndindex(3, 3):
         coefficients[4 + _index_of_entry(a, b), a, b] = 1.0
     indices = np.concatenate([link[:4], q])
-    return linear(
-        "lifted",
-        name,
-        indices,
-        coefficients,
-        np.zeros((4, 4)),
-        "psd",
-    )
+    return linear("lifted", name, indices, coefficients, np.zeros((4, 4)), "psd")
 
 
 def _consistent_about_centre(
-    name: str,
-    link: NDArray[np.intp],
-    q: NDArray[np.intp],
+    name: str, link: NDArray[np.intp], q: NDArray[np.intp]
 ) -> Constraint:
     """Return the constraint Sigma' - Q >= 0 of physical consistency.
 
@@ -652,20 +567,11 @@ def _consistent_about_centre(
     for a, b in np.ndindex(3, 3):
         coefficients[6 + _index_of_entry(a, b), a, b] = -1.0
     indices = np.concatenate([link[4:], q])
-    return linear(
-        "about centre",
-        name,
-        indices,
-        coefficients,
-        np.zeros((3, 3)),
-        "psd",
-    )
+    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
 
 
 def _consistent_about_fixed_centre(
-    name: str,
-    link: NDArray[np.intp],
-    c: Array,
+    name: str, link: NDArray[np.intp], c: Array
 ) -> Constraint:
     """Return the constraint Sigma' - m c c^T >= 0 for a fixed centre of mass c (3,)
     [m].
@@ -676,21 +582,10 @@ def _consistent_about_fixed_centre(
     coefficients[0] = -np.outer(c, c)
     coefficients[1:] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
     indices = np.append(link[:1], link[4:])
-    return linear(
-        "about centre",
-        name,
-        indices,
-        coefficients,
-        np.zeros((3, 3)),
-        "psd",
-    )
+    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
 
 
-def _fold(
-    c: Constraint,
-    fold: Array,
-    number: NDArray[np.intp],
-) -> Constraint:
+def _fold(c: Constraint, fold: Array, number: NDArray[np.intp]) -> Constraint:
     """Rewrite a constraint in fewer variables.
 
     fold : (k, k) matrix from the remaining variables to all of them; number : (k,)

@@ -327,11 +327,7 @@ class PenalisedProblem:
         solved = solve_once(self.in_slacks, linear, constraints, start, bound)
         if solved is None:
             raise _not_inside()
-        return self.optimum(
-            self.theta(solved.theta),
-            weight,
-            max(solved.lower, 0.0),
-        )
+        return self.optimum(self.theta(solved.theta), weight, max(solved.lower, 0.0))
 
     def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
         """Solve the relaxation at increasing weights.
@@ -370,13 +366,7 @@ class PenalisedProblem:
         theta' = theta + 2 s j (p), each link's slack s (n), and the slacks of the other
         demands, on which the loss does not depend."""
         of_demands = np.zeros((len(self.data.R), len(self.prices) - self.n))
-        R = np.hstack(
-            [
-                self.data.R,
-                -self.data.R @ self.links_slack,
-                of_demands,
-            ]
-        )
+        R = np.hstack([self.data.R, -self.data.R @ self.links_slack, of_demands])
         return replace(self.data, R=R)
 
     def theta(self, x: Array) -> Array:
@@ -443,12 +433,7 @@ class PenalisedProblem:
         limit = self.value(self.interior, weight) / (weight * self.prices)
         return np.minimum(limit, largest)
 
-    def optimum(
-        self,
-        theta: Array,
-        weight: float,
-        lower: float,
-    ) -> PenalisedOptimum:
+    def optimum(self, theta: Array, weight: float, lower: float) -> PenalisedOptimum:
         """Return a point with its objective, loss and violations at a weight.
 
         Parameters
@@ -482,11 +467,7 @@ class PenalisedProblem:
         a penalty: the limit of infinite weight xi."""
         constraints = (*self.hard, *self.consistency, *self.demands)
         return solve_certified(
-            self.data,
-            np.zeros(self.p),
-            constraints,
-            self.interior,
-            self.bound,
+            self.data, np.zeros(self.p), constraints, self.interior, self.bound
         )
 
     @property
@@ -610,13 +591,7 @@ def solve_certified(
     multipliers, _ = cones.multipliers(solved.multipliers)
     theta = repair(demands, solved.theta, start)
     return Fit(
-        theta,
-        Objective(data, linear=linear),
-        demands,
-        multipliers,
-        None,
-        start,
-        bound,
+        theta, Objective(data, linear=linear), demands, multipliers, None, start, bound
     )
 
 
@@ -657,9 +632,7 @@ def solve_once(
     """
     posed = (data, linear, constraints, start, bound)
     plain = remembered(
-        "penalised",
-        (source_version(), *posed),
-        partial(_solved, *posed),
+        "penalised", (source_version(), *posed), partial(_solved, *posed)
     )
     if plain["theta"] is None:
         return None
@@ -680,10 +653,7 @@ def _solved(
         fit = solve_certified(data, linear, constraints, start, bound)
     except InputError:
         return {"theta": None, "lower": None}
-    return {
-        "theta": fit.theta.tolist(),
-        "lower": float(fit.lower),
-    }
+    return {"theta": fit.theta.tolist(), "lower": float(fit.lower)}
 
 
 def cvxpy_optima(
@@ -720,20 +690,8 @@ def cvxpy_optima(
     slack_size = cp.Parameter(nonneg=True)
     price = cp.Parameter(nonneg=True)
     slack = slack_size * y
-    theta = cp.hstack(
-        [
-            centre + cp.multiply(scale, x),
-            slack,
-        ]
-    )
-    demands = [
-        _cvxpy(
-            cp,
-            c,
-            theta,
-        )
-        for c in (*problem.hard, *problem.soft)
-    ]
+    theta = cp.hstack([centre + cp.multiply(scale, x), slack])
+    demands = [_cvxpy(cp, c, theta) for c in (*problem.hard, *problem.soft)]
     corner = np.diag([1.0, 1.0, 1.0, 0.0])
     for k, c in enumerate(problem.consistency):
         demands.append(_cvxpy_value(cp, c, theta) + slack[k] * corner >> 0)
@@ -760,11 +718,7 @@ def _torque_scale(problem: PenalisedProblem) -> Array:
     norms = problem.data.column_norms
     is_seen = norms > 0.0
     size = np.sqrt(problem.data.tau_squared) / np.where(is_seen, norms, np.inf)
-    return np.where(
-        is_seen,
-        np.minimum(size, problem.bound),
-        problem.bound,
-    )
+    return np.where(is_seen, np.minimum(size, problem.bound), problem.bound)
 
 
 def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:

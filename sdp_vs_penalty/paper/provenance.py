@@ -35,11 +35,7 @@ def make_folder(folder: Path, *commands: Sequence[str]) -> None:
     root = folder.parents[1]
     before = _processor_time()
     for arguments in commands:
-        done = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=root,
-            check=False,
-        )
+        done = subprocess.run([sys.executable, *arguments], cwd=root, check=False)
         if done.returncode != 0:
             raise SystemExit(done.returncode)
     write_note(folder, commands, _processor_time() - before)
@@ -51,9 +47,7 @@ def program(*arguments: str) -> list[str]:
 
 
 def write_note(
-    folder: Path,
-    commands: Sequence[Sequence[str]],
-    processor_seconds: float,
+    folder: Path, commands: Sequence[Sequence[str]], processor_seconds: float
 ) -> None:
     """Write a note on how a folder was made: commands, machine, versions, time.
 

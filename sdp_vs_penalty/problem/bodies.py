@@ -138,10 +138,7 @@ def joint_places(robot: Robot, link: int) -> Array:
                 child.placement[:3, 3] + s * axis for s in _ends_of_stroke(child)
             ]
     return np.concatenate(
-        [
-            np.zeros((1, 3)),
-            np.array(places) @ into_link[:3, :3].T + into_link[:3, 3],
-        ]
+        [np.zeros((1, 3)), np.array(places) @ into_link[:3, :3].T + into_link[:3, 3]]
     )
 
 
@@ -175,9 +172,7 @@ def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
 
 
 def plausible_links(
-    robot: Robot,
-    nominal: Array,
-    bodies: Sequence[Body] | None = None,
+    robot: Robot, nominal: Array, bodies: Sequence[Body] | None = None
 ) -> tuple[Array, tuple[str, ...]]:
     """Return strictly consistent nominal links, drawn where the file has none.
 
@@ -302,13 +297,7 @@ def _actuators(robot: Robot) -> Array:
     """
     # Length of the arm beyond each joint [m]; a joint's children come after it.
     length_beyond = np.zeros(len(robot.tree))
-    reach = dict(
-        zip(
-            robot.link_joints,
-            robot.link_reach(),
-            strict=True,
-        )
-    )
+    reach = dict(zip(robot.link_joints, robot.link_reach(), strict=True))
     for k in reversed(range(len(robot.tree))):  # children before their parent
         lengths_of_children = [
             length_beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k
@@ -323,19 +312,10 @@ def _actuators(robot: Robot) -> Array:
     if np.all(np.isfinite(turning_limits)) and are_different:
         torque = limits
     factor, power = c.ACTUATOR  # mass [kg] = factor torque^power
-    return np.where(
-        is_turning,
-        factor * np.minimum(torque, c.LARGEST) ** power,
-        0.0,
-    )
+    return np.where(is_turning, factor * np.minimum(torque, c.LARGEST) ** power, 0.0)
 
 
-def _tube(
-    robot: Robot,
-    link: int,
-    reach: float,
-    actuators: Array,
-) -> Array:
+def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
     """Return the pseudo-inertia (4, 4) of a tube between a link's joints.
 
     It is a guess for a link without inertial: a tube of TUBE kg/m in the middle of the

@@ -27,11 +27,7 @@ class CheckCommand:
     apply: Sequence[str] = ()
 
     @classmethod
-    def of(
-        cls,
-        problem: Problem,
-        runs: Sequence[str | Path],
-    ) -> Self:
+    def of(cls, problem: Problem, runs: Sequence[str | Path]) -> Self:
         """Return the command that checks runs of a loaded problem.
 
         A problem is named as it was loaded; that of a model.json by its own name, with
@@ -92,13 +88,7 @@ class CheckCommand:
         Example: check panda --data run.csv --gravity 0,0,-9.8
         """
         runs = [str(run) for run in self.runs]
-        return [
-            "check",
-            str(self.problem),
-            "--data",
-            *runs,
-            *self.options,
-        ]
+        return ["check", str(self.problem), "--data", *runs, *self.options]
 
     @property
     def repair_words(self) -> list[str]:

@@ -30,16 +30,8 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.geometry import Geometry, link_geometry
 from sdp_vs_penalty.robot.inertia import why_impossible
-from sdp_vs_penalty.robot.joint import (
-    parse_held,
-    parse_mechanism,
-    parse_transmission,
-)
-from sdp_vs_penalty.robot.model_files import (
-    described_robot,
-    expanded_robot,
-    is_mjcf,
-)
+from sdp_vs_penalty.robot.joint import parse_held, parse_mechanism, parse_transmission
+from sdp_vs_penalty.robot.model_files import described_robot, expanded_robot, is_mjcf
 from sdp_vs_penalty.robot.plausible_units import limits_in_degrees
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
@@ -54,9 +46,7 @@ _NEEDED = re.findall(r"^(\w+) = .*# needed", EXAMPLE, re.MULTILINE)
 
 
 def check_fields(
-    data: Mapping[str, Any],
-    fields: Mapping[str, Any] = _FIELDS,
-    section: str = "",
+    data: Mapping[str, Any], fields: Mapping[str, Any] = _FIELDS, section: str = ""
 ) -> None:
     """Check the fields of a TOML section before anything is built from them.
 
@@ -107,11 +97,7 @@ def check_fields(
 
 
 def _check(
-    label: str,
-    value: Any,
-    key: str,
-    like: Any,
-    part: Mapping[str, Any],
+    label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]
 ) -> None:
     """Raise InputError for a value of another kind or length than its example ``like``.
 
@@ -133,11 +119,7 @@ def _check(
 
 
 def _check_length(
-    label: str,
-    value: Sequence[Any],
-    key: str,
-    like: Any,
-    part: Mapping[str, Any],
+    label: str, value: Sequence[Any], key: str, like: Any, part: Mapping[str, Any]
 ) -> None:
     """Raise InputError for a list of another length than needed.
 
@@ -163,9 +145,7 @@ def _shown(value: Any) -> str:
 
 
 def _from_toml(
-    folder: Path,
-    held: Mapping[str, float],
-    data: Mapping[str, Any],
+    folder: Path, held: Mapping[str, float], data: Mapping[str, Any]
 ) -> Problem:
     """Build the problem of a folder from the content ``data`` of its problem.toml.
 
@@ -203,9 +183,7 @@ class _RobotParts:
 
 
 def _robot_of(
-    folder: Path,
-    kinematics: Mapping[str, Any],
-    held: Mapping[str, float],
+    folder: Path, kinematics: Mapping[str, Any], held: Mapping[str, float]
 ) -> _RobotParts:
     """Build the robot of the section [kinematics] of a problem.toml.
 
@@ -258,11 +236,7 @@ def _with_mechanism(parts: _RobotParts, mechanism: Mapping[str, Any]) -> _RobotP
     )
 
 
-def _with_bounds_of(
-    folder: Path,
-    data: Mapping[str, Any],
-    robot: Robot,
-) -> Problem:
+def _with_bounds_of(folder: Path, data: Mapping[str, Any], robot: Robot) -> Problem:
     """Return the problem that the sections of a problem.toml (``data``) state.
 
     Bounds come from tables of the parameters in ``folder``, the total mass and cones of
@@ -339,11 +313,7 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
         return np.zeros((links, 10))
     com = np.minimum(problem.link_sizes[1], problem.robot.link_reach()[:, None])
     box = problem.box[:, 1:4]
-    box = np.where(
-        np.isfinite(box),
-        box,
-        np.stack([-com, com], axis=2),
-    )
+    box = np.where(np.isfinite(box), box, np.stack([-com, com], axis=2))
     smallest_half_axis = 0.06  # m
     half_axes = np.maximum(0.5 * (box[..., 1] - box[..., 0]), smallest_half_axis)
     centre = box.mean(axis=2)
@@ -354,21 +324,11 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     surface = np.sum(half_axes * np.roll(half_axes, 1, axis=1), axis=1)
     mass = np.mean(total) * surface / surface.sum()
     # Clearly inside the bounds of the mass.
-    mass = np.clip(
-        mass,
-        problem.box[:, 0, 0] + 1e-3,
-        0.9 * problem.box[:, 0, 1],
-    )
+    mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
     # A solid ellipsoid: Ixx = m (b^2 + c^2) / 5. Entries 4, 6, 9 are Ixx, Iyy, Izz.
     second = mass[:, None] * half_axes**2 / 5.0
     moments = second.sum(axis=1, keepdims=True) - second
-    out = np.column_stack(
-        [
-            mass,
-            centre,
-            np.zeros((links, 6)),
-        ]
-    )
+    out = np.column_stack([mass, centre, np.zeros((links, 6))])
     out[:, [4, 6, 9]] = moments
     return inertia.standard_from_barycentric(out)
 
@@ -494,9 +454,7 @@ def load_problem(
 
 
 def _from_robot_file(
-    path: Path,
-    file: Path,
-    held: Mapping[str, float] | None,
+    path: Path, file: Path, held: Mapping[str, float] | None
 ) -> Problem:
     """Build the problem of a robot file (URDF or MJCF), without a problem.toml.
 
@@ -582,9 +540,7 @@ def lowest_masses(nominal: Array) -> Array:
     """
     largest_bound = c.DEFAULT_LINK_MASS[0]
     return np.where(
-        nominal > 0.0,
-        np.minimum(largest_bound, nominal / c.FAR_MASS),
-        largest_bound,
+        nominal > 0.0, np.minimum(largest_bound, nominal / c.FAR_MASS), largest_bound
     )
 
 

@@ -74,11 +74,7 @@ class CentreOfMassCone(JsonRecord):
         """
         coefficients = np.zeros((4, 3))
         coefficients[0, 0] = self.radius
-        coefficients[1:, 0] = np.where(
-            self.along,
-            self.slope,
-            0.0,
-        )
+        coefficients[1:, 0] = np.where(self.along, self.slope, 0.0)
         coefficients[1:, 1:] = np.eye(3)[:, ~self.along]
         name = f"link {self.link}"
         return build.linear(
@@ -220,11 +216,7 @@ class Problem(Shown):
             return self.defaults
         mass = self.nominal_links[:, 0]
         # Distance to the next joints or to the bounds of the centre of mass.
-        bounded_centres = np.where(
-            np.isfinite(self._centres),
-            self._centres,
-            0.0,
-        )
+        bounded_centres = np.where(np.isfinite(self._centres), self._centres, 0.0)
         reach = np.maximum(self.robot.link_reach(), bounded_centres.max(axis=1))
         joints = [self.robot.tree[k] for k in self.robot.link_joints]
         stroke = np.array(
@@ -233,9 +225,7 @@ class Problem(Shown):
         # Extent of the nominal inertials: the root mean square distance of the mass
         # from the frame.
         second_moments = np.trace(
-            inertia.pseudo_inertia(self.nominal_links)[:, :3, :3],
-            axis1=1,
-            axis2=2,
+            inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2
         )
         with_mass = np.where(mass > 0.0, second_moments, 0.0)
         extent = np.sqrt(np.maximum(with_mass / nonzero_or_one(mass), 0.0))
@@ -255,9 +245,7 @@ class Problem(Shown):
         if self.bodies is not None:
             return self.bodies
         return link_bodies(
-            self.robot,
-            self.centre_boxes,
-            np.zeros((self.robot.links, 10)),
+            self.robot, self.centre_boxes, np.zeros((self.robot.links, 10))
         )
 
     @property
@@ -267,11 +255,7 @@ class Problem(Shown):
         """
         box = self.box[:, 1:4]
         known = self._centres
-        return np.where(
-            np.isfinite(box),
-            box,
-            np.stack([-known, known], axis=2),
-        )
+        return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
 
     @property
     def guessed_links(self) -> NDArray[np.bool_]:
@@ -326,11 +310,7 @@ class Problem(Shown):
             For an unknown name, or a parameter that comes twice.
         """
         chosen = self.default_effects if effects is None else effects
-        return Model(
-            self.robot,
-            parse_effects(chosen, self.robot),
-            gains=self.gains,
-        )
+        return Model(self.robot, parse_effects(chosen, self.robot), gains=self.gains)
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
         """Return the problem with another direction of gravity.
@@ -482,12 +462,7 @@ class Problem(Shown):
         They do if the moments Ixx, Iyy, Izz about the centre of mass have upper bounds
         and the centre of mass is bounded (Steiner's theorem).
         """
-        known = np.column_stack(
-            [
-                self.box[:, [4, 6, 9], 1],
-                self._centres,
-            ]
-        )
+        known = np.column_stack([self.box[:, [4, 6, 9], 1], self._centres])
         return np.asarray(np.isfinite(known).all(axis=1))
 
     @cached_property
@@ -501,29 +476,19 @@ class Problem(Shown):
         # Columns (n, 1) of mass [kg] and radius [m], for links without bounds.
         default_mass, radius = self.link_defaults.T[..., None]
         largest_mass = self.box[:, :1, 1]
-        mass = np.where(
-            np.isfinite(largest_mass),
-            largest_mass,
-            default_mass,
-        )
+        mass = np.where(np.isfinite(largest_mass), largest_mass, default_mass)
         mass = np.minimum(mass, self.total_mass[1])
         # Steiner: J_aa = I_aa + m (c_b^2 + c_c^2); entries 4, 6, 9 are Ixx, Iyy, Izz.
         is_boxed = self._boxed[:, None]
         squared_com = np.where(is_boxed, self._centres, 0.0) ** 2
         squared_distance = squared_com.sum(axis=1, keepdims=True) - squared_com
         moments = self.box[:, [4, 6, 9], 1] + mass * squared_distance
-        com = np.where(
-            is_boxed,
-            self._centres,
-            np.minimum(self._centres, radius),
-        )
+        com = np.where(is_boxed, self._centres, np.minimum(self._centres, radius))
         # Without bounds all of the mass may lie at the radius.
         return mass[:, 0], com, np.where(is_boxed, moments, mass * radius**2)
 
     def _link_constraints(
-        self,
-        link: int,
-        indices: NDArray[np.intp],
+        self, link: int, indices: NDArray[np.intp]
     ) -> list[Constraint]:
         """Return the convex constraints on one link (from 0), each linear in its
         parameters.
@@ -712,11 +677,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "total_mass": [finite(x) for x in problem.total_mass],
         "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
         "link_defaults": [
-            {
-                "mass": m,
-                "radius": r,
-            }
-            for m, r in problem.link_defaults.tolist()
+            {"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()
         ],
         "bodies": [body.to_dict() for body in problem.link_bodies],
         "nominal_links": problem.nominal_links.tolist(),
@@ -769,13 +730,7 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     parse_effects(effect_texts, robot)  # raises InputError for an unknown effect
     defaults = _finite(
         "link_defaults",
-        [
-            [
-                entry["mass"],
-                entry["radius"],
-            ]
-            for entry in data["link_defaults"]
-        ],
+        [[entry["mass"], entry["radius"]] for entry in data["link_defaults"]],
     )
     if not np.all(defaults > 0.0):
         what = "link_defaults: a mass or a radius is not above 0"

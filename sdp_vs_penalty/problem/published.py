@@ -75,11 +75,7 @@ def _parsed_errata(text: str) -> list[dict[str, Any]]:
 
 
 def published_cell(
-    problem: Problem,
-    table: str,
-    row: Mapping[str, str],
-    column: str,
-    corrected: bool,
+    problem: Problem, table: str, row: Mapping[str, str], column: str, corrected: bool
 ) -> str:
     """Return a cell of a published table, as printed or as the errata correct it.
 
@@ -134,9 +130,7 @@ def box_tables(problem: Problem) -> list[str]:
 
 
 def published_values(
-    problem: Problem,
-    column: str,
-    corrected: bool = True,
+    problem: Problem, column: str, corrected: bool = True
 ) -> dict[str, float]:
     """Return published barycentric values by their printed names.
 
@@ -168,11 +162,7 @@ def published_values(
     return values
 
 
-def published_links(
-    problem: Problem,
-    column: str,
-    corrected: bool = True,
-) -> Array:
+def published_links(problem: Problem, column: str, corrected: bool = True) -> Array:
     """Return the standard parameters of a published column.
 
     A cell that the paper leaves empty, as its value does not matter, becomes the middle of

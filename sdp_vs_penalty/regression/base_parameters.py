@@ -96,16 +96,8 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     p = len(model.parameters)
     others = np.setdiff1d(np.arange(p), link_indices)
     unit = np.eye(p)
-    rows = np.vstack(
-        [
-            matrix @ unit[link_indices],
-            unit[others],
-        ]
-    )
-    leading = [
-        *(int(link_indices[k]) for k in lead),
-        *others.tolist(),
-    ]
+    rows = np.vstack([matrix @ unit[link_indices], unit[others]])
+    leading = [*(int(link_indices[k]) for k in lead), *others.tolist()]
     names = []  # such as "Izz1 + ..." for a sum, "f_v3" for a single parameter
     for row, k in zip(rows, leading, strict=True):
         is_sum = np.count_nonzero(row) > 1
@@ -203,11 +195,7 @@ def structure(
     unit = stacked / np.where(is_zero, 1.0, norms)
     scaled = np.where(is_zero, 0.0, unit) * preference
     # The first ``rank`` pivots are independent columns; the diagonal falls.
-    _, r, pivots = scipy.linalg.qr(
-        scaled,
-        mode="economic",
-        pivoting=True,
-    )
+    _, r, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(r)) > ROUNDED_ANGLE * abs(r[0, 0])))
     if leading is None:
         leading = tuple(sorted(int(k) for k in pivots[:rank]))
@@ -255,11 +243,7 @@ def base_parameter_symbols(problem: Problem) -> dict[str, str]:
     }
 
 
-def _written_out(
-    row: Array,
-    names: Sequence[str],
-    lead: int,
-) -> str:
+def _written_out(row: Array, names: Sequence[str], lead: int) -> str:
     """Return a linear function as text, the leading parameter first: "Izz2 - 0.64 m2".
 
     row : (k,) coefficients of the parameters ``names``; zeros are left out. The leading

@@ -57,12 +57,7 @@ class BlackBox:
         return digest((self.q, self.gravity, self.mass_matrix))
 
     @classmethod
-    def of_links(
-        cls,
-        robot: Robot,
-        links: ArrayLike,
-        q: ArrayLike,
-    ) -> BlackBox:
+    def of_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike) -> BlackBox:
         """Return the answers that known links would give.
 
         robot : Robot with n joints; links : (links, 10) standard parameters; q : (K, n)
@@ -71,12 +66,7 @@ class BlackBox:
         q = np.asarray(q, float)
         zero = np.zeros_like(q)
         gravity = robot.inverse_dynamics(links, q, zero, zero)
-        return cls(
-            q,
-            gravity,
-            robot.mass_matrices(links, q),
-            ("simulated",),
-        )
+        return cls(q, gravity, robot.mass_matrices(links, q), ("simulated",))
 
 
 def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
@@ -156,9 +146,7 @@ def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
     q = arrays.get("q", np.zeros(0))
     if q.ndim != 2 or not q.size:
         raise InputError(
-            f"array q has shape {q.shape}",
-            "give one row a configuration",
-            path,
+            f"array q has shape {q.shape}", "give one row a configuration", path
         )
     matrices = arrays.get("mass_matrix", np.zeros((0, q.shape[1], q.shape[1])))
     if q.shape[1] not in matrices.shape[1:2] and q.shape[0] in matrices.shape[1:2]:
@@ -236,11 +224,7 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
         n_rows = sum(map(len, stack))
         factors.append(
             Factor(
-                joint,
-                block=0,
-                indices=columns,
-                triangle=triangular(stack),
-                rows=n_rows,
+                joint, block=0, indices=columns, triangle=triangular(stack), rows=n_rows
             )
         )
     block = (0, 0.0, 0.0)

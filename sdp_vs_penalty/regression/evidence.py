@@ -24,9 +24,7 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 
 def deviance(
-    squares: Array,
-    degrees: ArrayLike,
-    smallest_variance: float = 0.0,
+    squares: Array, degrees: ArrayLike, smallest_variance: float = 0.0
 ) -> Array:
     """Return the deviance -2 log L of Gaussian residuals, each joint with a variance of
     its own.
@@ -53,11 +51,7 @@ def deviance(
     return np.asarray(np.sum(by_joint, axis=-1))
 
 
-def log_odds(
-    squares_before: Array,
-    squares_after: Array,
-    degrees: ArrayLike,
-) -> float:
+def log_odds(squares_before: Array, squares_after: Array, degrees: ArrayLike) -> float:
     """Return by how much a fall of the residual raises the log-likelihood.
 
     Without a smallest variance it is sum_j N_j / 2 log(S_j before / S_j after): half
@@ -130,10 +124,7 @@ def cluster_sums(
 
 
 def rows_worth_one(
-    clusters: Sequence[NDArray[np.intp]],
-    scores: Array,
-    inverse: Array,
-    freedom: float,
+    clusters: Sequence[NDArray[np.intp]], scores: Array, inverse: Array, freedom: float
 ) -> float:
     """Return v, the number of correlated rows that carry the evidence of one
     independent row.

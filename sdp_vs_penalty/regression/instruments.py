@@ -97,19 +97,9 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
         columns_of_joints = []
         for j, x in enumerate(rows.columns):
             z = simulated_rows.columns[j]
-            indices = np.concatenate(
-                [
-                    z.indices + p,
-                    [2 * p],
-                    x.indices,
-                ]
-            )
+            indices = np.concatenate([z.indices + p, [2 * p], x.indices])
             columns = np.column_stack(
-                [
-                    z.columns,
-                    simulated_rows.torque[:, j],
-                    x.columns,
-                ]
+                [z.columns, simulated_rows.torque[:, j], x.columns]
             )
             columns_of_joints.append(JointColumns(indices, columns))
         yield replace(rows, columns=columns_of_joints)
@@ -155,11 +145,7 @@ def instrumented(
     return out
 
 
-def _residuals(
-    model: Model,
-    parts: Sequence[Instrumented],
-    theta: Array,
-) -> Array:
+def _residuals(model: Model, parts: Sequence[Instrumented], theta: Array) -> Array:
     """Return (n,) the squared residual |X theta - tau|^2 of each joint's torque.
 
     A part is (joint, indices of its parameters, instruments, rows [X, tau]).
@@ -171,11 +157,7 @@ def _residuals(
     return out
 
 
-def _instruments_of(
-    part: Instrumented,
-    model: Model,
-    theta: Array | None,
-) -> Array:
+def _instruments_of(part: Instrumented, model: Model, theta: Array | None) -> Array:
     """Return the instruments Z (r, k) of a part: columns without the sensors' noise.
 
     They are the columns on the simulated motion, with one exception: a servo's control
@@ -224,10 +206,7 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
 
 
 def _solution(
-    p: int,
-    parts: Sequence[Instrumented],
-    instruments: Sequence[Array],
-    weights: Array,
+    p: int, parts: Sequence[Instrumented], instruments: Sequence[Array], weights: Array
 ) -> Array:
     """Solve the instrumental-variable equations Z^T W (tau - X theta) = 0 for theta
     (p,).

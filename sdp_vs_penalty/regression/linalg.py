@@ -53,11 +53,7 @@ def _unit_columns(A: Array) -> tuple[Array, NDArray[np.intp], Array]:
     return A[:, nonzero] / norms[nonzero], nonzero, norms[nonzero]
 
 
-def min_norm_lstsq(
-    A: Array,
-    b: Array,
-    near: Array | float = 0.0,
-) -> Array:
+def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
     """Return the least-squares theta of |A theta - b| that is nearest to ``near``.
 
     Distance is measured with columns at unit norm.
@@ -81,10 +77,7 @@ def min_norm_lstsq(
     if len(nonzero):
         # A complete orthogonal factorisation: a third of the time of singular values.
         move, *_ = scipy.linalg.lstsq(
-            unit,
-            b - A @ theta,
-            cond=UNSEEN,
-            lapack_driver="gelsy",
+            unit, b - A @ theta, cond=UNSEEN, lapack_driver="gelsy"
         )
         theta[nonzero] += move / norms
     return theta
@@ -109,11 +102,7 @@ def deviations(A: Array) -> Array:
     # parameter itself is visible.
     projection = np.einsum("kr,rk->k", V, U.T @ A)
     is_determined = projection > 1.0 - 1e-6
-    return np.where(
-        is_determined,
-        np.linalg.norm(V, axis=1),
-        np.inf,
-    )
+    return np.where(is_determined, np.linalg.norm(V, axis=1), np.inf)
 
 
 def span(A: Array) -> Array:
@@ -134,12 +123,7 @@ def span(A: Array) -> Array:
     unit, nonzero, _ = _unit_columns(A)
     if not len(nonzero):
         return np.zeros((len(A), 0))
-    q, r, _ = scipy.linalg.qr(
-        unit,
-        mode="economic",
-        pivoting=True,
-        check_finite=False,
-    )
+    q, r, _ = scipy.linalg.qr(unit, mode="economic", pivoting=True, check_finite=False)
     size = np.abs(np.diagonal(r))
     rank = int(np.sum(size > UNSEEN * size[0]))
     return np.asarray(q[:, :rank])

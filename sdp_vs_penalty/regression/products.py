@@ -53,10 +53,7 @@ class NormalEquations(LeastSquares):
         scaled[np.diag_indices_from(scaled)] += _RIDGE
         R = np.linalg.cholesky(scaled).T * scale
         rho = scipy.linalg.solve_triangular(
-            R,
-            products[:-1, -1],
-            trans="T",
-            check_finite=False,
+            R, products[:-1, -1], trans="T", check_finite=False
         )
         unexplained = max(float(products[-1, -1] - rho @ rho), 0.0)
         return cls(
@@ -79,9 +76,7 @@ class NormalEquations(LeastSquares):
         """
         theta = np.broadcast_to(np.asarray(near, float), self.rho.shape)
         move = scipy.linalg.solve_triangular(
-            self.R,
-            self.rho - self.R @ theta,
-            check_finite=False,
+            self.R, self.rho - self.R @ theta, check_finite=False
         )
         return np.asarray(theta + move)
 
@@ -101,10 +96,7 @@ class NormalEquations(LeastSquares):
         return self.of(products, self.rows, self.tau_squared)
 
     def with_observations(
-        self,
-        rows: Array,
-        values: Array,
-        weight: float,
+        self, rows: Array, values: Array, weight: float
     ) -> NormalEquations:
         """Return the data with observations of linear functions of the parameters.
 

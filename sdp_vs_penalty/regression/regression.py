@@ -66,10 +66,7 @@ class LeastSquares:
 
     @classmethod
     def stacked(
-        cls,
-        stack: Sequence[Array],
-        rows: int,
-        tau_squared: float | None = None,
+        cls, stack: Sequence[Array], rows: int, tau_squared: float | None = None
     ) -> LeastSquares:
         """Compress stacked rows [Y, tau] to a triangle by a QR factorisation.
 
@@ -136,12 +133,7 @@ class LeastSquares:
         """
         return max(self.loss(theta), 1e-12 * self.tau_squared)
 
-    def gap(
-        self,
-        upper: float,
-        lower: float,
-        theta: ArrayLike,
-    ) -> float:
+    def gap(self, upper: float, lower: float, theta: ArrayLike) -> float:
         """Return the relative distance of an objective from its lower bound.
 
         Parameters
@@ -214,10 +206,7 @@ class LeastSquares:
         return self.with_observations(rows, np.zeros(len(rows)), weight)
 
     def with_observations(
-        self,
-        rows: Array,
-        values: Array,
-        weight: float,
+        self, rows: Array, values: Array, weight: float
     ) -> LeastSquares:
         """Return the data with observations of linear functions of the parameters.
 
@@ -389,11 +378,7 @@ class Regression:
         """
         merged = []
         empty = Factor(
-            0,
-            block=0,
-            indices=np.arange(0),
-            triangle=np.zeros((0, 1)),
-            rows=0,
+            0, block=0, indices=np.arange(0), triangle=np.zeros((0, 1)), rows=0
         )
         for joint in range(self.joints):
             parts = [factor for factor in self.factors if factor.joint == joint]
@@ -467,12 +452,7 @@ class Regression:
             rows = np.zeros((len(stacks), longest, stacks[0].shape[1]))
             for place, stack in zip(rows, stacks, strict=True):
                 place[: len(stack)] = stack
-            yield BlocksOfJoint(
-                joint,
-                factors[0].indices,
-                np.array(list(parts)),
-                rows,
-            )
+            yield BlocksOfJoint(joint, factors[0].indices, np.array(list(parts)), rows)
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """Return the squared torque error of each joint.
@@ -533,10 +513,7 @@ def _folded(rows: Array) -> Array:
 
 
 def compress(
-    runs: FilteredRuns,
-    model: Model,
-    blocks_per_run: int = 20,
-    workers: Workers = ALONE,
+    runs: FilteredRuns, model: Model, blocks_per_run: int = 20, workers: Workers = ALONE
 ) -> Regression:
     """Compress runs to triangular factors; memory does not grow with their length.
 
@@ -585,11 +562,7 @@ class _TimeBlocks:
             for a, b in pairwise(edges.tolist())
         ]
 
-    def cell(
-        self,
-        run: int,
-        t: Array,
-    ) -> NDArray[np.intp]:
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
         """Return the block of each instant of a run.
 
         Parameters
@@ -616,18 +589,11 @@ class Cells(Protocol):
     @property
     def places(self) -> Sequence[TimeBlock]: ...
 
-    def cell(
-        self,
-        run: int,
-        t: Array,
-    ) -> NDArray[np.intp]: ...
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]: ...
 
 
 def compress_cells(
-    runs: FilteredRuns,
-    model: Model,
-    folds: Cells,
-    workers: Workers = ALONE,
+    runs: FilteredRuns, model: Model, folds: Cells, workers: Workers = ALONE
 ) -> Regression:
     """Compress runs to factors, one for each joint and cell (such as a phase of the
     motion).
@@ -678,20 +644,12 @@ def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
     out = []
     rows_by_factor = instrumented(model, parts)
     for factor, (indices, rows) in zip(factors, rows_by_factor, strict=True):
-        out.append(
-            replace(
-                factor,
-                indices=indices,
-                triangle=_folded(rows),
-            )
-        )
+        out.append(replace(factor, indices=indices, triangle=_folded(rows)))
     return out
 
 
 def _cells_of_run(
-    numbered: tuple[int, FilteredRun],
-    model: Model,
-    folds: Cells,
+    numbered: tuple[int, FilteredRun], model: Model, folds: Cells
 ) -> tuple[list[Factor], float]:
     """Return one run's factors by cell and joint, and its number of independent
     samples.
@@ -711,9 +669,7 @@ def _cells_of_run(
 
 
 def _take(
-    cells: dict[tuple[int, int], Factor],
-    rows: Rows,
-    owner: NDArray[np.intp],
+    cells: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]
 ) -> None:
     """Merge rows into the factors ``cells`` of their block and joint, in place.
 
@@ -724,21 +680,12 @@ def _take(
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
-        rows_and_torque = np.column_stack(
-            [
-                columns.columns,
-                rows.torque[:, joint],
-            ]
-        )
+        rows_and_torque = np.column_stack([columns.columns, rows.torque[:, joint]])
         rows_and_torque = rows_and_torque.take(order, axis=0)
         pieces = np.split(rows_and_torque, begin[1:])  # one a block
         for block, piece in zip(blocks.tolist(), pieces, strict=True):
             empty = Factor(
-                joint,
-                block,
-                columns.indices,
-                triangle=rows_and_torque[:0],
-                rows=0,
+                joint, block, columns.indices, triangle=rows_and_torque[:0], rows=0
             )
             factor = cells.get((block, joint), empty)
             folded = _folded(np.vstack([factor.triangle, piece]))

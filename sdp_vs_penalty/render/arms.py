@@ -33,11 +33,7 @@ def link_ellipsoid(link: Array) -> Array | None:
     azimuth = np.linspace(0.0, 2.0 * np.pi, 28)
     u, v = np.meshgrid(polar, azimuth)
     unit_sphere = np.stack(
-        [
-            np.sin(u) * np.cos(v),
-            np.sin(u) * np.sin(v),
-            np.cos(u),
-        ]
+        [np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]
     ).reshape(3, -1)
     # Stretch the sphere along the ellipsoid's axes, then move it to the centre.
     along_axes = half[:, None] * (axes.T @ unit_sphere)
@@ -157,21 +153,9 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
         if body is None:
             continue
         half, axes, com = body
-        pose_in_link = np.block(
-            [
-                [axes, com[:, None]],
-                [np.zeros(3), np.ones(1)],
-            ]
-        )
+        pose_in_link = np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
         place = robot.tree[joint].link_frame @ pose_in_link
-        bodies.append(
-            {
-                "link": k,
-                "joint": joint,
-                "half": half,
-                "place": place,
-            }
-        )
+        bodies.append({"link": k, "joint": joint, "half": half, "place": place})
     joints = [
         {
             "parent": joint_of_tree.parent,

@@ -11,14 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.colours import (
-    ADDED,
-    AFTER,
-    BEFORE,
-    MEASURED,
-    NEUTRAL,
-    model_colour,
-)
+from sdp_vs_penalty.colours import ADDED, AFTER, BEFORE, MEASURED, NEUTRAL, model_colour
 from sdp_vs_penalty.diagnosis.causes import (
     ACCELERATION,
     BY_DIRECTION,
@@ -58,12 +51,7 @@ class Figure:
     rows share one time axis.
     """
 
-    def __init__(
-        self,
-        columns: int = 1,
-        rows: int = 1,
-        gap: float = 0.12,
-    ) -> None:
+    def __init__(self, columns: int = 1, rows: int = 1, gap: float = 0.12) -> None:
         """Make an empty figure with one panel or several.
 
         Parameters
@@ -85,18 +73,10 @@ class Figure:
         self.layout: dict[str, Any] = {"grid": grid} if rows * columns > 1 else {}
         for k in range(rows - 1):
             self.update_axes(
-                "x",
-                k,
-                matches=f"x{_number(rows - 1)}",
-                showticklabels=False,
+                "x", k, matches=f"x{_number(rows - 1)}", showticklabels=False
             )
 
-    def add(
-        self,
-        kind: str,
-        panel: int = 0,
-        **properties: Any,
-    ) -> Figure:
+    def add(self, kind: str, panel: int = 0, **properties: Any) -> Figure:
         """Add a trace to a panel.
 
         Parameters
@@ -122,11 +102,7 @@ class Figure:
         return self
 
     def add_band(
-        self,
-        x: ArrayLike,
-        low: ArrayLike,
-        high: ArrayLike,
-        panel: int = 0,
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0
     ) -> Figure:
         """Add a grey band between two curves.
 
@@ -152,12 +128,7 @@ class Figure:
         }
         fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
         return self.add("scatter", panel, x=x, y=high, **edge).add(
-            "scatter",
-            panel,
-            x=x,
-            y=low,
-            **fill,
-            **edge,
+            "scatter", panel, x=x, y=low, **fill, **edge
         )
 
     def update_layout(self, **changes: Any) -> Figure:
@@ -176,12 +147,7 @@ class Figure:
         self.layout = _merged(self.layout, changes)
         return self
 
-    def update_axes(
-        self,
-        letter: str,
-        panel: int = 0,
-        **changes: Any,
-    ) -> Figure:
+    def update_axes(self, letter: str, panel: int = 0, **changes: Any) -> Figure:
         """Change one axis of a panel.
 
         Parameters
@@ -250,11 +216,7 @@ class Curves:
     modelled: Mapping[str, Array]
 
 
-def envelope(
-    x: ArrayLike,
-    y: ArrayLike,
-    points: int = POINTS,
-) -> tuple[Array, Array]:
+def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, Array]:
     """Thin a curve out for drawing: keep the lowest and the highest point of each
     stretch.
 
@@ -286,12 +248,7 @@ def envelope(
     length = -(-2 * len(y) // points)
     padding = -len(y) % length
     stretches = np.pad(y, (0, padding), "edge").reshape(-1, length)
-    extremes = np.stack(
-        [
-            stretches.argmin(axis=1),
-            stretches.argmax(axis=1),
-        ]
-    )
+    extremes = np.stack([stretches.argmin(axis=1), stretches.argmax(axis=1)])
     first_rows = length * np.arange(len(stretches))
     rows = np.unique(extremes + first_rows)
     return x[rows], y[rows]
@@ -315,10 +272,7 @@ def shifts(times: Sequence[Array]) -> list[float]:
 
 
 def torque_figure(
-    runs: Sequence[Curves],
-    joint: int,
-    unit: str,
-    side_by_side: bool = True,
+    runs: Sequence[Curves], joint: int, unit: str, side_by_side: bool = True
 ) -> Figure:
     """Draw measured and modelled torque of a joint over time, and the residuals.
 
@@ -341,12 +295,7 @@ def torque_figure(
     plot = Figure(columns=2, gap=0.16) if side_by_side else Figure(rows=2)
 
     def curve(
-        t: Array,
-        values: Array,
-        name: str,
-        colour: str,
-        shown: bool,
-        panel: int = 0,
+        t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0
     ) -> None:
         x, y = envelope(t, values)
         look = {"line": {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}}
@@ -376,12 +325,7 @@ def torque_figure(
     return plot.update_axes("y", 1, title=f"error [{plain_unit(unit)}]")
 
 
-def band_figure(
-    x: ArrayLike,
-    y: ArrayLike,
-    low: ArrayLike,
-    high: ArrayLike,
-) -> Figure:
+def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Figure:
     """Draw a curve with a band around it.
 
     Parameters
@@ -400,20 +344,12 @@ def band_figure(
     return (
         Figure()
         .add_band(x, low, high)
-        .add(
-            "scatter",
-            x=x,
-            y=y,
-            line=line,
-            showlegend=False,
-        )
+        .add("scatter", x=x, y=y, line=line, showlegend=False)
     )
 
 
 def missing_figure(
-    curve: Curve,
-    units: Sequence[str],
-    motions: Sequence[Motion] = (),
+    curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
 ) -> Figure:
     """Draw a measured curve of missing torque with its 95 % band, and where the rows
     lie.
@@ -459,12 +395,7 @@ def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
     rows : at most one array (k,), the variable at the measured rows. The histogram has
     an axis of its own on the right.
     """
-    plot = band_figure(
-        curve.x,
-        curve.torque,
-        curve.lower,
-        curve.upper,
-    )
+    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
     for x in rows:
         plot.add(
             "histogram",
@@ -479,11 +410,7 @@ def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
     return plot.update_layout(yaxis2=axis)
 
 
-def _curve_over_two(
-    curve: Curve,
-    rows: Sequence[Array],
-    unit: str,
-) -> Figure:
+def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
     """Draw a curve over two variables as coloured squares, and the measured rows as
     dots.
 
@@ -511,12 +438,7 @@ def _curve_over_two(
     if rows:
         dots = {"size": 2, "color": NEUTRAL}
         plot.add(
-            "scatter",
-            x=rows[0],
-            y=rows[1],
-            mode="markers",
-            marker=dots,
-            name="rows",
+            "scatter", x=rows[0], y=rows[1], mode="markers", marker=dots, name="rows"
         )
     return plot
 
@@ -560,10 +482,7 @@ class CauseAxis:
 
 
 def cause_axis(
-    signals: Signals,
-    joint: int,
-    cause: str,
-    position_unit: str,
+    signals: Signals, joint: int, cause: str, position_unit: str
 ) -> CauseAxis:
     """Choose the abscissa that shows how a joint's error depends on a cause.
 
@@ -597,11 +516,7 @@ def cause_axis(
         return CauseAxis(signals.q[:, j], ones, f"position [{position_unit}]")
     if cause == BY_DIRECTION:
         label = f"position [{position_unit}]"
-        return CauseAxis(
-            signals.q[:, j],
-            np.sign(signals.dq[:, j]),
-            label,
-        )
+        return CauseAxis(signals.q[:, j], np.sign(signals.dq[:, j]), label)
     if cause in (WAVES, TURN):
         turn = signals.q[:, j] % (2.0 * np.pi)
         return CauseAxis(turn, ones, "angle within a turn [rad]")
@@ -723,14 +638,7 @@ def cause_figure(
         )
         centres, means = mean_curve(x, y)
         line = {"color": colour, "width": 2.5}
-        plot.add(
-            "scatter",
-            x=centres,
-            y=means,
-            mode="lines",
-            line=line,
-            **group,
-        )
+        plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
 
     if len(x):
         if after is None:
@@ -743,14 +651,7 @@ def cause_figure(
             centres, means = mean_curve(x, added[inside])
             line = {"color": ADDED, "width": 2, "dash": "dash"}
             name = "added"
-            plot.add(
-                "scatter",
-                x=centres,
-                y=means,
-                mode="lines",
-                line=line,
-                name=name,
-            )
+            plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
     if floor is not None and floor[j]:
         plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
     plot.update_axes("x", title=axis.label)
@@ -787,11 +688,7 @@ def noise_band(floor: float) -> dict[str, Any]:
 
 
 def friction_figure(
-    velocity: ArrayLike,
-    torque: ArrayLike,
-    half: ArrayLike,
-    joint: int,
-    unit: str,
+    velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
 ) -> Any:
     """Draw the friction torque of a joint over its velocity, with its 95 % band.
 
@@ -814,10 +711,7 @@ def friction_figure(
         One panel.
     """
     plot = band_figure(
-        velocity,
-        torque,
-        np.subtract(torque, half),
-        np.add(torque, half),
+        velocity, torque, np.subtract(torque, half), np.add(torque, half)
     )
     speed = "m/s" if unit == "N" else "rad/s"
     plot.update_axes("x", title=f"velocity [{speed}]")

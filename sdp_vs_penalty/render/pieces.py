@@ -32,13 +32,7 @@ _COLOURS = (
     " #B5651D #7F9F2F #4B6F9E #C25B8A #3C7A89 #9C6B98 #6E6A3E #888888"
 )
 #: Of each cause the colour of its stretches; the last is for those without one.
-SHADES = dict(
-    zip(
-        (*CAUSES, "no cause seen"),
-        _COLOURS.split(),
-        strict=True,
-    )
-)
+SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
 
 
 def piece(template: str, **context: Any) -> Markup:
@@ -171,11 +165,7 @@ def bars(
 
 
 def _bar(
-    old: float,
-    new: float,
-    scale: _Scale,
-    has_change: bool,
-    is_known: bool,
+    old: float, new: float, scale: _Scale, has_change: bool, is_known: bool
 ) -> dict[str, Any]:
     """Return one joint's bar for the template: shapes, text and kind of change.
 
@@ -197,12 +187,7 @@ def _bar(
     errors = [old, new] if has_change else [new]
     times = " → ".join(map(number, errors)) if is_known else ""
     if not has_change:
-        return {
-            "shapes": shapes,
-            "times": times,
-            "change": "",
-            "kind": "",
-        }
+        return {"shapes": shapes, "times": times, "change": "", "kind": ""}
     return {
         "shapes": shapes,
         "times": times,
@@ -211,11 +196,7 @@ def _bar(
     }
 
 
-def _caption_of_bars(
-    what: str,
-    is_known: bool,
-    has_change: bool,
-) -> str:
+def _caption_of_bars(what: str, is_known: bool, has_change: bool) -> str:
     """Return the caption of bars: the error's unit, its scale, and the colours.
 
     is_known : whether the errors are multiples of the noise; has_change : whether two
@@ -409,10 +390,7 @@ def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]
 
 
 def figure(
-    plot: Figure,
-    caption: str = "",
-    height: int = 215,
-    group: str = "",
+    plot: Figure, caption: str = "", height: int = 215, group: str = ""
 ) -> Markup:
     """Embed a figure as data, which the page's script draws when it comes into view.
 

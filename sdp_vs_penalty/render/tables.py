@@ -75,10 +75,7 @@ def _largest_error(compared: Comparison) -> str:
 
 
 def judged_table(
-    rows: Sequence[Sequence[str]],
-    what: str = "model",
-    title: str = "",
-    more: str = "",
+    rows: Sequence[Sequence[str]], what: str = "model", title: str = "", more: str = ""
 ) -> Table:
     """Table of models that were judged on the same runs.
 
@@ -98,11 +95,7 @@ def judged_table(
     Table
         One row for each model.
     """
-    heads = [
-        what,
-        *JUDGED_HEADS,
-        *([more] if more else []),
-    ]
+    heads = [what, *JUDGED_HEADS, *([more] if more else [])]
     return Table(heads, rows, title=title, words=JUDGED_WORDS, style=f"judged {what}s")
 
 
@@ -144,15 +137,7 @@ def error_table(
         noise = None if floor is None else floor[j]
         over = None if not noise else of_joint[-1] / noise
         name = f"{j + 1} [{plain_unit(unit)}]"
-        rows.append(
-            [
-                name,
-                *map(number, of_joint),
-                change,
-                number(noise),
-                number(over),
-            ]
-        )
+        rows.append([name, *map(number, of_joint), change, number(noise), number(over)])
     last = "R2" if len(r2) else "change"
     heads = ["joint", *names, last, "noise floor", "error / noise"]
     return Table(heads, rows, title=title, style="numbers history")
@@ -181,9 +166,7 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
         " data left out, of what a refit and the usual error of drives would leave"
     )
     return Table(
-        ["", *joints],
-        [[name, *cells] for name, cells in rows.items()],
-        title=title,
+        ["", *joints], [[name, *cells] for name, cells in rows.items()], title=title
     )
 
 
@@ -232,9 +215,7 @@ PARAMETER_HEADS = (
 
 
 def parameter_cells(
-    interval: Interval,
-    source: str = "",
-    nominal: float | None = None,
+    interval: Interval, source: str = "", nominal: float | None = None
 ) -> tuple[str, ...]:
     """Return the cells of one parameter in a table of parameters.
 
@@ -296,10 +277,7 @@ def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
         One row for each parameter.
     """
     columns = zip(
-        estimate.uncertainty.standard,
-        estimate.sources,
-        estimate.nominal,
-        strict=True,
+        estimate.uncertainty.standard, estimate.sources, estimate.nominal, strict=True
     )
     return [
         parameter_cells(interval, source, finite(nominal))
@@ -346,19 +324,10 @@ def certificate_table(models: Mapping[str, Estimate]) -> Table:
     summaries = [dict(model.certificate.summary()) for model in models.values()]
     names = dict.fromkeys(name for summary in summaries for name in summary)
     rows = [
-        [
-            name,
-            *(summary.get(name, "-") for summary in summaries),
-        ]
-        for name in names
+        [name, *(summary.get(name, "-") for summary in summaries)] for name in names
     ]
     heads = ["figure", *models]
-    return Table(
-        heads,
-        rows,
-        words=range(len(heads)),
-        style="wraps",
-    )
+    return Table(heads, rows, words=range(len(heads)), style="wraps")
 
 
 def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Table:
@@ -380,9 +349,4 @@ def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Tabl
         (name, number(value, 4), spread, plain_unit(unit))
         for name, value, spread, unit in gains
     ]
-    return Table(
-        ("gain", "value", "± (95 %)", "unit"),
-        rows,
-        title=title,
-        words=(0, 3),
-    )
+    return Table(("gain", "value", "± (95 %)", "unit"), rows, title=title, words=(0, 3))

@@ -224,9 +224,7 @@ class DiagnosisWords:
 
 
 def describe_diagnosis(
-    diagnosis: Diagnosis,
-    units: Sequence[str],
-    model: str = "model.json",
+    diagnosis: Diagnosis, units: Sequence[str], model: str = "model.json"
 ) -> DiagnosisWords:
     """Return every sentence about a diagnosis.
 
@@ -270,9 +268,7 @@ def describe_diagnosis(
 
 
 def finding_table(
-    diagnosis: Diagnosis,
-    shown: Sequence[Finding],
-    units: Sequence[str],
+    diagnosis: Diagnosis, shown: Sequence[Finding], units: Sequence[str]
 ) -> Table:
     """Table of each joint's error on held-out data, as findings are added one after
     another.
@@ -504,12 +500,7 @@ def describe_failure(failure: JointFailure, unit: str) -> str:
     return " ".join(sentences(failure, unit))
 
 
-def picture_title(
-    before: Comparison,
-    after: Comparison,
-    joint: int,
-    cause: str,
-) -> str:
+def picture_title(before: Comparison, after: Comparison, joint: int, cause: str) -> str:
     """Return the caption of the chart of a joint's error against its cause.
 
     It gives the error before and after in multiples of the noise, if that is known.

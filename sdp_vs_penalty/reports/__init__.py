@@ -101,9 +101,7 @@ def report(
     all_runs = None
     if noise_from is not None:
         all_runs = as_measurements(
-            noise_from,
-            names=names,
-            what="report(noise_from=...)",
+            noise_from, names=names, what="report(noise_from=...)"
         )
     diagnosis = (
         load_diagnosis(findings) if isinstance(findings, str | Path) else findings
@@ -120,11 +118,7 @@ def report(
     steps = None if forward else 100  # of the free runs together: a fifth of a second
     try:
         forward_result: Following | str = follow(
-            last,
-            runs,
-            drive=drive,
-            steps=steps,
-            progress=progress,
+            last, runs, drive=drive, steps=steps, progress=progress
         )
     except InputError as error:
         forward_result = str(error)
@@ -163,12 +157,7 @@ def _failures_shown(
     names = dict.fromkeys((comparisons[0].name, comparisons[-1].name))
     return {
         name: known.get(name)
-        or where_it_fails(
-            models[name],
-            runs,
-            settings,
-            noise=comparisons[0].noise,
-        )
+        or where_it_fails(models[name], runs, settings, noise=comparisons[0].noise)
         for name in names
     }
 
@@ -245,7 +234,5 @@ def check_name(out: Path) -> None:
     """Raise InputError if the report's file name does not end in .html or .htm."""
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(
-            "the report is an HTML file",
-            "choose a name that ends in .html",
-            out,
+            "the report is an HTML file", "choose a name that ends in .html", out
         )

@@ -62,9 +62,7 @@ class Demo:
 
 
 def demo(
-    folder: str | Path,
-    seed: int = SEED,
-    progress: Progress = no_progress,
+    folder: str | Path, seed: int = SEED, progress: Progress = no_progress
 ) -> Demo:
     """Run the full workflow on a simulated arm with a hidden effect.
 
@@ -95,11 +93,7 @@ def demo(
     problem = load_problem(ARM)
     progress("simulating three runs")
     hidden_result = hidden_runs(
-        problem,
-        [(HIDDEN, [problem.robot.n - 1])],
-        LEVEL,
-        seed,
-        count=len(RUNS),
+        problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS)
     )
     for name, run in zip(RUNS, hidden_result.runs, strict=True):
         save(run, folder / name)
@@ -132,12 +126,7 @@ def demo(
         ("better", better, after),
     ):
         estimate.provenance["verdict"] = judged.verdict.to_dict()
-        estimate.provenance.update(
-            {
-                "data": list(RUNS[:-1]),
-                "checked": True,
-            }
-        )
+        estimate.provenance.update({"data": list(RUNS[:-1]), "checked": True})
         estimate.save(folder / f"{name}.json")
     progress("writing the report")
     shown = Comparisons(

@@ -223,15 +223,10 @@ def verdict(data: ReportData) -> Context:
         "change": change,
         "on_the_arm": words.on_the_arm_of(data.sized_diagnosis),
         "picture": pieces.figure(
-            picture,
-            words.picture_title(first, last, joint, cause),
-            300,
+            picture, words.picture_title(first, last, joint, cause), 300
         ),
         "bars": pieces.bars(
-            first.rmse,
-            None if is_alone else last.rmse,
-            last.noise_floor,
-            data.units,
+            first.rmse, None if is_alone else last.rmse, last.noise_floor, data.units
         ),
         "lines": record.lines[1:],  # the first one is the headline
         "remark": record.remark,
@@ -261,12 +256,7 @@ def torques(data: ReportData) -> Context:
     for j, unit in enumerate(data.units):
         plot = charts.torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
-            plot.add_band(
-                t,
-                -half[:, j],
-                half[:, j],
-                1,
-            )
+            plot.add_band(t, -half[:, j], half[:, j], 1)
         stretches = _stretches(data, failing, j, moved)
         plot.update_layout(shapes=pieces.shades(stretches))
         plot.update_axes("x", 1, matches="x")
@@ -292,10 +282,7 @@ def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curv
 
 
 def _stretches(
-    data: ReportData,
-    failing: Failures,
-    j: int,
-    moved: Sequence[float],
+    data: ReportData, failing: Failures, j: int, moved: Sequence[float]
 ) -> list[tuple[float, float, str]]:
     """Return where joint j (from 0) fails: begin [s], end [s] and cause, on the
     figure's axis.
@@ -386,11 +373,7 @@ def _motion_figures(following: Following, name: str) -> list[Any]:
     """Draw measured and simulated position of each joint, one run after another."""
     moved = charts.shifts([free.simulated.t for free in following.free])
     runs = [
-        charts.Curves(
-            free.simulated.t + shift,
-            free.measured,
-            {name: free.simulated.q},
-        )
+        charts.Curves(free.simulated.t + shift, free.measured, {name: free.simulated.q})
         for free, shift in zip(following.free, moved, strict=True)
     ]
     return [
@@ -425,10 +408,7 @@ def failures(data: ReportData) -> Context:
         )
     ]
     heads = ("joint", f"where {data.name} errs", "error", "noise floor")
-    return {
-        "maps": maps,
-        "table": pieces.framed(Table(heads, lines, words=(0, 1))),
-    }
+    return {"maps": maps, "table": pieces.framed(Table(heads, lines, words=(0, 1)))}
 
 
 def findings(data: ReportData) -> Context:
@@ -577,11 +557,7 @@ def friction(data: ReportData) -> Context:
     return {"figures": figures}
 
 
-def _picture(
-    robot: Robot,
-    links: Array,
-    poses: Array,
-) -> charts.Figure:
+def _picture(robot: Robot, links: Array, poses: Array) -> charts.Figure:
     """Draw the arm's skeleton in 3D with an ellipsoid for each link.
 
     Parameters

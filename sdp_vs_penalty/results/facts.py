@@ -79,11 +79,7 @@ class FactMethod(Generic[T]):
     """A property of a record that is one of its facts."""
 
     def __init__(
-        self,
-        method: Callable[[Any], T],
-        unit: str,
-        digits: int,
-        name: str,
+        self, method: Callable[[Any], T], unit: str, digits: int, name: str
     ) -> None:
         """Wrap the method that computes a fact.
 
@@ -109,11 +105,7 @@ class FactMethod(Generic[T]):
     def __get__(self, record: None, owner: type) -> Self: ...  # of the class: itself
     @overload
     def __get__(self, record: object, owner: type) -> T: ...  # of a record: the value
-    def __get__(
-        self,
-        record: object | None,
-        owner: type,
-    ) -> Self | T:
+    def __get__(self, record: object | None, owner: type) -> Self | T:
         """Return the fact's value for a record; for the class, this descriptor."""
         return self if record is None else self.method(record)
 
@@ -132,9 +124,7 @@ class FactMethod(Generic[T]):
 
 
 def fact(
-    unit: str = "",
-    digits: int = 3,
-    name: str = "",
+    unit: str = "", digits: int = 3, name: str = ""
 ) -> Callable[[Callable[[Any], T]], FactMethod[T]]:
     """Decorate a method of a record that computes one of its facts, as a property.
 

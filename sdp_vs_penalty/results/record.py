@@ -109,8 +109,4 @@ class Record(Shown):
             (one.name, ", ".join(one.texts), one.unit, one.definition)
             for one in self.facts().values()
         ]
-        return Table(
-            ("fact", "value", "unit", "what it is"),
-            rows,
-            words=(0, 2, 3),
-        )
+        return Table(("fact", "value", "unit", "what it is"), rows, words=(0, 2, 3))

@@ -117,11 +117,7 @@ class Table:
         from rich.markup import escape
         from rich.table import Table as Grid
 
-        grid = Grid(
-            box=box.SIMPLE_HEAD,
-            show_edge=False,
-            padding=(0, 1, 0, 0),
-        )
+        grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
         for k, column in enumerate(self.columns()):
             is_number = self.numeric()[k]
             heading = _in_lines(printable(self.headings[k]))
@@ -253,10 +249,7 @@ class Table:
             "table.html",
             headings=self.headings,
             rows=[
-                {
-                    "style": style,
-                    "cells": list(zip(row, numeric, strict=True)),
-                }
+                {"style": style, "cells": list(zip(row, numeric, strict=True))}
                 for row, style in zip(rows, classes, strict=True)
             ],
             numeric=numeric,
@@ -351,9 +344,7 @@ def is_numeric(cells: Sequence[str]) -> bool:
 
 
 def markdown_lines(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    sides: Sequence[str] = (),
+    headings: Sequence[str], rows: Iterable[Sequence[str]], sides: Sequence[str] = ()
 ) -> list[str]:
     """Return the lines of a Markdown table.
 

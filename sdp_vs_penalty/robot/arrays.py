@@ -43,11 +43,7 @@ def at_least_tiny(x: ArrayLike) -> Any:
     return np.maximum(x, np.finfo(float).tiny)
 
 
-def check_finite(
-    what: str,
-    value: Array,
-    shape: tuple[int, ...],
-) -> None:
+def check_finite(what: str, value: Array, shape: tuple[int, ...]) -> None:
     """Raise InputError for an array of another shape, or with entries that are not
     finite.
 

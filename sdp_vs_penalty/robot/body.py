@@ -53,12 +53,7 @@ class Body(JsonRecord):
         """
         d = (self.axes / self.half_axes**2) @ self.axes.T
         row = (d @ self.centre)[:, None]
-        return np.block(
-            [
-                [-d, row],
-                [row.T, 1.0 - self.centre @ row],
-            ]
-        )
+        return np.block([[-d, row], [row.T, 1.0 - self.centre @ row]])
 
     @property
     def reach(self) -> float:
@@ -131,12 +126,7 @@ def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
     many times. Khachiyan's ascent, to a relative excess of _EXCESS.
     """
     points = np.frombuffer(point_bytes).reshape(-1, 3)
-    lifted = np.column_stack(
-        [
-            points,
-            np.ones(len(points)),
-        ]
-    )
+    lifted = np.column_stack([points, np.ones(len(points))])
     weights = np.full(len(lifted), 1.0 / len(lifted))
     inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
     distance = np.sum(lifted @ inverse * lifted, axis=1)
@@ -200,10 +190,4 @@ def directions(count: int = 400) -> Array:
     z = 1.0 - 2.0 * k / count
     angle = np.pi * (1.0 + 5.0**0.5) * k
     radius = np.sqrt(1.0 - z**2)
-    return np.column_stack(
-        [
-            radius * np.cos(angle),
-            radius * np.sin(angle),
-            z,
-        ]
-    )
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])

@@ -118,24 +118,14 @@ def smallest_eigenvalue(values: Array) -> Array:
         Smallest eigenvalues.
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
-    diagonal = np.abs(
-        np.diagonal(
-            values,
-            axis1=-2,
-            axis2=-1,
-        )
-    )
+    diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
     t = 2.0 ** -np.round(0.5 * np.log2(nonzero_or_one(diagonal)))
     sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
     # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of
     # T^-2.
     smallest = sign * np.min(t**-2, axis=-1)
     return np.asarray(
-        np.where(
-            sign >= 0.0,
-            np.maximum(raw, 0.0),
-            np.minimum(raw, smallest),
-        )
+        np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, smallest))
     )
 
 
@@ -161,27 +151,15 @@ def project(cone: str, value: Array) -> Array:
         return (vectors * positive[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     if cone == "soc":
         s = value[..., :1]
-        norm = np.linalg.norm(
-            value[..., 1:],
-            axis=-1,
-            keepdims=True,
-        )
+        norm = np.linalg.norm(value[..., 1:], axis=-1, keepdims=True)
         with np.errstate(divide="ignore", invalid="ignore"):
             ray = np.concatenate([np.ones_like(s), value[..., 1:] / norm], axis=-1)
         boundary = 0.5 * (s + norm) * ray
-        return np.where(
-            norm <= s,
-            value,
-            np.where(norm <= -s, 0.0, boundary),
-        )
+        return np.where(norm <= s, value, np.where(norm <= -s, 0.0, boundary))
     return np.maximum(value, 0.0)
 
 
-def projected_rows(
-    cone: str,
-    values: Array,
-    directions: Array,
-) -> tuple[Array, Array]:
+def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, Array]:
     """Return the projections Pi(M) onto a cone as rows, and their derivative.
 
     For M + A x they are the gradient and an element of the generalised Hessian of
@@ -257,11 +235,7 @@ def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
     is_close = np.abs(gap) <= 1e-14 * largest
     rise = positive[:, :, None] - positive[:, None, :]
     step = (eigenvalues > 0.0)[:, :, None] * np.ones(eigenvalues.shape[1])
-    return np.where(
-        is_close,
-        step,
-        rise / np.where(is_close, 1.0, gap),
-    )
+    return np.where(is_close, step, rise / np.where(is_close, 1.0, gap))
 
 
 def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
@@ -281,19 +255,10 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
     # Eigenvalues s + |u| and s - |u| of the point (2, g), of which the projection keeps
     # the positive parts.
-    on_diagonals = np.array(
-        [
-            np.where(on_axis, s, s + norm),
-            s - norm,
-        ]
-    )
+    on_diagonals = np.array([np.where(on_axis, s, s + norm), s - norm])
     ends = np.maximum(on_diagonals, 0.0) / np.sqrt(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        clipped = np.clip(
-            0.5 * (1.0 + s / norm),
-            0.0,
-            1.0,
-        )
+        clipped = np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0)
     slope_across = np.where(on_axis, s > 0.0, clipped)
     # Derivatives of the point by the parameters, along the ray (g, p) and across it.
     on_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
@@ -303,12 +268,7 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     unit_combinations = sum_and_difference / np.sqrt(2.0)
     across_ray = directions[:, 1:] - ray[:, :, None] * on_ray[:, None]
     tail = np.sqrt(slope_across)[:, None, None] * across_ray
-    rows = np.concatenate(
-        [
-            ends.ravel(),
-            np.zeros(tail.shape[0] * tail.shape[1]),
-        ]
-    )
+    rows = np.concatenate([ends.ravel(), np.zeros(tail.shape[0] * tail.shape[1])])
     derivative = np.concatenate(
         [
             (unit_combinations * (ends > 0.0)[:, :, None]).reshape(-1, width),
@@ -575,12 +535,7 @@ class ConstraintSet:
             multipliers[c] if c in multipliers else np.zeros_like(c.constant)
             for c in constraints
         ]
-        return np.concatenate(
-            [
-                np.zeros(0),
-                *(x.ravel() for x in values),
-            ]
-        )
+        return np.concatenate([np.zeros(0), *(x.ravel() for x in values)])
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
         """Return these constraints with further convex ones.
@@ -721,20 +676,11 @@ class StackedCones:
             values.append(flat[member, position, entry])
             start += group.constant.size
         constant = np.concatenate(
-            [
-                np.zeros(0),
-                *(group.constant.ravel() for group in groups),
-            ]
+            [np.zeros(0), *(group.constant.ravel() for group in groups)]
         )
         row = np.concatenate(rows)
         column = np.concatenate(columns)
-        return cls(
-            tuple(groups),
-            constant,
-            row,
-            column,
-            np.concatenate(values),
-        )
+        return cls(tuple(groups), constant, row, column, np.concatenate(values))
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Evaluate all constraints at a point.
@@ -775,10 +721,7 @@ class StackedCones:
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
         all_values, all_terms = self.at(np.asarray(theta, float))
         parts = zip(
-            self.groups,
-            self.split(all_values),
-            self.split(all_terms),
-            strict=True,
+            self.groups, self.split(all_values), self.split(all_terms), strict=True
         )
         for group, values, terms in parts:
             margin[group.places] = cone_margin(group.cone, values)
@@ -800,13 +743,7 @@ class StackedCones:
         (p,) array
             A^T y: for each parameter k the product <dF / dtheta_k, y>.
         """
-        return np.asarray(
-            np.bincount(
-                self.column,
-                self.value * flat[self.row],
-                p,
-            )
-        )
+        return np.asarray(np.bincount(self.column, self.value * flat[self.row], p))
 
     def split(self, flat: Any) -> list[Any]:
         """Split a stacked vector into one array a group; the arrays are views.
@@ -849,11 +786,7 @@ class StackedCones:
         return [by_place[k] for k in range(len(by_place))]
 
 
-def pseudo_inertia(
-    name: str,
-    indices: ArrayLike,
-    radius: float = 0.0,
-) -> Constraint:
+def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constraint:
     """Return the constraint that a link's pseudo-inertia P(theta) is positive
     semidefinite.
 
@@ -885,20 +818,12 @@ def pseudo_inertia(
     coefficients[0, :3, :3] -= radius**2 * np.eye(3)
     family = "minimum thickness" if radius else "pseudo-inertia"
     return linear(
-        family,
-        name,
-        indices,
-        coefficients,
-        constant=np.zeros((4, 4)),
-        cone="psd",
+        family, name, indices, coefficients, constant=np.zeros((4, 4)), cone="psd"
     )
 
 
 def density_in_ellipsoid(
-    family: str,
-    name: str,
-    indices: ArrayLike,
-    quadric: ArrayLike,
+    family: str, name: str, indices: ArrayLike, quadric: ArrayLike
 ) -> Constraint:
     """Return the constraint tr(P Q) >= 0: the link's mass lies inside an ellipsoid.
 
@@ -926,17 +851,9 @@ def density_in_ellipsoid(
     Wensing, Kim, Slotine, RA-L 2018, equation 20.
     """
     row = np.einsum(
-        "kab,ab->k",
-        inertia.PSEUDO_INERTIA_BASIS,
-        np.asarray(quadric, float),
+        "kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, np.asarray(quadric, float)
     )
-    return linear(
-        family,
-        name,
-        indices,
-        coefficients=row[:, None],
-        constant=[0.0],
-    )
+    return linear(family, name, indices, coefficients=row[:, None], constant=[0.0])
 
 
 def linear(

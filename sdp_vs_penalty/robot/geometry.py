@@ -20,9 +20,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.isolated import ParserEndedError, parse_isolated
 from sdp_vs_penalty.robot.mesh import load_coal, read_mesh
-from sdp_vs_penalty.robot.urdf import (
-    LARGEST_NUMBER as LARGEST_LENGTH,
-)
+from sdp_vs_penalty.robot.urdf import LARGEST_NUMBER as LARGEST_LENGTH
 from sdp_vs_penalty.robot.urdf import (
     errors_located_in,
     load_urdf,
@@ -67,21 +65,9 @@ def link_geometry(
     out: list[Geometry | None] = []
     for parts in placed_links(path, held):
         with errors_located_in(path):
-            shapes_of_parts = [
-                _shapes(
-                    Path(path),
-                    link,
-                    at,
-                )
-                for link, at in parts
-            ]
+            shapes_of_parts = [_shapes(Path(path), link, at) for link, at in parts]
         shapes = [shape for part in shapes_of_parts for shape in part or []]
-        cloud = np.concatenate(
-            [
-                np.zeros((0, 3)),
-                *(shape.points for shape in shapes),
-            ]
-        )
+        cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in shapes)])
         is_known = len(cloud) and None not in shapes_of_parts
         out.append(
             Geometry(cloud, sum(shape.volume for shape in shapes)) if is_known else None
@@ -90,8 +76,7 @@ def link_geometry(
 
 
 def link_surfaces(
-    path: str | Path,
-    held: Mapping[str, float] | None = None,
+    path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Array | None]:
     """Return the triangles of the moving links' visual meshes, for pictures.
 
@@ -190,10 +175,7 @@ def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
             list(parse_isolated(collision_shapes, copy, prepare=load_coal))
             model = pin.buildModelFromUrdf(str(copy))
             geometry = pin.buildGeomFromUrdf(
-                model,
-                str(copy),
-                pin.GeometryType.COLLISION,
-                package_dirs=[folder],
+                model, str(copy), pin.GeometryType.COLLISION, package_dirs=[folder]
             )
         except (ParserEndedError, ValueError, RuntimeError):
             return None
@@ -256,12 +238,7 @@ class _Collisions:
 
         return bool(
             pin.computeCollisions(
-                self._model,
-                self._data,
-                self._geometry,
-                self._placed,
-                q,
-                stop_at_first,
+                self._model, self._data, self._geometry, self._placed, q, stop_at_first
             )
         )
 
@@ -309,11 +286,7 @@ def _write_collision_copy(urdf: Path, copy: Path) -> bool:
     return True
 
 
-def _shapes(
-    path: Path,
-    link: Any,
-    placement: Array,
-) -> list[Geometry] | None:
+def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:
     """Return a <link>'s collision shapes, or else its visual ones, in its moving body's
     frame.
 
@@ -355,18 +328,7 @@ def _solid(path: Path, shape: Any) -> Geometry | None:
     None for another shape.
     """
     # (8, 3) corners of the cube from -1 to 1.
-    corners = np.array(
-        [
-            [
-                x,
-                y,
-                z,
-            ]
-            for x in (-1, 1)
-            for y in (-1, 1)
-            for z in (-1, 1)
-        ]
-    )
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     if shape.tag == "box":
         half = 0.5 * _lengths(shape, "size", 3)
         return Geometry(corners * half, float(8.0 * half.prod()))
@@ -397,12 +359,7 @@ def _cylinder(shape: Any) -> Geometry:
     return Geometry(np.concatenate(rings), np.pi * radius**2 * length)
 
 
-def _lengths(
-    shape: Any,
-    attribute: str,
-    count: int,
-    default: str = "",
-) -> Array:
+def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array:
     """Return (count,) numbers of an attribute, NaN if it does not hold as many.
 
     Raises InputError for a length beyond LARGEST_LENGTH.
@@ -416,11 +373,7 @@ def _lengths(
     return values
 
 
-def _mesh(
-    path: Path,
-    filename: str,
-    scale: Array,
-) -> Geometry | None:
+def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
     """Return a mesh's vertices times ``scale`` (3,), and its volume (0 for an open
     surface).
 

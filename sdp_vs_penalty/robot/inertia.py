@@ -113,11 +113,7 @@ def pseudo_inertia(theta: ArrayLike) -> Array:
     (..., 4, 4) array
         Second moments of the homogeneous coordinates (x, y, z, 1).
     """
-    return np.tensordot(
-        np.asarray(theta, float),
-        PSEUDO_INERTIA_BASIS,
-        axes=(-1, 0),
-    )
+    return np.tensordot(np.asarray(theta, float), PSEUDO_INERTIA_BASIS, axes=(-1, 0))
 
 
 def from_pseudo_inertia(matrix: ArrayLike) -> Array:
@@ -134,11 +130,7 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
         Standard parameters about the same frame.
     """
     p = np.asarray(matrix, float)
-    trace = np.trace(
-        p[..., :3, :3],
-        axis1=-2,
-        axis2=-1,
-    )
+    trace = np.trace(p[..., :3, :3], axis1=-2, axis2=-1)
     moments = inertia_entries(trace[..., None, None] * np.eye(3) - p[..., :3, :3])
     return np.concatenate([p[..., 3, 3, None], p[..., :3, 3], moments], axis=-1)
 
@@ -224,11 +216,7 @@ def barycentric_from_standard(theta: ArrayLike) -> Array:
         (..., 10) as :func:`standard_from_barycentric` takes them; NaN for the centre and
         the inertia of no mass.
     """
-    mass, h, about_frame = np.split(
-        np.asarray(theta, float),
-        [1, 4],
-        axis=-1,
-    )
+    mass, h, about_frame = np.split(np.asarray(theta, float), [1, 4], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         c = h / mass
     steiner = np.einsum("...i,eij,...j->...e", c, STEINER_FORMS, c)

@@ -135,9 +135,7 @@ def _is_single_threaded() -> bool:
     return False
 
 
-def _answers(
-    messages: _Messages,
-) -> Iterator[dict[str, NDArray[np.float64]]]:
+def _answers(messages: _Messages) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Yield the arrays of a child's messages; raise its errors and repeat its warnings.
 
     A message is a head and arrays. The head's key says what it is: "remark" (a
@@ -150,11 +148,7 @@ def _answers(
                 warnings.warn(str(head["remark"]), Remark, stacklevel=2)
             elif "what" in head:
                 where = Path(head["where"]) if head["is_path"] else head["where"]
-                raise InputError(
-                    str(head["what"]),
-                    str(head["remedy"]),
-                    where,
-                )
+                raise InputError(str(head["what"]), str(head["remedy"]), where)
             elif "not_installed" in head:
                 raise ImportError(str(head["not_installed"]))
             elif "memory" in head:
@@ -165,9 +159,7 @@ def _answers(
                 yield dict(arrays)
 
 
-def _fork_and_parse(
-    request: Mapping[str, Any],
-) -> _Messages:
+def _fork_and_parse(request: Mapping[str, Any]) -> _Messages:
     """Fork a child that runs the requested parser; yield its messages.
 
     The last message may say that it failed. The child is always waited for.
@@ -245,9 +237,7 @@ def _be_child(
 
 
 def _send_answers(
-    function: Callable[..., Iterator[Arrays]],
-    arguments: Sequence[Any],
-    pipe: BinaryIO,
+    function: Callable[..., Iterator[Arrays]], arguments: Sequence[Any], pipe: BinaryIO
 ) -> None:
     """Send everything that a parser yields, warns of or raises, one message each."""
 
@@ -323,24 +313,10 @@ def _forbid_sockets_and_programs() -> None:
         code.pack(jump_above, len(calls) + 1, 0, first_x32_call),
     ]
     for k, call in enumerate(calls):
-        program.append(
-            code.pack(
-                jump_equal,
-                len(calls) - k,
-                0,
-                call,
-            )
-        )
-    program += [
-        code.pack(answer, 0, 0, allow),
-        code.pack(answer, 0, 0, deny),
-    ]
+        program.append(code.pack(jump_equal, len(calls) - k, 0, call))
+    program += [code.pack(answer, 0, 0, allow), code.pack(answer, 0, 0, deny)]
     text = ctypes.create_string_buffer(b"".join(program), 8 * len(program))
-    head = struct.pack(
-        "HP",
-        len(program),
-        ctypes.addressof(text),
-    )
+    head = struct.pack("HP", len(program), ctypes.addressof(text))
     kernel = ctypes.CDLL(None)
     # Options of prctl.
     end_with_parent = 1
@@ -383,9 +359,7 @@ class _Timed:
 
 
 def _send(
-    pipe: BinaryIO,
-    head: Mapping[str, Any],
-    arrays: Arrays | None = None,
+    pipe: BinaryIO, head: Mapping[str, Any], arrays: Arrays | None = None
 ) -> None:
     """Send one message through a pipe: length of its head (8 bytes), the head as JSON,
     then the numbers of its arrays (little-endian doubles).
@@ -397,13 +371,7 @@ def _send(
         name: np.ascontiguousarray(block, "<f8")
         for name, block in (arrays or {}).items()
     }
-    shapes = [
-        [
-            name,
-            list(block.shape),
-        ]
-        for name, block in blocks.items()
-    ]
+    shapes = [[name, list(block.shape)] for name, block in blocks.items()]
     text = json.dumps({**head, "arrays": shapes}).encode()
     pipe.write(struct.pack("<Q", len(text)) + text)
     for block in blocks.values():
@@ -480,9 +448,7 @@ def _idle_server() -> _Server:
     return _Server()
 
 
-def _ask_server(
-    request: Mapping[str, Any],
-) -> _Messages:
+def _ask_server(request: Mapping[str, Any]) -> _Messages:
     """Yield the messages of a child that an idle server forks for the request."""
     server = _idle_server()
     is_done = False

@@ -154,11 +154,7 @@ class ChannelNames(tuple[str, ...]):
     held: tuple[HeldJoint, ...] = ()
 
     @classmethod
-    def of(
-        cls,
-        names: Sequence[str],
-        held: Sequence[HeldJoint],
-    ) -> "ChannelNames":
+    def of(cls, names: Sequence[str], held: Sequence[HeldJoint]) -> "ChannelNames":
         """Return a list of the driven joints' names that also holds, as its attribute
         ``held``, the joints that stand still: readers of logs leave out their channels.
         """
@@ -172,9 +168,7 @@ Follower = tuple[str, float, float]
 
 
 def resolve_mimic_joints(
-    tree: Sequence[Joint],
-    followers: dict[str, Follower],
-    massless: Sequence[int],
+    tree: Sequence[Joint], followers: dict[str, Follower], massless: Sequence[int]
 ) -> tuple[tuple[Joint, ...], Mechanism | None]:
     """Return the independent joints of a tree with mimic joints, and how the tree
     follows them.
@@ -228,10 +222,7 @@ def resolve_mimic_joints(
     matrix = powers.take(free, axis=1)
     offset = powers[:, -1]
     return tuple(tree[k] for k in free), Mechanism(
-        tuple(tree),
-        matrix,
-        offset,
-        massless=tuple(massless),
+        tuple(tree), matrix, offset, massless=tuple(massless)
     )
 
 
@@ -300,9 +291,7 @@ def parse_held(text: str | Sequence[str]) -> dict[str, float]:
 
 
 def parse_mechanism(
-    tree: Sequence[Joint],
-    formulas: Sequence[str],
-    massless: Sequence[int] = (),
+    tree: Sequence[Joint], formulas: Sequence[str], massless: Sequence[int] = ()
 ) -> tuple[tuple[Joint, ...], Mechanism]:
     """Parse each tree joint's position as a formula of the independent joints q1, q2,
     ....
@@ -347,10 +336,7 @@ def parse_mechanism(
         raise InputError(what, f"choose from 1 to {len(tree)}")
     places = tuple(sorted({k - 1 for k in massless}))
     return tuple(tree[k] for k in first_same), Mechanism(
-        tuple(tree),
-        matrix=rows[:, :n],
-        offset=rows[:, -1],
-        massless=places,
+        tuple(tree), matrix=rows[:, :n], offset=rows[:, -1], massless=places
     )
 
 
@@ -505,11 +491,7 @@ def parse_transmission(
     # One word stands for all channels.
     sides = [tuple(s) * n if len(s) == 1 else tuple(s) for s in (positions, torques)]
     matrix = np.array([row[:n] for row in rows]).reshape(n, n)
-    return Transmission(
-        matrix,
-        np.array([row[n] for row in rows]),
-        *sides,
-    )
+    return Transmission(matrix, np.array([row[n] for row in rows]), *sides)
 
 
 def parse_formula(text: str, n: int) -> Array:

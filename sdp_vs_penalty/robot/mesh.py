@@ -39,12 +39,7 @@ class Mesh:
     volume: float
 
 
-def read_mesh(
-    path: Path,
-    scale: Array,
-    *,
-    triangles: bool = False,
-) -> Mesh | None:
+def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | None:
     """Read a mesh file: vertices, volume and, on demand, triangles.
 
     The file is copied without what is not geometry (materials, textures), and parsed in
@@ -75,11 +70,7 @@ def read_mesh(
             copy.write_bytes(text)
             factors = [float(x) for x in scale]
             (mesh,) = parse_isolated(
-                mesh_of,
-                copy,
-                factors,
-                triangles,
-                prepare=load_coal,
+                mesh_of, copy, factors, triangles, prepare=load_coal
             )
     except (
         ArithmeticError,
@@ -98,11 +89,7 @@ def read_mesh(
         what = f"{path}: this mesh is left out ({str(reason)[:200]})"
         warnings.warn(what, Remark, stacklevel=2)
         return None
-    return Mesh(
-        mesh["vertices"],
-        mesh["triangles"],
-        abs(float(mesh["volume"][0])),
-    )
+    return Mesh(mesh["vertices"], mesh["triangles"], abs(float(mesh["volume"][0])))
 
 
 def load_coal() -> None:
@@ -112,9 +99,7 @@ def load_coal() -> None:
 
 
 def mesh_of(
-    path: str,
-    scale: list[float],
-    has_triangles: bool,
+    path: str, scale: list[float], has_triangles: bool
 ) -> Iterator[dict[str, Array]]:
     """Yield vertices (k, 3), triangles (m, 3) and volume (1,) of a mesh file.
 
@@ -174,19 +159,11 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
             for part in mesh["primitives"]
         ]
     buffers = [
-        _buffer(
-            path,
-            buffer.get("uri"),
-            embedded,
-        )
-        for buffer in document["buffers"]
+        _buffer(path, buffer.get("uri"), embedded) for buffer in document["buffers"]
     ]
     head = "data:application/octet-stream;base64,"
     geometry["buffers"] = [
-        {
-            "byteLength": len(x),
-            "uri": head + base64.b64encode(x).decode(),
-        }
+        {"byteLength": len(x), "uri": head + base64.b64encode(x).decode()}
         for x in buffers
     ]
     return json.dumps(geometry).encode()
@@ -209,9 +186,7 @@ def _buffer(path: Path, uri: Any, inside: bytes) -> bytes:
     place = (folder / uri).resolve()
     if not place.is_relative_to(folder):
         raise InputError(
-            f"the buffer {uri!r} lies elsewhere",
-            "keep it in the mesh's folder",
-            path,
+            f"the buffer {uri!r} lies elsewhere", "keep it in the mesh's folder", path
         )
     return read_bytes(place, LARGEST_TEXT)
 

@@ -160,14 +160,7 @@ def load_mjcf(
         robot, _ = _robot_of(model, constants, followers, gravity)
         driven = robot.joint_names
         places = check_held(driven, still)
-        placed = tuple(
-            HeldJoint(
-                driven[k],
-                still[driven[k]],
-                k,
-            )
-            for k in places
-        )
+        placed = tuple(HeldJoint(driven[k], still[driven[k]], k) for k in places)
     held_joints = hold_followers(still | constants, followers)
     robot, links = _robot_of(model, held_joints, followers, gravity, placed)
     return robot, links, _values(model, robot.joint_names)
@@ -206,10 +199,7 @@ def _compiled(path: Path) -> MujocoModel:
     """
     try:
         first, *named_arrays = parse_isolated(
-            model_arrays,
-            path,
-            prepare=load_mujoco,
-            n_bytes=_n_bytes_around(path),
+            model_arrays, path, prepare=load_mujoco, n_bytes=_n_bytes_around(path)
         )
     except ImportError as error:
         raise missing_extra("MJCF files need", "engines") from error
@@ -291,15 +281,10 @@ def model_arrays(path: str) -> Iterator[Arrays]:
     except ValueError as error:
         what = (str(error).splitlines() or ["no reason given"])[0][:200]
         raise InputError(
-            f"MuJoCo does not read it ({what})",
-            "correct it",
-            Path(path),
+            f"MuJoCo does not read it ({what})", "correct it", Path(path)
         ) from error
     fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
-    yield {
-        "gravity": np.array(model.opt.gravity, float),
-        **fields,
-    }
+    yield {"gravity": np.array(model.opt.gravity, float), **fields}
     yield {f"0:{_name_of_model(model)}": np.zeros(0)}
     for k in range(model.njnt):
         yield {f"{k + 1}:{model.joint(k).name}": np.zeros(0)}
@@ -311,9 +296,7 @@ def _name_of_model(model: object) -> str:
     return names.partition(b"\0")[0].decode(errors="replace")
 
 
-def _equalities(
-    model: MujocoModel,
-) -> tuple[dict[str, float], dict[str, Follower]]:
+def _equalities(model: MujocoModel) -> tuple[dict[str, float], dict[str, Follower]]:
     """Return the joints that an equality holds still, and the joints that follow
     others.
 
@@ -423,11 +406,7 @@ def _to_anchor(model: MujocoModel, j: int) -> tuple[Array, Array]:
 
 
 def _joint(
-    model: MujocoModel,
-    j: int,
-    kind: str,
-    parent: int,
-    placement: Array,
+    model: MujocoModel, j: int, kind: str, parent: int, placement: Array
 ) -> Joint:
     """Return joint j of MuJoCo's model as ours.
 
@@ -471,13 +450,7 @@ def _pose(position: Array, quaternion: Array) -> Array:
     """Return the pose (4, 4) of a position [m] and a quaternion w, x, y, z."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     # Rotation R = 1 + 2 w k + 2 k k, with k the cross product by (x, y, z).
-    k = np.array(
-        [
-            [0.0, -z, y],
-            [z, 0.0, -x],
-            [-y, x, 0.0],
-        ]
-    )
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     pose = np.eye(4)
     pose[:3, :3] += 2.0 * w * k + 2.0 * k @ k
     pose[:3, 3] = position

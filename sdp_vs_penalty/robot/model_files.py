@@ -96,9 +96,7 @@ def expanded_robot(path: Path) -> Iterator[Path]:
     except Exception as error:
         what = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise InputError(
-            f"xacro does not expand it ({what})",
-            "correct it",
-            path,
+            f"xacro does not expand it ({what})", "correct it", path
         ) from error
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / f"{path.stem}.urdf"

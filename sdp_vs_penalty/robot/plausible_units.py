@@ -176,9 +176,7 @@ def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
 
 
 def _odd_inertias(
-    links: Sequence[LinkSizes],
-    size: float,
-    are_masses_in_grams: bool,
+    links: Sequence[LinkSizes], size: float, are_masses_in_grams: bool
 ) -> Iterator[OddUnit]:
     """Yield inertias whose radius of gyration is too large for a robot of ``size`` [m]."""
     wide = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
@@ -246,10 +244,7 @@ def _radius(link: LinkSizes) -> float:
 
 
 def _odd(
-    quantity: str,
-    links: tuple[str, ...],
-    how: str,
-    units: Mapping[float, str],
+    quantity: str, links: tuple[str, ...], how: str, units: Mapping[float, str]
 ) -> OddUnit:
     """Return an OddUnit with its sentences; its factor is that of the likeliest unit,
     and None if no unit fits.

@@ -83,10 +83,7 @@ class Robot(JsonRecordSkippingNone):
                 raise InputError(
                     f"robot {self.name}: {what}", "order the joints depth first"
                 )
-            branch = [
-                *branch[: branch.index(joint.parent) + 1],
-                i,
-            ]
+            branch = [*branch[: branch.index(joint.parent) + 1], i]
 
     @property
     def n(self) -> int:
@@ -162,14 +159,7 @@ class Robot(JsonRecordSkippingNone):
             offset=m.offset + m.matrix @ value,
             massless=m.massless,
         )
-        still = [
-            HeldJoint(
-                self.joint_names[k],
-                float(value[k]),
-                k,
-            )
-            for k in places
-        ]
+        still = [HeldJoint(self.joint_names[k], float(value[k]), k) for k in places]
         return replace(
             self,
             joints=tuple(self.joints[k] for k in stays),
@@ -305,11 +295,7 @@ class Robot(JsonRecordSkippingNone):
             Joint positions [rad, m].
         """
         low, high, _ = joint_limits(self)
-        return np.random.default_rng(seed).uniform(
-            low,
-            high,
-            (count, self.n),
-        )
+        return np.random.default_rng(seed).uniform(low, high, (count, self.n))
 
     @cached_property
     def random_states(self) -> tuple[Array, Array, Array]:
@@ -417,10 +403,7 @@ class Robot(JsonRecordSkippingNone):
             # structural zeros.
             c = np.round(c) if abs(c - np.round(c)) < 1e-15 else c
             s = np.round(s) if abs(s - np.round(s)) < 1e-15 else s
-            turn[1:3, 1:3] = [
-                [c, -s],
-                [s, c],
-            ]
+            turn[1:3, 1:3] = [[c, -s], [s, c]]
             # Modified: Rz and Tz commute, so that Tz(d) can come before the joint.
             placement = turn @ move
             if convention == "standard":
@@ -436,11 +419,7 @@ class Robot(JsonRecordSkippingNone):
                 **(limits[i] if limits else {}),
             )
             joints.append(joint)
-        return cls(
-            name,
-            tuple(joints),
-            tuple(map(float, gravity)),
-        )
+        return cls(name, tuple(joints), tuple(map(float, gravity)))
 
     def _projected(self, torque: Array, columns: bool = False) -> Array:
         """Return torques of the driven joints (N, n, ...) from those of the tree (N, L,
@@ -475,10 +454,7 @@ class Robot(JsonRecordSkippingNone):
                 joint.placement[:3, :3].copy(), joint.placement[:3, 3].copy()
             )
             model.addJoint(
-                joint.parent + 1,
-                unaligned(joint.axis),
-                placement,
-                joint.name,
+                joint.parent + 1, unaligned(joint.axis), placement, joint.name
             )
         return model
 
@@ -492,12 +468,7 @@ class Robot(JsonRecordSkippingNone):
             return None
         return np.stack([inertia.transform(frame) for frame in frames])
 
-    def regressor(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-    ) -> Array:
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return the regressor Y of rigid-body dynamics, tau = Y theta.
 
         Parameters
@@ -522,12 +493,7 @@ class Robot(JsonRecordSkippingNone):
         for k, row in enumerate(zip(*states, strict=True)):
             out[k] = rows(model, data, *row)
         # (N, n, joints of the tree, 10): parameters by link, about the joints' frames.
-        blocks = self._projected(out).reshape(
-            len(out),
-            self.n,
-            -1,
-            10,
-        )
+        blocks = self._projected(out).reshape(len(out), self.n, -1, 10)
         if self.mechanism is not None:
             blocks = blocks[:, :, list(self.link_joints)]
         # From the joints' frames to the links' frames.
@@ -553,9 +519,7 @@ class Robot(JsonRecordSkippingNone):
                 model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(row)
             else:
                 model.inertias[i + 1] = pin.Inertia(
-                    0.0,
-                    np.zeros(3),
-                    inertia.inertia_matrix(row[4:]),
+                    0.0, np.zeros(3), inertia.inertia_matrix(row[4:])
                 )
         return model
 
@@ -595,11 +559,7 @@ class Robot(JsonRecordSkippingNone):
         return model
 
     def inverse_dynamics(
-        self,
-        theta: ArrayLike,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
+        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
         """Return the joint torques of rigid links, by recursive Newton-Euler.
 
@@ -619,25 +579,10 @@ class Robot(JsonRecordSkippingNone):
         rnea = self._pin.rnea
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
-        return self._projected(
-            np.stack(
-                [
-                    rnea(
-                        model,
-                        data,
-                        *row,
-                    )
-                    for row in rows
-                ]
-            )
-        )
+        return self._projected(np.stack([rnea(model, data, *row) for row in rows]))
 
     def inverse_dynamics_derivatives(
-        self,
-        theta: ArrayLike,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
+        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> tuple[Array, Array, Array]:
         """Return derivatives of the joint torques by position, velocity and
         acceleration.
@@ -679,11 +624,7 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def placement_derivatives(
-        self,
-        theta: ArrayLike,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
+        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
         """Return derivatives of the joint torques by the placement of each joint.
 
@@ -731,30 +672,17 @@ class Robot(JsonRecordSkippingNone):
                         else pin.JointModelRevoluteUnaligned
                     )
                     parent = model.addJoint(
-                        parent,
-                        kind(np.eye(3)[k % 3]),
-                        pose,
-                        f"{joint.name} {k}",
+                        parent, kind(np.eye(3)[k % 3]), pose, f"{joint.name} {k}"
                     )
                     pose = pin.SE3.Identity()
-                place = model.addJoint(
-                    parent,
-                    inertias.joints[i + 1],
-                    pose,
-                    joint.name,
-                )
+                place = model.addJoint(parent, inertias.joints[i + 1], pose, joint.name)
                 model.inertias[place] = inertias.inertias[i + 1]
             data = model.createData()
             by_q = data.dtau_dq  # a view, which each call overwrites
             for k, row in enumerate(np.swapaxes(states, 0, 1)):
                 pin.computeRNEADerivatives(model, data, *row)
                 out[k] += sign * by_q[derivatives]
-        return self._projected(out).reshape(
-            len(out),
-            self.n,
-            len(rows),
-            6,
-        )
+        return self._projected(out).reshape(len(out), self.n, len(rows), 6)
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
         """Return the Jacobians of a joint frame, in world axes.
@@ -912,14 +840,10 @@ def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
     velocity = np.array([j.velocity for j in robot.joints])
     # An end that is open is at least a whole range away from one that is given.
     lower = np.where(
-        np.isfinite(lower),
-        lower,
-        np.minimum(-default_span, upper - 2.0 * default_span),
+        np.isfinite(lower), lower, np.minimum(-default_span, upper - 2.0 * default_span)
     )
     upper = np.where(
-        np.isfinite(upper),
-        upper,
-        np.maximum(default_span, lower + 2.0 * default_span),
+        np.isfinite(upper), upper, np.maximum(default_span, lower + 2.0 * default_span)
     )
     is_stated = np.isfinite(velocity) & (velocity > 0.0)
     return lower, upper, np.where(is_stated, velocity, default_velocity)

@@ -102,11 +102,7 @@ class FourierTrajectory:
         conditions = [t < self.blend, t > end]
         parts = zip(first, last, in_series, strict=True)
         states = [
-            np.select(
-                conditions,
-                [begin, finish],
-                middle,
-            )
+            np.select(conditions, [begin, finish], middle)
             for begin, finish, middle in parts
         ]
         q, dq, ddq = states
@@ -165,27 +161,12 @@ def random_trajectory(
         The trajectory.
     """
     rng = np.random.default_rng(seed)
-    a, b = rng.uniform(
-        -1.0,
-        1.0,
-        (2, robot.n, harmonics),
-    )
+    a, b = rng.uniform(-1.0, 1.0, (2, robot.n, harmonics))
     lower, upper, velocity = joint_limits(robot)
     unit = FourierTrajectory(
-        a,
-        b,
-        q_0=np.zeros(robot.n),
-        frequency=frequency,
-        blend=blend,
-        duration=duration,
+        a, b, q_0=np.zeros(robot.n), frequency=frequency, blend=blend, duration=duration
     )
-    q, dq, _ = unit.states(
-        np.linspace(
-            0.0,
-            duration,
-            1001,
-        )
-    )
+    q, dq, _ = unit.states(np.linspace(0.0, duration, 1001))
     scale = np.minimum(
         0.6 * velocity / np.abs(dq).max(axis=0),
         0.8 * (upper - lower) / np.ptp(q, axis=0),
@@ -248,11 +229,7 @@ class PointTrajectory:
             len(self.moves) - 1,
         )
         T = self.moves[move][:, None]
-        x = np.clip(
-            (instants - self._starts[move])[:, None] / T,
-            0.0,
-            1.0,
-        )
+        x = np.clip((instants - self._starts[move])[:, None] / T, 0.0, 1.0)
         d = self.points[move + 1] - self.points[move]
         q = self.points[move] + d * (35 * x**4 - 84 * x**5 + 70 * x**6 - 20 * x**7)
         dq = d / T * 140 * x**3 * (1 - x) ** 3
@@ -260,10 +237,7 @@ class PointTrajectory:
 
 
 def shortest_moves(
-    points: Array,
-    velocity: Array,
-    acceleration: Array,
-    jerk: Array,
+    points: Array, velocity: Array, acceleration: Array, jerk: Array
 ) -> Array:
     """Return the shortest durations of moves between points, within limits.
 
@@ -311,10 +285,7 @@ def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
     points = []
     for s, rows in zip(t.tolist(), np.stack(trajectory.states(t), axis=1), strict=True):
         numbers = [[float(f"{x:.9g}") for x in row] for row in rows]
-        clock = {
-            "sec": int(s),
-            "nanosec": round(1e9 * (s - int(s))),
-        }
+        clock = {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))}
         point = dict(zip(fields, numbers, strict=True)) | {"time_from_start": clock}
         points.append(f"  {json.dumps(point)}")
     lines = ",\n".join(points)

@@ -133,13 +133,7 @@ def pose_of(element: Any) -> Array:
     """
     origin = element.find("origin")
     out = np.eye(4)
-    out[:3, 3] = _numbers(
-        origin,
-        "xyz",
-        0.0,
-        0.0,
-        0.0,
-    )
+    out[:3, 3] = _numbers(origin, "xyz", 0.0, 0.0, 0.0)
     angles = _numbers(origin, "rpy", 0.0, 0.0, 0.0)
     if max(map(abs, angles)) > _LARGEST_ANGLE:
         written = origin.get("rpy")
@@ -147,21 +141,9 @@ def pose_of(element: Any) -> Array:
         radians = " ".join(f"{x:.12g}" for x in np.radians(angles))
         raise InputError(what, f'write radians, as in rpy="{radians}"')
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
-    out[0, :3] = [
-        cy * cp,
-        cy * sp * sr - sy * cr,
-        cy * sp * cr + sy * sr,
-    ]
-    out[1, :3] = [
-        sy * cp,
-        sy * sp * sr + cy * cr,
-        sy * sp * cr - cy * sr,
-    ]
-    out[2, :3] = [
-        -sp,
-        cp * sr,
-        cp * cr,
-    ]
+    out[0, :3] = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr]
+    out[1, :3] = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr]
+    out[2, :3] = [-sp, cp * sr, cp * cr]
     return out
 
 
@@ -198,15 +180,7 @@ def read_inertial(link: Any) -> Array:
         _numbers(tensor, name.lower(), 0.0)[0] for name in inertia.PARAMETERS[4:]
     ]
     moments = [x if abs(x) >= least_moment else 0.0 for x in moments]
-    about_com = inertia.standard_from_barycentric(
-        [
-            *mass,
-            0.0,
-            0.0,
-            0.0,
-            *moments,
-        ]
-    )
+    about_com = inertia.standard_from_barycentric([*mass, 0.0, 0.0, 0.0, *moments])
     return inertia.transform(pose_of(element)) @ about_com
 
 
@@ -249,14 +223,7 @@ def load_urdf(
         driven = load_urdf(path, gravity)[0].joint_names
         with errors_located_in(path):
             places = check_held(driven, held)
-        still = tuple(
-            HeldJoint(
-                driven[k],
-                held[driven[k]],
-                k,
-            )
-            for k in places
-        )
+        still = tuple(HeldJoint(driven[k], held[driven[k]], k) for k in places)
     root, tree, parts = _read(path, held)
     with errors_located_in(path):
         nominal, massless = _weighed(parts)
@@ -487,11 +454,7 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     return links, children, roots[0]
 
 
-def _end_of_joint(
-    element: Any,
-    which: str,
-    links: Mapping[str, Any],
-) -> str:
+def _end_of_joint(element: Any, which: str, links: Mapping[str, Any]) -> str:
     """Return the name of the link at a joint's "parent" or "child" end.
 
     Raises InputError for a link that the file does not have.
@@ -520,15 +483,7 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
             f"joint {name!r} {what}", "make it one of these (fix a floating base)"
         )
     # URDF's default axis is x.
-    axis = np.array(
-        _numbers(
-            element.find("axis"),
-            "xyz",
-            1.0,
-            0.0,
-            0.0,
-        )
-    )
+    axis = np.array(_numbers(element.find("axis"), "xyz", 1.0, 0.0, 0.0))
     length = np.linalg.norm(axis)
     if not length > 1e-9:
         raise InputError(
@@ -551,13 +506,7 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         # How files write "no limit" where the format asks for a number [rad or m].
         limits.append(no_limit if abs(value) > 1e6 else value)
     return Joint(
-        name,
-        _MOVING[kind],
-        parent,
-        placement,
-        axis / length,
-        np.eye(4),
-        *limits,
+        name, _MOVING[kind], parent, placement, axis / length, np.eye(4), *limits
     )
 
 
@@ -636,12 +585,7 @@ def _motors_by_joints(kind: str, reductions: Array) -> Array:
     block = np.diag(reductions)
     if len(reductions) == 2 and kind == "DifferentialTransmission":
         first, second = reductions
-        block = np.array(
-            [
-                [first, second],
-                [first, -second],
-            ]
-        )
+        block = np.array([[first, second], [first, -second]])
     elif len(reductions) == 2 and kind == "FourBarLinkageTransmission":
         block[1, 0] = 1.0
     return block

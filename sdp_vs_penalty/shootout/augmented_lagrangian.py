@@ -268,26 +268,14 @@ def solve(instance: Instance, accuracy: float) -> Answer:
         return no_answer(instance, "no interior point to start from")
     # Matrix constraints hold by construction; the penalty imposes all others.
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
-    penalty = ShiftedPenalty(
-        instance.task,
-        instance.data,
-        others,
-        inside,
-    )
+    penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
     chart = Chart(instance.sent, inside)
     x = chart.start
     shifts = [np.zeros_like(part.values(inside)) for part in penalty.parts]
     message = ""
     claims = "inaccurate"
     for _ in range(_ROUNDS):
-        stage = Round(
-            instance,
-            chart,
-            penalty,
-            shifts,
-            _WEIGHT,
-            x,
-        )
+        stage = Round(instance, chart, penalty, shifts, _WEIGHT, x)
         solution = scipy.optimize.minimize(
             stage.value_and_slope,
             np.zeros(len(x)),

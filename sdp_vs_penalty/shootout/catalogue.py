@@ -72,13 +72,7 @@ def unidentifiable(instance: Instance) -> Instance:
         if c.family in dropped_families:
             continue
         if c.family == "mass":  # masses stay positive only
-            c = build.linear(
-                "mass",
-                c.name,
-                c.indices,
-                [[1.0]],
-                [0.0],
-            )
+            c = build.linear("mass", c.name, c.indices, [[1.0]], [0.0])
         convex.append(c)
     wide = instance.having(convex)
     return replace(wide, task=replace(wide.task, bound=1e3 * instance.task.bound))
@@ -113,11 +107,7 @@ def total_mass_at_least(shift: float) -> Change:
         masses = instance.task.links[:, 0]
         smallest_mass = (1.0 + shift) * largest_total
         demand = build.linear(
-            "total mass",
-            "robot",
-            masses,
-            np.ones((len(masses), 1)),
-            [-smallest_mass],
+            "total mass", "robot", masses, np.ones((len(masses), 1)), [-smallest_mass]
         )
         constraints_kept = [
             c for c in instance.constraints.convex if c.family != "total mass"
@@ -197,11 +187,7 @@ def noise_free(instance: Instance) -> Instance:
         The loss of its optimum is zero.
     """
     rho = instance.data.R @ instance.task.nominal
-    return instance.having(
-        rho=rho,
-        residual_norm=0.0,
-        tau_squared=float(rho @ rho),
-    )
+    return instance.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
 
 
 #: One thing that users do, or data do to them, and how it is told in the library; the
@@ -334,14 +320,7 @@ def _robots() -> Iterator[Entry]:
                 f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
             )
             name = f"{robot} {source}{seconds} {step} {shape}"
-            build = partial(
-                recorded,
-                robot,
-                source,
-                step,
-                shape,
-                stop,
-            )
+            build = partial(recorded, robot, source, step, shape, stop)
             yield Entry(name, robot, build, description)
 
 
@@ -362,18 +341,11 @@ def _chains() -> Iterator[Entry]:
                 )
                 name = f"chain of {n} links {shape} {draw}"
                 yield Entry(
-                    name,
-                    "chains",
-                    partial(_chain, n, shape, draw),
-                    description,
+                    name, "chains", partial(_chain, n, shape, draw), description
                 )
 
 
-def _chain(
-    n: int,
-    shape: str = "gyration",
-    draw: int = 0,
-) -> Instance:
+def _chain(n: int, shape: str = "gyration", draw: int = 0) -> Instance:
     """Build an instance of the draw-th random arm of n links that fits its torques in
     one step.
 
@@ -388,12 +360,7 @@ def _changed() -> Iterator[Entry]:
 
     CHANGES has by name the function that changes an instance, and the change in words.
     """
-    simulated = partial(
-        recorded,
-        source="simulated",
-        step="one-step",
-        shape="gyration",
-    )
+    simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
     bases: dict[str, Callable[[], Instance]] = {
         "two_link": partial(simulated, "two_link"),
         "panda": partial(simulated, "panda", stop=14.0),
@@ -414,9 +381,7 @@ def _changed() -> Iterator[Entry]:
 
 
 def selected(
-    groups: Sequence[str] | None,
-    entries: Iterable[Entry],
-    quick: bool = False,
+    groups: Sequence[str] | None, entries: Iterable[Entry], quick: bool = False
 ) -> tuple[list[Entry], list[Entry]]:
     """Choose instances by group or by name.
 

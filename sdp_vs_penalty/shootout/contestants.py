@@ -23,11 +23,7 @@ from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS, ThroughCvxpy
 from sdp_vs_penalty.version import __version__
 
 
-def solve_cvxpy(
-    instance: Instance,
-    accuracy: float,
-    solver: str | None,
-) -> Answer:
+def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
     """Solve an instance by CVXPY as a user would write it: formulas, and default
     options.
 
@@ -108,11 +104,7 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     """
     try:
         fit = fit_penalty(
-            instance.task,
-            instance.data,
-            instance.constraints,
-            Penalty.starts,
-            accuracy,
+            instance.task, instance.data, instance.constraints, Penalty.starts, accuracy
         )
     except InputError as error:
         return no_answer(instance, error)
@@ -120,13 +112,7 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     best = min(runs, key=lambda run: run["objective"])
     claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
     status = f"residual {best['residual']:.1e}"
-    return Answer(
-        fit.theta,
-        claims,
-        status,
-        fit.multipliers,
-        attempts=len(runs),
-    )
+    return Answer(fit.theta, claims, status, fit.multipliers, attempts=len(runs))
 
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
@@ -311,10 +297,7 @@ def _conic(solver: Solver) -> Contestant:
 
 
 def _in_our_loop(
-    instance: Instance,
-    accuracy: float,
-    solver: str | None,
-    finest: float,
+    instance: Instance, accuracy: float, solver: str | None, finest: float
 ) -> Answer:
     """Solve an instance by our certified fit with a conic solver inside.
 
@@ -339,10 +322,7 @@ def _in_our_loop(
     """
     try:
         posed = PosedSdp(
-            instance.task,
-            instance.objective,
-            instance.constraints,
-            solver,
+            instance.task, instance.objective, instance.constraints, solver
         )
         fit: Fit = posed.fit(instance.objective, finest)
         gap = fit.gap
@@ -379,9 +359,7 @@ def _baselines() -> list[Contestant]:
     )
     return [
         Contestant(
-            "lmi-sdp",
-            words,
-            partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy),
+            "lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)
         ),
         cvxpy,
         replace(

@@ -150,9 +150,7 @@ class Instance:
 
 
 def unscaled_sdp(
-    data: LeastSquares,
-    constraints: Sequence[Constraint],
-    formulation: str,
+    data: LeastSquares, constraints: Sequence[Constraint], formulation: str
 ) -> SdpProblem:
     """Pose a problem as users write it, without a centre and without any scaling.
 
@@ -195,13 +193,7 @@ def unscaled_sdp(
     # The r equations, if any, are the first rows of the conic problem. Centre 0 and
     # scales 1 leave the constraints as they are.
     first = r if groups else 0
-    more, placed = scaled(
-        constraints,
-        np.zeros(p),
-        np.ones(p),
-        None,
-        first=first,
-    )
+    more, placed = scaled(constraints, np.zeros(p), np.ones(p), None, first=first)
     conic = conic_problem([*groups, *more], P, q)
     return SdpProblem(
         conic,
@@ -252,11 +244,7 @@ class Units:
         first_moment = 1.0 / (self.mass * self.length)
         factors = np.full(len(task.bound), self.torque)
         # A link's mass, three first moments and six inertias.
-        factors[task.links] = [
-            1.0 / self.mass,
-            *[first_moment] * 3,
-            *[self.torque] * 6,
-        ]
+        factors[task.links] = [1.0 / self.mass, *[first_moment] * 3, *[self.torque] * 6]
         return factors
 
     def rows(self, family: str) -> float:
@@ -352,11 +340,7 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
 
 
 def recorded(
-    robot: str,
-    source: str,
-    step: str,
-    shape: str,
-    stop: float = np.inf,
+    robot: str, source: str, step: str, shape: str, stop: float = np.inf
 ) -> Instance:
     """Build an instance from a robot's simulated experiment or its real measurements.
 
@@ -524,11 +508,7 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
     twist = rng.choice([-0.5, 0.0, 0.5], n)
     d = rng.uniform(0.05, 0.3, n)
     robot = Robot.from_dh(
-        f"chain{n}",
-        a.tolist(),
-        (np.pi * twist).tolist(),
-        d.tolist(),
-        "modified",
+        f"chain{n}", a.tolist(), (np.pi * twist).tolist(), d.tolist(), "modified"
     )
     # Balls: I = 2/5 m r^2 on the diagonal (columns Ixx, Iyy, Izz), r = 0.4 reach.
     mass = 2.0
@@ -538,14 +518,7 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
     balls[:, [4, 6, 9]] = 0.4 * mass * radii[:, None] ** 2
     links = inertia.standard_from_barycentric(balls)
     title = f"random serial chain of {n} links"
-    return Problem(
-        robot.name,
-        title,
-        robot,
-        open_box(n),
-        links,
-        torque_side="link",
-    )
+    return Problem(robot.name, title, robot, open_box(n), links, torque_side="link")
 
 
 def chain_task(n: int, draw: int = 0) -> Task:

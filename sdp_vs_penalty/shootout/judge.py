@@ -74,9 +74,7 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
         except Infeasible as error:
             if error.proof is not None:
                 return "proved infeasible", infeasibility_proof(
-                    *error.proof,
-                    task.bound,
-                    names,
+                    *error.proof, task.bound, names
                 )
     return "not proved", None
 
@@ -97,25 +95,12 @@ def reference(instance: Instance) -> Reference:
     """
     status, proof = proved(instance)
     if proof is None:
-        return Reference(
-            "unknown",
-            lower=0.0,
-            upper=np.inf,
-            scale=1.0,
-        )
+        return Reference("unknown", lower=0.0, upper=np.inf, scale=1.0)
     if status == "proved infeasible":
-        return Reference(
-            "infeasible",
-            lower=0.0,
-            upper=np.inf,
-            scale=1.0,
-        )
+        return Reference("infeasible", lower=0.0, upper=np.inf, scale=1.0)
     scale = instance.data.loss_scale(np.array(proof["theta"], float))
     return Reference(
-        "feasible",
-        float(proof["lower"]),
-        float(proof["upper"]),
-        max(scale, 1e-300),
+        "feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300)
     )
 
 
@@ -167,10 +152,7 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
 
 
 def judge(
-    instance: Instance,
-    reference: Reference,
-    answer: Answer,
-    accuracy: float,
+    instance: Instance, reference: Reference, answer: Answer, accuracy: float
 ) -> Judgement:
     """Classify an answer by the proved interval, whatever the contestant says of it.
 
@@ -195,22 +177,12 @@ def judge(
     kind = answer.claims
     remark = ""
     if answer.claims not in ("failed", "inaccurate"):
-        kind, remark = classified(
-            reference,
-            answer.claims,
-            error,
-            violation,
-            accuracy,
-        )
+        kind, remark = classified(reference, answer.claims, error, violation, accuracy)
     return Judgement(kind, error, violation, dual_gap, remark)
 
 
 def classified(
-    reference: Reference,
-    claims: str,
-    error: float,
-    violation: float,
-    accuracy: float,
+    reference: Reference, claims: str, error: float, violation: float, accuracy: float
 ) -> tuple[str, str]:
     """Classify an answer that claims an optimum, infeasibility or unboundedness.
 
@@ -259,9 +231,7 @@ def classified(
 
 
 def _primal(
-    instance: Instance,
-    reference: Reference,
-    theta: Array,
+    instance: Instance, reference: Reference, theta: Array
 ) -> tuple[float, float]:
     """Compute the error and the violation of an answer's theta.
 
@@ -285,10 +255,7 @@ def _primal(
     interior = instance.interior
     inside = instance.task.nominal if interior is None else interior
     violation = relative_violation(
-        instance.constraints.convex,
-        theta,
-        inside,
-        instance.task.bound,
+        instance.constraints.convex, theta, inside, instance.task.bound
     )
     if reference.verdict != "feasible":
         return np.inf, violation
@@ -326,10 +293,7 @@ def _dual(instance: Instance, answer: Answer) -> float:
 
 
 def relative_violation(
-    constraints: Sequence[Constraint],
-    theta: Array,
-    inside: Array,
-    bound: Array,
+    constraints: Sequence[Constraint], theta: Array, inside: Array, bound: Array
 ) -> float:
     """Return the worst violation of the constraints, independent of units.
 

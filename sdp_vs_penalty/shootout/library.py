@@ -35,9 +35,7 @@ _HERE = Path(__file__).parent
 
 
 def write_library(
-    folder: Path,
-    entries: Sequence[Entry],
-    progress: Progress,
+    folder: Path, entries: Sequence[Entry], progress: Progress
 ) -> list[dict[str, Any]]:
     """Write instances as files, with their index and data card.
 
@@ -61,13 +59,7 @@ def write_library(
     for k, item in enumerate(entries):
         progress(f"{k} of {len(entries)}: {item.name}")
         try:
-            rows.append(
-                write_instance(
-                    folder / item.folder,
-                    item,
-                    item.make(),
-                )
-            )
+            rows.append(write_instance(folder / item.folder, item, item.make()))
         except InputError:
             if not item.measured:
                 raise
@@ -80,11 +72,7 @@ def write_library(
     return rows
 
 
-def write_instance(
-    folder: Path,
-    item: Entry,
-    instance: Instance,
-) -> dict[str, Any]:
+def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
     """Write the files of one instance: the problem in two or three formats, and its
     proof.
 
@@ -120,13 +108,7 @@ def write_instance(
     }
     sums = {}
     for name in names:
-        written = export_sdp(
-            sdp,
-            folder / name,
-            interval,
-            status=status,
-            **about,
-        )
+        written = export_sdp(sdp, folder / name, interval, status=status, **about)
         sums[name] = written["sha256"]
     # The quadratic objective becomes a linear one with a second-order cone.
     linear_problem = linear_objective(sdp.conic).problem
@@ -152,9 +134,7 @@ def write_instance(
 
 
 def _interval_cells(
-    instance: Instance,
-    status: str,
-    interval: tuple[str, str] | None,
+    instance: Instance, status: str, interval: tuple[str, str] | None
 ) -> dict[str, str]:
     """Return the cells of index.csv on the proved interval of the optimum.
 

@@ -33,28 +33,12 @@ import pandas
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import (
-    folder_lock,
-    read_text,
-    unique_fields,
-    write_text,
-)
+from sdp_vs_penalty.files import folder_lock, read_text, unique_fields, write_text
 from sdp_vs_penalty.parallel import end_with, spread
-from sdp_vs_penalty.shootout.catalogue import (
-    Entry,
-    catalogue,
-    instance,
-    selected,
-)
+from sdp_vs_penalty.shootout.catalogue import Entry, catalogue, instance, selected
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen, contestants
 from sdp_vs_penalty.shootout.instances import Instance
-from sdp_vs_penalty.shootout.judge import (
-    Answer,
-    Judgement,
-    Reference,
-    judge,
-    reference,
-)
+from sdp_vs_penalty.shootout.judge import Answer, Judgement, Reference, judge, reference
 
 Row = dict[str, Any]
 #: Every column, and what its cells are. Numbers have all their digits: what was proved
@@ -182,9 +166,7 @@ def _read(path: Path) -> pandas.DataFrame:
     try:
         # As text first: an empty cell is no number, and "None" or "nan" are texts.
         return pandas.read_csv(
-            io.StringIO(text),
-            dtype=str,
-            keep_default_na=False,
+            io.StringIO(text), dtype=str, keep_default_na=False
         ).astype(COLUMNS)
     except ValueError as error:
         remedy = "delete it, and its run is done again"
@@ -272,19 +254,12 @@ def _prove_interval(task: Assignment, problem_instance: Instance) -> Row:
         failed), and "remark", why it failed.
     """
     kind, outcome, _ = in_child(
-        lambda: reference(problem_instance),
-        task.time_limit,
-        task.memory,
+        lambda: reference(problem_instance), task.time_limit, task.memory
     )
     remark = ""
     if kind != "ended":
         remark = f"{kind} {outcome}".strip()
-        outcome = Reference(
-            "unknown",
-            -np.inf,
-            np.inf,
-            1.0,
-        )
+        outcome = Reference("unknown", -np.inf, np.inf, 1.0)
     return {
         "hash": problem_instance.hash,
         "reference": asdict(outcome),
@@ -349,12 +324,7 @@ def run_one(
     if kind == "ended":
         verdict = judge(problem_instance, task.reference, answer, accuracy)
     else:
-        answer = Answer(
-            np.empty(0),
-            "",
-            outcome,
-            attempts=0,
-        )
+        answer = Answer(np.empty(0), "", outcome, attempts=0)
         verdict = Judgement(kind, remark=remark)
     row = {
         "settings": contestant.settings(accuracy),
@@ -455,22 +425,13 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
     competing, missing = chosen(setup.solvers)
     if setup.quick and setup.solvers is None:
         competing = [c for c in competing if not c.is_certified]
-    entries, unmeasured = selected(
-        setup.problems,
-        catalogue().values(),
-        setup.quick,
-    )
+    entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {
         e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured
     }
     workers = setup.jobs or os.cpu_count() or 1
-    work = partial(
-        spread,
-        perform,
-        scheduler=setup.scheduler,
-        jobs=workers,
-    )
+    work = partial(spread, perform, scheduler=setup.scheduler, jobs=workers)
     with folder_lock(setup.out):
         results = Results(setup.out)
         notes = []
@@ -480,13 +441,7 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
             notes.append(
                 f"{n_dropped} runs of instances that have changed since were dropped"
             )
-        tasks, not_applicable = _pending(
-            setup,
-            entries,
-            competing,
-            references,
-            results,
-        )
+        tasks, not_applicable = _pending(setup, entries, competing, references, results)
         facts = _Facts(
             group_by_problem={e.name: e.group for e in entries},
             version_by_solver={c.name: c.version() for c in competing},
@@ -557,10 +512,7 @@ def _perform_all(
 
 
 def _references(
-    setup: Shootout,
-    entries: Sequence[Entry],
-    say: Progress,
-    work: Callable[..., Any],
+    setup: Shootout, entries: Sequence[Entry], say: Progress, work: Callable[..., Any]
 ) -> dict[str, dict[str, Any]]:
     """Return hash and proved interval of each instance, and prove those that are
     missing.
@@ -703,9 +655,7 @@ def _pending(
 
 
 def in_child(
-    work: Callable[[], Any],
-    limit: float,
-    memory: float,
+    work: Callable[[], Any], limit: float, memory: float
 ) -> tuple[str, Any, float]:
     """Do some work in a forked child process with limits on time and memory.
 

@@ -176,12 +176,7 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
 
 @contextmanager
 def _panels(
-    plt: Any,
-    path: Path,
-    count: int,
-    *,
-    legend_width: float,
-    height: float,
+    plt: Any, path: Path, count: int, *, legend_width: float, height: float
 ) -> Iterator[tuple[Any, Any]]:
     """Give a figure with ``count`` panels side by side, and write it as SVG at the end.
 
@@ -230,12 +225,7 @@ def _plot_profiles_at(
             color=PALETTE[k % len(PALETTE)],
             linestyle=_LINES[k // len(PALETTE) % len(_LINES)],
         )
-    panel.set(
-        xscale="log",
-        xlim=(0.9, 1e4),
-        ylim=(0.0, 1.03),
-        title=f"{accuracy:.0e}",
-    )
+    panel.set(xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}")
     panel.set_xlabel("time over the fastest that was right")
     panel.grid(alpha=0.3)
 
@@ -298,12 +288,7 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
         axes[0].set_ylabel("share of problems solved")
         handles, labels = axes[0].get_legend_handles_labels()
         # An empty curve: the sample of a cross in the legend.
-        (cross,) = axes[0].plot(
-            [],
-            [],
-            "kx",
-            markersize=6,
-        )
+        (cross,) = axes[0].plot([], [], "kx", markersize=6)
         figure.legend(
             [*handles, cross],
             [*labels, "silently wrong answer"],
@@ -353,11 +338,7 @@ def _plot_solved_at(panel: Any, runs: pandas.DataFrame, accuracy: float) -> None
         # Crosses lie on the curve, at the times of the wrong answers.
         share_at_cross = y[np.searchsorted(x, wrong, side="right") - 1]
         panel.plot(
-            wrong,
-            share_at_cross,
-            "x",
-            color=PALETTE[k % len(PALETTE)],
-            markersize=6,
+            wrong, share_at_cross, "x", color=PALETTE[k % len(PALETTE)], markersize=6
         )
     panel.set(
         xscale="log",
@@ -439,9 +420,7 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
     how |= {name: (name, "median") for name in errors}
     how |= {"attempts": ("attempts", "mean"), "version": ("version", "last")}
     table = runs_with_errors.groupby(
-        ["solver", "settings"],
-        sort=False,
-        as_index=False,
+        ["solver", "settings"], sort=False, as_index=False
     ).agg(**how)
     table["success_percent"] *= 100.0
     table["mean_seconds"] = np.exp(table["mean_seconds"]) - _TIME_SHIFT
@@ -468,14 +447,10 @@ def by_problem(runs: pandas.DataFrame) -> list[str]:
     worst = tightest[["objective_error", "violation"]].max(axis=1)
     wrong = [f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in worst]
     class_words = np.where(
-        tightest["class"] == "silently_wrong",
-        wrong,
-        tightest["class"],
+        tightest["class"] == "silently_wrong", wrong, tightest["class"]
     )
     grid = tightest.assign(said=class_words).pivot(
-        index="problem",
-        columns="solver",
-        values="said",
+        index="problem", columns="solver", values="said"
     )
     return _markdown(grid.fillna("n/a").loc[runs["problem"].unique()].reset_index())
 
@@ -486,9 +461,7 @@ def _markdown(table: pandas.DataFrame) -> list[str]:
 
 
 def ranking(
-    runs: pandas.DataFrame,
-    accuracy: float,
-    links: int | None = None,
+    runs: pandas.DataFrame, accuracy: float, links: int | None = None
 ) -> pandas.DataFrame:
     """Rank the contestants: those that reach the accuracy most often first.
 
@@ -531,10 +504,7 @@ def ranking(
         "ascending": [False, True, True],
     }
     return table.sort_values(
-        **order,
-        na_position="first",
-        kind="stable",
-        ignore_index=True,
+        **order, na_position="first", kind="stable", ignore_index=True
     )
 
 
@@ -570,7 +540,7 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
             f" {best['right']} of {best['problems']} problems,"
             f" {best['silently wrong']} times silently wrong,"
             f" {_milliseconds(best['seconds'])} ms (median)."
-        ),
+        )
     ]
     if quick["solver"] != best["solver"]:
         sentences.append(

@@ -68,11 +68,7 @@ class Pieces(tuple[NDArray[np.intp], ...]):
     #: The last filter, with its coefficients and number of rows.
     _last: tuple[tuple[bytes, int], scipy.sparse.csr_array] | None = None
 
-    def filter(
-        self,
-        ar: Array,
-        count: int,
-    ) -> scipy.sparse.csr_array:
+    def filter(self, ar: Array, count: int) -> scipy.sparse.csr_array:
         """Return the sparse matrix W that whitens a series x (count,).
 
         (W x)_i = x_i - sum_k a_k x_(i-k): each row minus its prediction by an
@@ -138,11 +134,7 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
         )
     matrix = np.column_stack([x[rows] for rows in pieces.past])  # (P, ORDER)
     target = x[pieces.predicted]
-    a = np.linalg.lstsq(
-        matrix,
-        target,
-        rcond=1e-10,
-    )[0]
+    a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
     residual = target - matrix @ a
     sigma = float(np.sqrt(residual @ residual / (count - ORDER)))
     largest = float(np.abs(x).max(initial=1.0))
@@ -151,10 +143,7 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
 
 
 def local_excess(
-    white: Array,
-    pieces: Sequence[NDArray[np.intp]],
-    tests: int,
-    degrees: float,
+    white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float
 ) -> Mask:
     """Find windows of a whitened series with more energy than noise has by chance.
 
@@ -184,19 +173,10 @@ def local_excess(
     n_windows = max(n_rows, 1) * len(LENGTHS) * tests
     # The upper quantile of F: d / (d + length F) is distributed as beta.
     lengths = np.array(LENGTHS)
-    w = scipy.special.betaincinv(
-        0.5 * degrees,
-        0.5 * lengths,
-        FALSE_EVENT / n_windows,
-    )
+    w = scipy.special.betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / n_windows)
     limits = (degrees * (1.0 - w) / w).tolist()
     for piece in pieces:
-        energy = np.concatenate(
-            [
-                [0.0],
-                np.cumsum(white[piece] ** 2),
-            ]
-        )
+        energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
         for length, limit in zip(LENGTHS, limits, strict=True):
             if length > len(piece):
                 continue
@@ -280,10 +260,7 @@ def cut_into_stretches(
 
 
 def _window_energy(
-    white: Array,
-    pieces: Sequence[NDArray[np.intp]],
-    slow: Mask,
-    length: int,
+    white: Array, pieces: Sequence[NDArray[np.intp]], slow: Mask, length: int
 ) -> tuple[Array, Mask]:
     """Sum the squares of a whitened series in the window of ``length`` rows around each
     row.
@@ -295,11 +272,7 @@ def _window_energy(
     is_slow : (M,) array of bool
         Whether the joint is slow (``slow``, (M,)) in most of the window.
     """
-    moving_sum = partial(
-        np.convolve,
-        np.ones(length),
-        mode="same",
-    )
+    moving_sum = partial(np.convolve, np.ones(length), mode="same")
     energy = np.full(len(white), -np.inf)
     is_slow = np.zeros(len(white), bool)
     for piece in pieces:
@@ -363,12 +336,7 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
-    columns = np.column_stack(
-        [
-            np.ones(len(squares)),
-            rates[used] / size,
-        ]
-    )
+    columns = np.column_stack([np.ones(len(squares)), rates[used] / size])
     law = nonnegative_fit(columns, squares)
     level = float(law.sum())
     if level <= 0.0:
@@ -410,10 +378,7 @@ def nonnegative_fit(columns: Array, target: Array) -> Array:
 
 
 def _nonnegative_step(
-    R: Array,
-    z: Array,
-    fit: Array,
-    is_free: NDArray[np.bool_],
+    R: Array, z: Array, fit: Array, is_free: NDArray[np.bool_]
 ) -> Array:
     """Return the least-squares fit (k,) of z (k,) by the free columns of R (k, k); those
     whose coefficient would become negative on the way from ``fit`` are freed no more.

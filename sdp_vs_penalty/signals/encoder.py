@@ -81,20 +81,8 @@ def _with_other_steps(t: Array, q: Array) -> Array:
         return q
     middle_time = 0.5 * (t[change] + t[change + 1])
     middle_position = 0.5 * (q[change] + q[change + 1])
-    knot_times = np.concatenate(
-        [
-            t[:1],
-            middle_time,
-            t[-1:],
-        ]
-    )
-    knot_positions = np.concatenate(
-        [
-            q[:1],
-            middle_position,
-            q[-1:],
-        ]
-    )
+    knot_times = np.concatenate([t[:1], middle_time, t[-1:]])
+    knot_positions = np.concatenate([q[:1], middle_position, q[-1:]])
     true_position = np.interp(t, knot_times, knot_positions)
     # Rounding errors of two encoders whose levels are shifted by a share a of a step are
     # uncorrelated where 1 - 6 a (1 - a) = 0.

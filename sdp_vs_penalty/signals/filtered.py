@@ -29,12 +29,7 @@ from sdp_vs_penalty.signals.preprocessing import (
     RunFilter,
     no_rows,
 )
-from sdp_vs_penalty.signals.runs import (
-    Movement,
-    Stretch,
-    split_at_gaps,
-    still_seconds,
-)
+from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps, still_seconds
 
 
 @dataclass(frozen=True)
@@ -114,10 +109,7 @@ class _ChunkCache:
         return reads
 
     def _keep(
-        self,
-        model: Model,
-        reads: Mapping[int, Read],
-        known: Mapping[int, list[Block]],
+        self, model: Model, reads: Mapping[int, Read], known: Mapping[int, list[Block]]
     ) -> None:
         """Cache the columns of a model's effects, by place, in place of those of the
         last model.
@@ -135,9 +127,7 @@ class _ChunkCache:
 
 
 def _new_columns(
-    chunk: FilteredChunk,
-    model: Model,
-    known: Mapping[int, list[Block]],
+    chunk: FilteredChunk, model: Model, known: Mapping[int, list[Block]]
 ) -> dict[int, list[Block]]:
     """Make the low-passed columns, at the rows of a chunk, of a model's effects whose
     columns are not ``known`` yet; by the effect's place in the model.
@@ -209,9 +199,7 @@ class FilteredRun:
     settings: Preprocessing
     movement_override: Movement | None = None
     _chunk_caches: dict[bool, list[_ChunkCache]] = field(
-        default_factory=dict,
-        init=False,
-        repr=False,
+        default_factory=dict, init=False, repr=False
     )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -239,11 +227,7 @@ class FilteredRun:
         if "isim" in commanded:
             # "isum" is the channel of the integral of the positions q.
             commanded["isum"] = commanded["isim"]
-        run = replace(
-            self.run,
-            q=commanded["qsim"],
-            commanded=commanded,
-        )
+        run = replace(self.run, q=commanded["qsim"], commanded=commanded)
         return FilteredRun(run, self.settings, self.moving)
 
     def rows(self, model: Model) -> Iterator[Rows]:
@@ -353,10 +337,7 @@ def _itself(chunk: FilteredChunk) -> FilteredChunk:
 
 
 def _chunk(
-    filters: RunFilter,
-    part: Stretch,
-    at: NDArray[np.int64],
-    keep: NDArray[np.bool_],
+    filters: RunFilter, part: Stretch, at: NDArray[np.int64], keep: NDArray[np.bool_]
 ) -> FilteredChunk:
     """Filter a stretch of the log around some of its samples.
 
@@ -369,10 +350,7 @@ def _chunk(
     places = since_first // filters.stride + filters.coarse.half
     smooth_places = since_first // filters.smooth_stride + filters.smooth.half
     states = Motion(
-        motion.t[places],
-        motion.q[places],
-        motion.dq[places],
-        motion.ddq[places],
+        motion.t[places], motion.q[places], motion.dq[places], motion.ddq[places]
     )
     return FilteredChunk(
         column_motion=motion,

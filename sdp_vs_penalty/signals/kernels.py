@@ -41,11 +41,7 @@ class Decimator:
     samples, which makes it several times as fast as sparse rows.
     """
 
-    def __init__(
-        self,
-        kernel: LowPass,
-        at: NDArray[np.int64],
-    ) -> None:
+    def __init__(self, kernel: LowPass, at: NDArray[np.int64]) -> None:
         """Make the blocks of the matrix whose outputs are the low-passed signal at the
         samples ``at`` (M,), in ascending order."""
         self.kernel = kernel
@@ -104,11 +100,7 @@ class Decimator:
         others = [b @ x[s] for s, b in self.blocks[self._n_even :]]
         return np.concatenate([even, *others])
 
-    def part(
-        self,
-        start: int,
-        stop: int,
-    ) -> tuple[Decimator, slice]:
+    def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
         """Return the decimator of a slice of the rows, for a chunk of the samples.
 
         Parameters
@@ -164,12 +156,7 @@ class Kernel(LowPass):
         h2 = sinc2 * hann + 2.0 * sinc1 * hann1 + sinc * hann2
         even = (0, 2, 4, 6)
         odd = (1, 3, 5, 7)
-        polynomial = _moment_factor(
-            h,
-            u,
-            even,
-            (1.0, 0.0, 0.0, 0.0),
-        )
+        polynomial = _moment_factor(h, u, even, (1.0, 0.0, 0.0, 0.0))
         c = polynomial(u)
         c1 = polynomial.deriv(1)(u)
         c2 = polynomial.deriv(2)(u)
@@ -180,18 +167,8 @@ class Kernel(LowPass):
         # they sample.
         slope = (-1.0 / support, 0.0, 0.0, 0.0)
         bend = (0.0, 2.0 / support**2, 0.0, 0.0)
-        self.first = first * _moment_factor(
-            first,
-            u,
-            odd,
-            slope,
-        )(u)
-        self.second = second * _moment_factor(
-            second,
-            u,
-            even,
-            bend,
-        )(u)
+        self.first = first * _moment_factor(first, u, odd, slope)(u)
+        self.second = second * _moment_factor(second, u, even, bend)(u)
 
     def states(self, q: Array) -> tuple[Array, Array, Array]:
         """Filter positions, and differentiate them twice.
@@ -209,12 +186,7 @@ class Kernel(LowPass):
         """
         # Relative to the first row, so that rounding errors are relative to the motion.
         centred = q - q[:1]
-        low, first, second = convolve(
-            centred,
-            self.value,
-            self.first,
-            self.second,
-        )
+        low, first, second = convolve(centred, self.value, self.first, self.second)
         return low + q[:1], first, second
 
     def sampled(self, stride: int) -> LowPass:
@@ -236,12 +208,7 @@ class Kernel(LowPass):
         offsets = np.arange(-(self.half // stride), self.half // stride + 1)
         value = self.value[self.half + stride * offsets]
         u = offsets / max(offsets[-1], 1)
-        factor = _moment_factor(
-            value,
-            u,
-            (0, 2, 4, 6),
-            (1.0, 0.0, 0.0, 0.0),
-        )
+        factor = _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))
         return LowPass(value * factor(u))
 
 
@@ -252,11 +219,7 @@ def _sinc_derivatives(w: float, t: Array) -> tuple[Array, Array, Array]:
     sine = np.sin(w * t)
     cosine = np.cos(w * t)
     value = np.where(t == 0.0, w, sine / safe)
-    first = np.where(
-        t == 0.0,
-        0.0,
-        (w * cosine - value) / safe,
-    )
+    first = np.where(t == 0.0, 0.0, (w * cosine - value) / safe)
     second = (-(w**2) * sine - 2.0 * first) / safe
     return value, first, np.where(t == 0.0, -(w**3) / 3.0, second)
 
@@ -322,10 +285,7 @@ def autoregressive(poles: ArrayLike, inputs: Array) -> Array:
 
 
 def _moment_factor(
-    kernel: ArrayLike,
-    u: ArrayLike,
-    orders: Sequence[int],
-    moments: Sequence[float],
+    kernel: ArrayLike, u: ArrayLike, orders: Sequence[int], moments: Sequence[float]
 ) -> np.polynomial.Polynomial:
     """Return the even polynomial c(u) that gives a kernel prescribed moments.
 
@@ -346,11 +306,7 @@ def _moment_factor(
     powers = 2 * np.arange(len(orders))
     u = np.asarray(u, float)
     weights = np.asarray(kernel, float)[:, None]
-    raised = np.vander(
-        u,
-        2 * len(orders),
-        increasing=True,
-    )
+    raised = np.vander(u, 2 * len(orders), increasing=True)
     matrix = raised[:, orders].T @ (weights * raised[:, powers])
     coefficients = np.zeros(powers[-1] + 1)
     coefficients[powers] = np.linalg.solve(matrix, np.array(moments))

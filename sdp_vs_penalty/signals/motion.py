@@ -55,13 +55,7 @@ class MotionRecord(JsonRecord):
     def __post_init__(self) -> None:
         """Refuse a record, read from a file, without lines, with numbers that are not
         finite, or with a scale that is not above 0."""
-        rows = np.concatenate(
-            [
-                self.centre[None],
-                self.scale[None],
-                *self.lines,
-            ]
-        )
+        rows = np.concatenate([self.centre[None], self.scale[None], *self.lines])
         if not (self.lines and np.all(np.isfinite(rows))):
             raise ValueError("training_motion: not numbers for each joint")
         if not (np.all(self.scale > 0.0) and self.distance > 0.0):
@@ -168,10 +162,7 @@ def _paths(runs: FilteredRuns) -> Iterator[Array]:
 
 
 def _record(
-    centre: Array,
-    scale: Array,
-    paths: Callable[[], Iterable[Array]],
-    distance: float,
+    centre: Array, scale: Array, paths: Callable[[], Iterable[Array]], distance: float
 ) -> MotionRecord | None:
     """Return the record of paths (in units of the scale), with twice and four times the
     distance if it is too large; None if it is too large even so."""
@@ -230,19 +221,11 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
     return scipy.spatial.cKDTree(np.concatenate(points))
 
 
-def _near(
-    tree: Any,
-    rows: Array,
-    reach: float,
-) -> NDArray[np.bool_]:
+def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
     """Return which rows (M, d) are nearer than ``reach`` to some point of a tree, in
     every coordinate (maximum norm), (M,)."""
     # The distance is infinite where no point is within the bound.
-    distance, _ = tree.query(
-        rows,
-        p=np.inf,
-        distance_upper_bound=reach,
-    )
+    distance, _ = tree.query(rows, p=np.inf, distance_upper_bound=reach)
     return np.isfinite(distance)
 
 

@@ -133,12 +133,7 @@ class Noise:
         """
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
-    def whiten(
-        self,
-        values: Array,
-        joint: int,
-        pieces: Pieces,
-    ) -> Array:
+    def whiten(self, values: Array, joint: int, pieces: Pieces) -> Array:
         """Whiten columns of a joint: make its noise independent from row to row, of
         variance 1.
 
@@ -311,11 +306,7 @@ class _RepeatedRows:
     : squared rates of torque and velocity, from :func:`rate_features`.
     """
 
-    def __init__(
-        self,
-        runs: SegmentedRuns,
-        repeats: tuple[Repeat, ...],
-    ) -> None:
+    def __init__(self, runs: SegmentedRuns, repeats: tuple[Repeat, ...]) -> None:
         """Subtract the residuals of ``runs`` between rows with the same motion, which
         ``repeats`` lists; D differences.
         """
@@ -353,12 +344,7 @@ class _RepeatedRows:
         drift = self._drift(j)
         pieces = _without_rows(self.pieces, self.stuck[:, j])
         left, good = _without_events(
-            self.difference[:, j],
-            drift,
-            rates,
-            pieces,
-            self.runs.n,
-            self._comes_back,
+            self.difference[:, j], drift, rates, pieces, self.runs.n, self._comes_back
         )
         # Only differences without an event.
         steady = Pieces(p[good[p]] for p in pieces)
@@ -394,13 +380,7 @@ class _RepeatedRows:
         """
         t = self.runs.t[self.earlier_rows]
         dq = self.runs.dq[self.earlier_rows, j]
-        laws = np.column_stack(
-            [
-                np.ones_like(t),
-                smooth_sign(dq),
-                dq,
-            ]
-        )
+        laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
         since = t - t.mean()
         growing = np.column_stack([laws, since[:, None] * laws])
         drift = self._gap[:, None] * growing
@@ -416,9 +396,7 @@ class _RepeatedRows:
 
 
 def _carried(
-    suspect: NDArray[np.bool_],
-    runs: SegmentedRuns,
-    shown: SegmentedRuns,
+    suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns
 ) -> NDArray[np.bool_]:
     """Return the suspect rows (M, n) of windows from those of the complete runs.
 
@@ -505,11 +483,7 @@ def _without_events(
     """
     good = np.ones(len(x), bool)
     for _ in range(3):
-        drift_sizes = np.linalg.lstsq(
-            drift[good],
-            x[good],
-            rcond=1e-10,
-        )[0]
+        drift_sizes = np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
         without_drift = x - drift @ drift_sizes
         ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
         # Whitened differences of variance about 1, with 0 where there is no past.
@@ -542,12 +516,7 @@ def rate_features(runs: SegmentedRuns) -> Array:
         and of the velocity [(rad/s)^2 or (m/s)^2].
     """
     rates = [
-        s.low_pass
-        @ np.gradient(
-            s.motion.modelled,
-            s.motion.t,
-            axis=0,
-        )
+        s.low_pass @ np.gradient(s.motion.modelled, s.motion.t, axis=0)
         for s in runs.segments
     ]
     features = np.stack([np.concatenate(rates), runs.dq], axis=2)

@@ -84,11 +84,7 @@ def tracks_of(measurements: Measurements) -> list[Track]:
         span = float(run.t[-1] - run.t[0])
         rate = min(sample_rate(run), _LARGEST_TRACK_RATE_HZ, SAMPLES / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
-        q = interpolated(
-            t,
-            run.t,
-            run.q,
-        )
+        q = interpolated(t, run.t, run.q)
         tracks.append((t, q))
     return tracks
 
@@ -113,10 +109,7 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
         period = repeat_period(*track)
         length = float(t[-1] - t[0]) if period is None else period
         clock = MotionClock(
-            motion=number,
-            start=float(t[0]),
-            length=length,
-            periodic=period is not None,
+            motion=number, start=float(t[0]), length=length, periodic=period is not None
         )
         # The first of the earlier runs that shows the same motion lends its clock.
         for other, track_of_other in zip(clocks, tracks, strict=False):
@@ -148,11 +141,7 @@ class PhaseFolds:
     count: int
     guard: float = 0.0
 
-    def fold(
-        self,
-        run: int,
-        t: ArrayLike,
-    ) -> NDArray[np.intp]:
+    def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
         """Return the fold that tests on each instant of a run.
 
         The fold is floor(count phase), with the phase in [0, 1] of the motion's clock.
@@ -174,11 +163,7 @@ class PhaseFolds:
         slot = np.floor(phase * self.count).astype(np.intp)
         return np.clip(slot, 0, self.count - 1)
 
-    def cell(
-        self,
-        run: int,
-        t: ArrayLike,
-    ) -> NDArray[np.intp]:
+    def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
         """Return the cell in which each instant of a run lies.
 
         Cells cut each motion's clock at the borders of folds and of their guards, so
@@ -199,11 +184,7 @@ class PhaseFolds:
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
         inner = edges[1:-1]
-        return first + np.searchsorted(
-            inner,
-            clock.at(t),
-            side="right",
-        )
+        return first + np.searchsorted(inner, clock.at(t), side="right")
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
@@ -313,9 +294,7 @@ class PhaseFolds:
 
 
 def phase_folds(
-    measurements: Measurements,
-    settings: Preprocessing,
-    count: int,
+    measurements: Measurements, settings: Preprocessing, count: int
 ) -> PhaseFolds:
     """Cut runs into folds by the phase of their motion.
 
@@ -349,11 +328,7 @@ def filter_reach(run: Measurements, settings: Preprocessing) -> float:
 
 
 def phase_windows(
-    clock: MotionClock,
-    span: float,
-    share: float,
-    pause: float,
-    shortest: float,
+    clock: MotionClock, span: float, share: float, pause: float, shortest: float
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]] | None:
     """Split one run into windows for training and windows for testing.
 
@@ -385,11 +360,7 @@ def phase_windows(
     length = float(clock.length if clock.periodic else span)
     for n_parts in range(5, 0, -1):
         part = length / n_parts
-        tested = max(
-            (1.0 - share) * part,
-            0.2 * part + 2.0 * pause,
-            shortest,
-        )
+        tested = max((1.0 - share) * part, 0.2 * part + 2.0 * pause, shortest)
         trained = part - tested - 2.0 * pause
         # Fewer parts leave more room for training; of the last choice half is enough.
         least_trained = 0.6 if n_parts > 1 else 0.5
@@ -465,9 +436,7 @@ def rotated_windows(
 
 
 def _moved_along_clock(
-    stretches: Sequence[tuple[float, float]],
-    offset: float,
-    length: float,
+    stretches: Sequence[tuple[float, float]], offset: float, length: float
 ) -> list[tuple[float, float]]:
     """Move stretches of a clock (begin, end) [s] by an offset, modulo its length; one
     that passes the end is cut in two there."""
@@ -482,8 +451,7 @@ def _moved_along_clock(
 
 
 def _gaps(
-    taken: Sequence[tuple[float, float]],
-    length: float,
+    taken: Sequence[tuple[float, float]], length: float
 ) -> list[tuple[float, float]]:
     """List the free stretches (begin, end) [s] of a clock from 0 to ``length``: those
     between the ``taken`` ones, which may overlap.

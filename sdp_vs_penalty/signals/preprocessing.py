@@ -94,9 +94,7 @@ class Preprocessing:
             )
 
     def resolve(
-        self,
-        measurements: Measurements,
-        lowest_cutoff: float | None = None,
+        self, measurements: Measurements, lowest_cutoff: float | None = None
     ) -> Preprocessing:
         """Choose the numbers that are None from the measurements.
 
@@ -127,12 +125,7 @@ class Preprocessing:
         if self.torque_cutoff is None and measurements.torque_logged:
             torque = smoothed_cutoff(list(measurements.runs()), torque)
         if self.state_cutoff is None:
-            state = unbent_cutoff(
-                list(measurements.runs()),
-                state,
-                torque,
-                highest,
-            )
+            state = unbent_cutoff(list(measurements.runs()), state, torque, highest)
         return replace(self, state_cutoff=state, torque_cutoff=torque)
 
 
@@ -212,11 +205,7 @@ class RunFilter:
         rows_per_sample = rate * self.column.cutoff * self.dt
         return stride * max(1, int(1.0 / (rows_per_sample * stride)))
 
-    def around(
-        self,
-        part: Stretch,
-        at: NDArray[np.int64],
-    ) -> tuple[Motion, Motion]:
+    def around(self, part: Stretch, at: NDArray[np.int64]) -> tuple[Motion, Motion]:
         """Compute the filtered motion around some samples, for the columns of a model.
 
         The motion reaches as far beyond the samples as the low-passes of the columns
@@ -251,38 +240,21 @@ class RunFilter:
 
         first = at[0] - reach
         last = at[-1] + reach
-        fine = self.motion(
-            part,
-            first,
-            last,
-            on_grid(longest - reach, self.stride),
-        )
+        fine = self.motion(part, first, last, on_grid(longest - reach, self.stride))
         q, dq, ddq = on_grid(longest - smooth_reach, self.smooth_stride)
         first = at[0] - smooth_reach
         last = at[-1] + smooth_reach
-        clock = part.clock(
-            np.arange(
-                first,
-                last + 1,
-                self.smooth_stride,
-            )
-        )
+        clock = part.clock(np.arange(first, last + 1, self.smooth_stride))
         return fine, Motion(clock, q, dq, ddq)
 
     def _states(
-        self,
-        part: Stretch,
-        q: Array,
-        first: int,
-        last: int,
+        self, part: Stretch, q: Array, first: int, last: int
     ) -> tuple[Array, Array, Array]:
         """Return low-passed positions and their first and second derivative, each (K,
         n), at the K samples ``first`` to ``last`` of a stretch; q (N, n) : as logged.
         """
         positions = part.resampled(
-            q,
-            first - self.state.half,
-            last + 1 + self.state.half,
+            q, first - self.state.half, last + 1 + self.state.half
         )
         return self.state.states(positions)
 
@@ -314,13 +286,7 @@ class RunFilter:
             at_samples = self._states(part, part.q, first, last)
             states = [_subsample(self.stride, x) for x in at_samples]
         q, dq, ddq = states
-        clock = part.clock(
-            np.arange(
-                first,
-                last + 1,
-                self.stride,
-            )
-        )
+        clock = part.clock(np.arange(first, last + 1, self.stride))
         temperature = part.temperature
         if temperature is not None:  # slow: it needs no filter
             at_samples_of_log = part.resampled(temperature, first, last + 1)
@@ -329,12 +295,7 @@ class RunFilter:
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
         if part.qmot is not None:
-            _, _, acceleration = self._states(
-                part,
-                part.qmot,
-                first,
-                last,
-            )
+            _, _, acceleration = self._states(part, part.qmot, first, last)
             motors = _subsample(self.stride, acceleration)
         motion = Motion(
             clock,
@@ -348,12 +309,7 @@ class RunFilter:
         )
         return replace(motion, within=Sampling(self.stride, self.dt))
 
-    def _command(
-        self,
-        part: Stretch,
-        first: int,
-        last: int,
-    ) -> tuple[Command, Array]:
+    def _command(self, part: Stretch, first: int, last: int) -> tuple[Command, Array]:
         """Return the command of the drives and the integral of the positions, filtered
         as the positions are, on the column grid up to sample ``last``.
 
@@ -367,12 +323,7 @@ class RunFilter:
         n_strides = -(-n_before // stride)  # rounded up
         begin = first - stride * n_strides
         of_command, of_motion = part.integrals
-        q, dq, ddq = self._states(
-            part,
-            part.qcmd,
-            begin,
-            last,
-        )
+        q, dq, ddq = self._states(part, part.qcmd, begin, last)
         integral = self._states(part, of_command, begin, last)[0]
         path = self._states(part, of_motion, first, last)[0]
         command = Command(
@@ -384,20 +335,12 @@ class RunFilter:
         )
         return command, _subsample(stride, path)
 
-    def torque(
-        self,
-        part: Stretch,
-        at: NDArray[np.int64],
-    ) -> Array:
+    def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Return the low-passed torque (M, n) [N m or N] at samples ``at`` (M,) of the
         log, in ascending order."""
         begin = at[0] - self.column.half
         end = at[-1] + self.column.half + 1
-        return Decimator(self.column, at - begin) @ part.resampled(
-            part.tau,
-            begin,
-            end,
-        )
+        return Decimator(self.column, at - begin) @ part.resampled(part.tau, begin, end)
 
 
 def _subsample(stride: int, rows: Array) -> Array:

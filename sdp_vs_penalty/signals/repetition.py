@@ -106,23 +106,13 @@ def _first_period(track: Track) -> float | None:
     last = int((t[-1] - t[0] - _SHORTEST) / step)
     lags = np.arange(first, last)  # in steps
     # Each valley is a pair of the mean square difference and the lag [s].
-    for _, lag in _valleys(
-        track,
-        track,
-        scale,
-        step,
-        lags,
-    ):
+    for _, lag in _valleys(track, track, scale, step, lags):
         if _is_repeated(track, track, scale, lag):
             return lag
     return None
 
 
-def repeat_lag(
-    a: Track,
-    b: Track,
-    slip: float = 5.0,
-) -> float | None:
+def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     """Find by how much the clock of one track differs from that of another with the
     same motion.
 
@@ -153,33 +143,18 @@ def repeat_lag(
         return None
     lags = np.arange(-back, forward + 1)
     # Pairs of mean square difference and lag: the smallest difference is the best.
-    valleys = _valleys(
-        a,
-        b,
-        scale,
-        step,
-        lags,
-    )
+    valleys = _valleys(a, b, scale, step, lags)
     best = min(valleys, default=None)
     if best is None:
         return None
     lag = best[1]
-    if not _is_repeated(
-        a,
-        b,
-        scale,
-        lag,
-    ):
+    if not _is_repeated(a, b, scale, lag):
         return None
     return lag + float(t_b[0] - t_a[0])
 
 
 def _valleys(
-    a: Track,
-    b: Track,
-    scale: Array,
-    step: float,
-    lags: NDArray[np.int64],
+    a: Track, b: Track, scale: Array, step: float, lags: NDArray[np.int64]
 ) -> list[tuple[float, float]]:
     """List the lags at which track b may repeat track a: minima of their difference.
 
@@ -244,11 +219,7 @@ def _evenly(track: Track, step: float, scale: Array) -> Array:
     linearly at instants ``step`` seconds apart.
     """
     t, q = track
-    return interpolated(
-        np.arange(t[0], t[-1], step),
-        t,
-        q / scale,
-    ).T
+    return interpolated(np.arange(t[0], t[-1], step), t, q / scale).T
 
 
 def _correlation(x: Array, y: Array) -> Array:
@@ -267,12 +238,7 @@ def _correlation(x: Array, y: Array) -> Array:
     return np.asarray(scipy.fft.irfft(spectrum, length))
 
 
-def _is_repeated(
-    a: Track,
-    b: Track,
-    scale: Array,
-    lag: float,
-) -> bool:
+def _is_repeated(a: Track, b: Track, scale: Array, lag: float) -> bool:
     """Whether track b repeats track a with a lag [s]: q_b(t_b0 + s + lag) = q_a(t_a0 +
     s).
 
@@ -368,25 +334,16 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
             rows, later = _same_positions(a, b, shift)
             if len(rows) >= _FEWEST_ROWS:
                 place = np.searchsorted(b.t, later)
-                place = np.clip(
-                    place,
-                    0,
-                    len(b.t) - 1,
-                )
+                place = np.clip(place, 0, len(b.t) - 1)
                 repeat = Repeat(
-                    rows=starts[k] + rows,
-                    other=m,
-                    later=later,
-                    there=starts[m] + place,
+                    rows=starts[k] + rows, other=m, later=later, there=starts[m] + place
                 )
                 repeats.append(repeat)
     return tuple(repeats)
 
 
 def _same_positions(
-    a: Filtered,
-    b: Filtered,
-    shift: float,
+    a: Filtered, b: Filtered, shift: float
 ) -> tuple[NDArray[np.intp], Array]:
     """Find the rows (K,) of segment a whose positions segment b has ``shift`` seconds
     later.

@@ -7,9 +7,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 def since_reversal(
-    t: Array,
-    velocity: Array,
-    segment: NDArray[np.integer] | None = None,
+    t: Array, velocity: Array, segment: NDArray[np.integer] | None = None
 ) -> tuple[Array, Array]:
     """Compute the time from a joint's nearest reversal, and the direction after it.
 

@@ -10,12 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import (
-    PART,
-    concatenate_chunks,
-    drop_pages,
-    iter_chunks,
-)
+from sdp_vs_penalty.data.store import PART, concatenate_chunks, drop_pages, iter_chunks
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
@@ -52,11 +47,7 @@ def sample_rate(run: Measurements) -> float:
     if size > SAMPLES:
         n_stretches = SAMPLES // PART
         size = PART
-    starts = np.linspace(
-        0,
-        len(run.t) - size,
-        n_stretches,
-    ).astype(int)
+    starts = np.linspace(0, len(run.t) - size, n_stretches).astype(int)
     stretches = [run.t[k : k + size] for k in starts]
     steps = np.concatenate([np.diff(t) for t in stretches])
     middle = float(np.median(steps))
@@ -127,11 +118,7 @@ class Movement:
         """
         sample = np.searchsorted(self.t, t)
         drop_pages(self.t)
-        inside = np.clip(
-            sample,
-            0,
-            len(self.t) - 1,
-        )
+        inside = np.clip(sample, 0, len(self.t) - 1)
         return self.moves[inside]
 
 
@@ -176,13 +163,7 @@ def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """
-    padded = np.concatenate(
-        [
-            [0],
-            flags.astype(np.int8),
-            [0],
-        ]
-    )
+    padded = np.concatenate([[0], flags.astype(np.int8), [0]])
     return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
@@ -220,20 +201,12 @@ class Stretch:
         sample, of the commanded position and of the position; the latter as logged,
         where the run holds it."""
         integral = partial(
-            scipy.integrate.cumulative_trapezoid,
-            x=self.t,
-            axis=0,
-            initial=0.0,
+            scipy.integrate.cumulative_trapezoid, x=self.t, axis=0, initial=0.0
         )
         of_position = integral(self.q) if self.sum is None else self.sum
         return integral(self.qcmd), of_position
 
-    def resampled(
-        self,
-        values: Array,
-        start: int,
-        stop: int,
-    ) -> Array:
+    def resampled(self, values: Array, start: int, stop: int) -> Array:
         """Return channels (N, n) of the stretch at the grid's samples ``start`` to
         ``stop - 1``, linearly interpolated, (stop - start, n)."""
         instants = self.clock(np.arange(start, stop))
@@ -262,20 +235,12 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     for start in range(0, len(at), PART):
         instants = at[start : start + PART]
         # Pass only the samples around: interpolation copies its arguments.
-        behind = np.searchsorted(
-            t,
-            instants[0],
-            "right",
-        )
+        behind = np.searchsorted(t, instants[0], "right")
         begin = int(behind) - 1
         end = int(np.searchsorted(t, instants[-1])) + 1
         samples = slice(max(begin, 0), end)
         for row, channel in zip(out, values[samples].T, strict=True):
-            row[start : start + PART] = np.interp(
-                instants,
-                t[samples],
-                channel,
-            )
+            row[start : start + PART] = np.interp(instants, t[samples], channel)
         drop_pages(t)  # a search looks at instants far away
         drop_pages(values[samples])
     return out.T
@@ -311,7 +276,5 @@ def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
 def no_motion(run: Measurements) -> InputError:
     """Return the error for a run in which no joint moves."""
     return InputError(
-        "the robot does not move in this run",
-        "record a motion",
-        run.names[0],
+        "the robot does not move in this run", "record a motion", run.names[0]
     )

@@ -329,9 +329,7 @@ class SegmentedRuns:
                     [s.low_pass @ friction_laws(s.motion, j) for s in self.segments]
                 )
                 std, no_law = unexplained_standstill_torque(
-                    self.residual[keep, j],
-                    laws[keep],
-                    share[keep],
+                    self.residual[keep, j], laws[keep], share[keep]
                 )
                 held[:, j] = std * share
                 stuck[:, j] = no_law & (share > STILL)
@@ -341,11 +339,7 @@ class SegmentedRuns:
     def keep(self) -> NDArray[np.bool_]:
         """(M, n) which rows count for which joint."""
         moves = np.concatenate([s.keep for s in self.segments])
-        keep = np.repeat(
-            moves[:, None],
-            self.n,
-            axis=1,
-        )
+        keep = np.repeat(moves[:, None], self.n, axis=1)
         return keep & ~self.masked if self.masked.size else keep
 
     @cached_property
@@ -392,12 +386,7 @@ class SegmentedRuns:
         parts = [(s.low_pass, add_others(s.motion)) for s in segments]
         columns = ColumnCache(parts, (self.columns.cache[0], {}))
         model = attach, add_others, gains
-        return replace(
-            self,
-            segments=segments,
-            columns=columns,
-            attached=model,
-        )
+        return replace(self, segments=segments, columns=columns, attached=model)
 
     def with_sign_of(self, effect: Effect) -> SegmentedRuns:
         """Return the runs with the width over which a friction effect changes its sign.
@@ -416,11 +405,7 @@ class SegmentedRuns:
         ]
         return replace(self, columns=ColumnCache(parts, (self.columns.cache[0], {})))
 
-    def blocks(
-        self,
-        effect: Effect,
-        keep: bool = True,
-    ) -> list[Block]:
+    def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """Return an effect's columns at the rows, as the torque channels read them.
 
         Parameters
@@ -496,11 +481,7 @@ def _runs_with_shifted_encoders(
         yield segmented(read_again(run), settings)
 
 
-def _segment(
-    index: int,
-    part: Stretch,
-    filters: RunFilter,
-) -> Segment | None:
+def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     """Filter one stretch of run ``index``; None where it is too short for the filters,
     or the arm stands all the time."""
     state = filters.state
@@ -516,11 +497,7 @@ def _segment(
     if count < 2 * half + 1 + 2 * step:
         return None
     grid = state.half + stride * np.arange(count)
-    motion = filters.motion(
-        part,
-        state.half,
-        part.count - state.half - 1,
-    )
+    motion = filters.motion(part, state.half, part.count - state.half - 1)
     rows = np.arange(half, count - half, step)
     dense = np.arange(half, count - half, dense_step)
     low_pass = Decimator(filters.coarse, rows)
@@ -529,12 +506,7 @@ def _segment(
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    leakage = partial(
-        standstill_leakage,
-        part,
-        (state, column),
-        grid[rows],
-    )
+    leakage = partial(standstill_leakage, part, (state, column), grid[rows])
     return Segment(
         t=motion.t[rows],
         keep=keep,
@@ -587,11 +559,7 @@ def window_subsample(
         edges = np.linspace(0.0, span, n_slots + 1)
         slots += [(run, a, b) for a, b in pairwise(edges.tolist())]
     count = max(1, int(len(slots) * allowed / sum(spans)))
-    evenly = np.linspace(
-        0,
-        len(slots) - 1,
-        count,
-    )
+    evenly = np.linspace(0, len(slots) - 1, count)
     places = evenly.round().astype(int)
     windows = []
     for place in np.unique(places):
@@ -602,9 +570,7 @@ def window_subsample(
 
 
 def subsample_sentence(
-    part: Measurements,
-    measurements: Measurements,
-    what: str,
+    part: Measurements, measurements: Measurements, what: str
 ) -> str | None:
     """Return the sentence that a result rests on windows of a long recording, and on
     how many; None if it rests on the complete recording.

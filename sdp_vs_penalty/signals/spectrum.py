@@ -113,29 +113,14 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     """
     length = min(part.count, c.SAMPLES)
     n_pieces = -(-part.count // length)  # rounded up
-    starts = np.linspace(
-        0,
-        part.count - length,
-        n_pieces,
-    ).astype(int)
-    pieces = [
-        part.resampled(
-            values,
-            start,
-            start + length,
-        )
-        for start in starts
-    ]
+    starts = np.linspace(0, part.count - length, n_pieces).astype(int)
+    pieces = [part.resampled(values, start, start + length) for start in starts]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
     return np.asarray(np.mean(spectra, axis=0)), frequency
 
 
-def periodograms(
-    x: Array,
-    length: int,
-    degree: int = 0,
-) -> Array:
+def periodograms(x: Array, length: int, degree: int = 0) -> Array:
     """Compute periodograms of overlapping windows; white noise of unit variance has a
     mean of one.
 
@@ -159,11 +144,7 @@ def periodograms(
     """
     window = np.hanning(length)[:, None]
     # Orthonormal polynomials, (length, degree + 1).
-    places = np.linspace(
-        -1.0,
-        1.0,
-        length,
-    )
+    places = np.linspace(-1.0, 1.0, length)
     powers = np.vander(places, degree + 1)
     polynomials = np.linalg.qr(powers)[0]
     starts = range(0, len(x) - length + 1, length // 2)
@@ -177,10 +158,7 @@ def periodograms(
 
 
 def unbent_cutoff(
-    runs: Sequence[Measurements],
-    cutoff: float,
-    band: float,
-    highest: float,
+    runs: Sequence[Measurements], cutoff: float, band: float, highest: float
 ) -> float:
     """Choose the cut-off of the filter of q, dq, ddq with the least error in
     acceleration.
@@ -260,11 +238,7 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     for power in powers.T:
         # At the highest frequencies there is only noise; it is taken for white.
         noise = float(power[frequency > c.LAST / part.dt].mean())
-        smooth = np.convolve(
-            power,
-            np.ones(width) / width,
-            mode="same",
-        )
+        smooth = np.convolve(power, np.ones(width) / width, mode="same")
         is_noise = smooth < c.ABOVE * noise
         end_of_motion = min(frequency[is_noise], default=np.inf)
         motion = np.where(frequency < end_of_motion, power, 0.0) * transfer
@@ -340,11 +314,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     rounding = (64.0 * np.finfo(float).eps * largest) ** 2
     quiet = np.maximum(_mean_by_quantile(joined, c.QUIET), rounding)
     loud = np.maximum(_mean_by_quantile(joined, 1.0 - c.QUIET), quiet)
-    spectrum, deviation = _autoregression(
-        quiet,
-        2.0 * np.pi * frequency * dt,
-        band,
-    )
+    spectrum, deviation = _autoregression(quiet, 2.0 * np.pi * frequency * dt, band)
     swings = np.sqrt(loud / quiet)[band].mean(axis=0).max()
     return TorqueNoise(
         frequency,
@@ -362,9 +332,7 @@ def _window_length(cutoff: float, dt: float) -> int:
 
 
 def _windows(
-    parts: Sequence[Stretch],
-    cutoff: float,
-    signals: Sequence[Array],
+    parts: Sequence[Stretch], cutoff: float, signals: Sequence[Array]
 ) -> list[Array]:
     """Return the periodograms (W, F, n) of n signals in each stretch.
 
@@ -456,18 +424,12 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
 
     A periodogram of noise is exponential: its quantile is -log(1 - share) of its mean.
     """
-    quantile = np.quantile(
-        powers,
-        share,
-        axis=0,
-    )
+    quantile = np.quantile(powers, share, axis=0)
     return np.asarray(quantile / -np.log1p(-share))
 
 
 def _autoregression(
-    powers: Array,
-    angle: Array,
-    band: NDArray[np.bool_],
+    powers: Array, angle: Array, band: NDArray[np.bool_]
 ) -> tuple[Array, float]:
     """Fit the spectrum of a first-order autoregression, c / (1 + a^2 - 2 a cos(w)), to
     the powers of n joints.
@@ -499,11 +461,7 @@ def _autoregression(
     log_ratio = np.log(powers[band].T[:, None] / shapes[:, band])
     best = np.argmin(np.var(log_ratio, axis=2), axis=1)
     # Of each joint the best colour, (n, frequencies).
-    log_ratio = np.take_along_axis(
-        log_ratio,
-        best[:, None, None],
-        axis=1,
-    )[:, 0]
+    log_ratio = np.take_along_axis(log_ratio, best[:, None, None], axis=1)[:, 0]
     level = log_ratio.mean(axis=1, keepdims=True)
     off_law = log_ratio - level
     is_lowest = angle[band] <= np.sqrt(2.0) * angle[band][0]

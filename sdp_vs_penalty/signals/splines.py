@@ -69,11 +69,7 @@ class CubicSpline:
     def _piece(self, at: Array) -> NDArray[np.intp]:
         """Return the number (M,) of the piece for each of ``at`` (M,)."""
         behind = np.searchsorted(self.x, at, "right")
-        return np.clip(
-            behind - 1,
-            0,
-            len(self.x) - 2,
-        )
+        return np.clip(behind - 1, 0, len(self.x) - 2)
 
 
 def _slopes_at_knots(width: Array, rise: Array) -> Array:

@@ -28,9 +28,7 @@ SLOW = 0.1
 
 
 def standstill_leakage(
-    stretch: Stretch,
-    kernels: Sequence[Kernel],
-    rows: NDArray[np.int64],
+    stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]
 ) -> Array:
     """Return the share of each filtered row that comes from a joint's standstill.
 
@@ -99,14 +97,7 @@ def is_still(q: Array) -> NDArray[np.bool_]:
         is_far = _displacement(positions, 3 * half) > 3**3 * step[joints]
         stood = (quiet[some] & is_far).astype(np.uint8)
         near = np.pad(stood, ((0, 0), (half, half)))
-        still[joints] |= (
-            sliding(
-                np.maximum,
-                near,
-                2 * half + 1,
-            )
-            > 0
-        )
+        still[joints] |= sliding(np.maximum, near, 2 * half + 1) > 0
         half = max(half + 1, 3 * half // 2)
     return still.T
 
@@ -114,37 +105,21 @@ def is_still(q: Array) -> NDArray[np.bool_]:
 def _spread(positions: Array, half: int) -> Array:
     """Return the range (largest minus smallest) of positions (n, N) within ``half``
     samples of each one, (n, N)."""
-    near = np.pad(
-        positions,
-        ((0, 0), (half, half)),
-        mode="symmetric",
-    )
+    near = np.pad(positions, ((0, 0), (half, half)), mode="symmetric")
     width = 2 * half + 1
-    return sliding(
-        np.maximum,
-        near,
-        width,
-    ) - sliding(np.minimum, near, width)
+    return sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
 
 
 def _displacement(positions: Array, steps: int) -> Array:
     """Return the distance (n, N) of positions (n, N) from those ``steps`` samples
     before or after, whichever is larger."""
-    ends = np.pad(
-        positions,
-        ((0, 0), (steps, steps)),
-        mode="edge",
-    )
+    ends = np.pad(positions, ((0, 0), (steps, steps)), mode="edge")
     before = np.abs(ends[:, : -2 * steps] - positions)
     after = np.abs(ends[:, 2 * steps :] - positions)
     return np.maximum(before, after)
 
 
-def sliding(
-    extreme: np.ufunc,
-    x: NDArray[Any],
-    width: int,
-) -> NDArray[Any]:
+def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
     """Return the largest or smallest of ``width`` consecutive samples, at each place.
 
     Extremes of 1, 2, 4, ... neighbours are computed one from the other; two overlapping
@@ -188,11 +163,7 @@ def resolution(q: Array) -> Array:
     """
     # Fourth differences remove the motion. White noise has 70 times its variance in
     # them (1 + 16 + 36 + 16 + 1), and a median absolute value of 0.6745 sigma.
-    fourth_differences = np.diff(
-        q,
-        4,
-        axis=0,
-    )
+    fourth_differences = np.diff(q, 4, axis=0)
     median = np.median(np.abs(fourth_differences), axis=0)
     return np.asarray(_ALIKE * median / (0.6745 * np.sqrt(70.0)))
 
@@ -218,20 +189,11 @@ def friction_laws(motion: Motion, joint: int) -> Array:
     start = float(np.sign(dq[0]))
     travels = PreslidingHysteresis.shapes["d"].grid
     memory = [dahl(path, travel, start) for travel in travels]
-    return np.column_stack(
-        [
-            *memory,
-            motion.sign(joint),
-            dq,
-            np.ones(len(dq)),
-        ]
-    )
+    return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(dq))])
 
 
 def unexplained_standstill_torque(
-    left: Array,
-    laws: Array,
-    share: Array,
+    left: Array, laws: Array, share: Array
 ) -> tuple[float, bool]:
     """Estimate the torque at standstill that laws of friction leave unexplained.
 
@@ -262,11 +224,7 @@ def unexplained_standstill_torque(
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
     laws = laws / nonzero_or_one(size)
-    fitted = np.linalg.lstsq(
-        laws,
-        left,
-        rcond=1e-10,
-    )[0]
+    fitted = np.linalg.lstsq(laws, left, rcond=1e-10)[0]
     squared_residual = (left - laws @ fitted) ** 2
     usual = float(squared_residual[moves].mean())
     variance = max(float(squared_residual[stands].mean()) - usual, 0.0)

@@ -48,9 +48,7 @@ def torque_rates(runs: SegmentedRuns) -> Array:
 
 
 def largest_timing_errors(
-    errors: Array,
-    rates: Array,
-    stretches: Sequence[NDArray[np.intp]],
+    errors: Array, rates: Array, stretches: Sequence[NDArray[np.intp]]
 ) -> Array:
     """Return the largest errors that the rates of change explain.
 

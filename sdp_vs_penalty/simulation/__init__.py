@@ -11,7 +11,5 @@ __getattr__ = lazy_exports(
         "DryFriction Hidden LEVELS MAKERS TrueMotion World at_joint bristles log_uniform "
         "misplaced shifted torques"
     ),
-    **{
-        "engines.engine": "Engine",
-    },
+    **{"engines.engine": "Engine"},
 )

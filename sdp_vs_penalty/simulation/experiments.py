@@ -106,11 +106,7 @@ class Sensor:
         shares = [innovation_share(poles) for poles in self.poles]
         return np.asarray(self.torque_std * np.sqrt(shares))
 
-    def noise(
-        self,
-        count: int,
-        rng: np.random.Generator,
-    ) -> Array:
+    def noise(self, count: int, rng: np.random.Generator) -> Array:
         """Draw samples of the torque noise at the controller's rate.
 
         White noise passes the filter gain / poles (an autoregressive process), with the
@@ -154,11 +150,7 @@ class Sensor:
         return np.arange(int(np.ceil(duration * self.rate)) + 1) / self.rate
 
     def log(
-        self,
-        duration: float,
-        q: Array,
-        torque: Array,
-        rng: np.random.Generator,
+        self, duration: float, q: Array, torque: Array, rng: np.random.Generator
     ) -> tuple[Array, Array, Array]:
         """Return what the log shows: the controller's last value at each of its
         entries.
@@ -227,11 +219,7 @@ def _counted(values: Array, step: ArrayLike) -> Array:
     them.
     """
     unit = nonzero_or_one(np.asarray(step, float))
-    return np.where(
-        np.asarray(step) > 0.0,
-        np.round(values / unit) * unit,
-        values,
-    )
+    return np.where(np.asarray(step) > 0.0, np.round(values / unit) * unit, values)
 
 
 def simulate(
@@ -266,13 +254,7 @@ def simulate(
     motion = Motion(t, *trajectory.states(t))
     rng = np.random.default_rng(seed)
     return Measurements(
-        *sensor.log(
-            trajectory.duration,
-            motion.q,
-            torque(motion),
-            rng,
-        ),
-        names=(name,),
+        *sensor.log(trajectory.duration, motion.q, torque(motion), rng), names=(name,)
     )
 
 
@@ -308,10 +290,7 @@ class Experiment:
         """
         links = self.links.ravel()
         rigid = self.problem.robot.inverse_dynamics(
-            links,
-            motion.q,
-            motion.dq,
-            motion.ddq,
+            links, motion.q, motion.dq, motion.ddq
         )
         if self.friction is None:
             return rigid
@@ -331,11 +310,7 @@ class Experiment:
             Positions (N, n) and noisy torques (N, n) at the sensor's time stamps.
         """
         return simulate(
-            self.trajectory,
-            self.torque,
-            self.sensor,
-            seed,
-            name="exciting trajectory",
+            self.trajectory, self.torque, self.sensor, seed, name="exciting trajectory"
         )
 
     def validation_runs(
@@ -415,11 +390,7 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         blend = float(motion["blend"])
         seed = int(motion["seed"])
         trajectory = random_trajectory(
-            problem.robot,
-            seed,
-            length,
-            frequency=np.pi * over_pi,
-            blend=blend,
+            problem.robot, seed, length, frequency=np.pi * over_pi, blend=blend
         )
     friction = truth.get("friction")
     sensor = dict[str, Any]()
@@ -460,19 +431,9 @@ def _assumed(problem: Problem) -> Experiment:
     )
     torque = np.sqrt(np.mean(without_friction.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing has friction and noise all the same.
-    torque = np.where(
-        torque > 1e-6 * torque.max(),
-        torque,
-        0.01 * torque.max(),
-    )
+    torque = np.where(torque > 1e-6 * torque.max(), torque, 0.01 * torque.max())
     # The sigmoid saturates at half its amplitude phi_1 on either side.
-    phi = np.column_stack(
-        [
-            2.0 * 0.02 * torque,
-            zeros + 10.0,
-            zeros,
-        ]
-    )
+    phi = np.column_stack([2.0 * 0.02 * torque, zeros + 10.0, zeros])
     return replace(
         without_friction,
         friction=phi,

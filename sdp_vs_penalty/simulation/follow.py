@@ -40,10 +40,7 @@ if TYPE_CHECKING:
 Drive = Literal["torque", "pd", "servo"]
 
 #: A free run has left the measured one beyond this error [rad, m].
-_LEFT = {
-    "rad": 0.5,
-    "m": 0.1,
-}
+_LEFT = {"rad": 0.5, "m": 0.1}
 
 
 @dataclass(frozen=True)
@@ -61,12 +58,7 @@ class Ahead(JsonRecord):
     naive: Array
 
     @classmethod
-    def of(
-        cls,
-        seconds: float,
-        error: Array,
-        naive: Array,
-    ) -> Self:
+    def of(cls, seconds: float, error: Array, naive: Array) -> Self:
         """Summarise the errors of K windows at one horizon.
 
         Parameters
@@ -84,17 +76,8 @@ class Ahead(JsonRecord):
             RMS of the errors (n,), 5 % and 95 % quantiles of their sizes (2, n), and
             RMS of the guess (n,).
         """
-        band = np.quantile(
-            np.abs(error),
-            [0.05, 0.95],
-            axis=0,
-        )
-        return cls(
-            seconds,
-            _rms(error),
-            band,
-            _rms(naive),
-        )
+        band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
+        return cls(seconds, _rms(error), band, _rms(naive))
 
 
 @dataclass(frozen=True)
@@ -119,11 +102,7 @@ class FreeRun(JsonRecord):
         """Return the figures of the run as JSON, without the simulated motion."""
         motion = "simulated", "measured", "cut"
         figures = {k: x for k, x in super().to_dict().items() if k not in motion}
-        return {
-            "run": self.simulated.names[0],
-            "cut": self.cut,
-            **figures,
-        }
+        return {"run": self.simulated.names[0], "cut": self.cut, **figures}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -139,21 +118,13 @@ class FreeRun(JsonRecord):
             spread=None if spread is None else np.array(spread, float),
             loop=None if loop is None else np.array(loop, float),
             torque=torque,
-            simulated=Measurements(
-                np.zeros(0),
-                nothing,
-                nothing,
-                names=(data["run"],),
-            ),
+            simulated=Measurements(np.zeros(0), nothing, nothing, names=(data["run"],)),
             measured=nothing,
             cut=bool(data.get("cut", False)),
         )
 
 
-@dataclass(
-    frozen=True,
-    repr=False,
-)
+@dataclass(frozen=True, repr=False)
 class Following(Record):
     """What a model run forward makes of measured runs. one_step : velocity after one
     step; ahead : position after a tenth of a second; left_out : effects that have no
@@ -291,12 +262,7 @@ class Following(Record):
             if free.loop is not None:
                 row.append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
             rows.append(row)
-        heads = [
-            "joint",
-            "unit",
-            *columns,
-            *["loop"] * (free.loop is not None),
-        ]
+        heads = ["joint", "unit", *columns, *["loop"] * (free.loop is not None)]
         return Table(heads, rows, words=(0, 1))
 
     _table = table
@@ -507,11 +473,7 @@ class _Ride:
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
     def added(
-        self,
-        state: State,
-        k: NDArray[np.intp],
-        share: float,
-        h: float,
+        self, state: State, k: NDArray[np.intp], share: float, h: float
     ) -> tuple[Array, Array]:
         """Return the torque of the control loop, M(q) (w^2 e + 2 w de/dt), critically
         damped.
@@ -549,11 +511,7 @@ class _Ride:
         torque = np.einsum("kij,kj->ki", M, acceleration)  # M times vector, each window
         return torque, (2.0 * w + 0.5 * h * w * w) * M
 
-    def step(
-        self,
-        state: State,
-        k: NDArray[np.intp],
-    ) -> State:
+    def step(self, state: State, k: NDArray[np.intp]) -> State:
         """Simulate from sample k (W,) of the measured run to the next one, for W
         windows.
 
@@ -566,9 +524,7 @@ class _Ride:
             if self.servo is not None:
                 if course.command is None:
                     raise InputError(
-                        "this run holds no commands",
-                        "log qcmd1..qcmdn",
-                        course.name,
+                        "this run holds no commands", "log qcmd1..qcmdn", course.name
                     )
                 state = self.servo.step(state, course.command, h)
                 continue
@@ -584,9 +540,7 @@ class _Ride:
 
 
 def _windows(
-    ride: _Ride,
-    horizon: float,
-    most_windows: int,
+    ride: _Ride, horizon: float, most_windows: int
 ) -> tuple[Array, Array, Array, Array]:
     """Simulate short windows spread evenly over the moving part of a run.
 
@@ -667,10 +621,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
 
 
 def _free_run(
-    estimate: Estimate,
-    drawn: Array,
-    measured: _Ride,
-    most_steps: int | None,
+    estimate: Estimate, drawn: Array, measured: _Ride, most_steps: int | None
 ) -> FreeRun:
     """Simulate a run from its first moving state until it ends or leaves the measured
     one.
@@ -734,12 +685,7 @@ def _free_run(
         spread=spread,
         loop=_rms(np.array(added)) if added else None,
         torque=_rms(torque),
-        simulated=Measurements(
-            t,
-            motion[:, 0],
-            torque,
-            names=(course.name,),
-        ),
+        simulated=Measurements(t, motion[:, 0], torque, names=(course.name,)),
         measured=states.q[start:until],
         cut=not left and bool(states.t[-1] - states.t[end] > 1.0),
     )

@@ -20,11 +20,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import (
-    WRITERS_PATIENCE,
-    folder_lock,
-    write_text,
-)
+from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.results.record import Shown, Summary
@@ -54,10 +50,7 @@ _BLEND = 0.7
 RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 
-@dataclass(
-    frozen=True,
-    repr=False,
-)
+@dataclass(frozen=True, repr=False)
 class HiddenRuns(Shown):
     """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects,
     sized."""
@@ -237,10 +230,7 @@ def planned(
 
 
 def true_world(
-    problem: Problem,
-    setup: Experiment,
-    seed: int,
-    without: Sequence[str] = (),
+    problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()
 ) -> World:
     """Make the true robot of a simulation.
 
@@ -356,12 +346,7 @@ def _plan(
     # One and a half periods in a run, so that a part of it repeats.
     frequency = 3.0 * np.pi / DURATION
     trajectories = [
-        random_trajectory(
-            problem.robot,
-            10 * seed + k,
-            length,
-            frequency=frequency,
-        )
+        random_trajectory(problem.robot, 10 * seed + k, length, frequency=frequency)
         for k in range(count)
     ]
     # Effects are sized on a coarse grid of 200 Hz, which is fast.
@@ -387,23 +372,11 @@ def _plan(
         "seed": seed,
         "level": level,
         "effects": [
-            {
-                **h.to_dict(),
-                "size": (h.number or 1.0) * h.size,
-            }
-            for h in hidden
+            {**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
         ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return Plan(
-        problem,
-        world,
-        setup,
-        tuple(hidden),
-        tuple(trajectories),
-        seed,
-        truth,
-    )
+    return Plan(problem, world, setup, tuple(hidden), tuple(trajectories), seed, truth)
 
 
 def _hash_of_robot(problem: Problem, setup: Experiment) -> str:
@@ -447,8 +420,7 @@ def _sized_effects(
         elif joints or not unsized.joints:
             where = f"on joint {joint + 1}" if unsized.joints else "on this robot"
             raise InputError(
-                f"{name} makes no torque {where}",
-                "hide it elsewhere, or hide another",
+                f"{name} makes no torque {where}", "hide it elsewhere, or hide another"
             )
     return sized_effects
 
@@ -491,17 +463,9 @@ def _measure(
         return world.torque(motion) + sum(torques(world, motion, hidden))
 
     full_run = measured(
-        trajectory,
-        torque,
-        setup.sensor,
-        [seed, 3, k],
-        name=f"run{k + 1}",
+        trajectory, torque, setup.sensor, [seed, 3, k], name=f"run{k + 1}"
     )
     run = full_run.window(_BLEND, _BLEND + DURATION)
     clock = run.t + _start(k)
     warm = any(h.effect == "warming_friction" for h in hidden)
-    return replace(
-        run,
-        t=clock,
-        temperature=world.temperature(clock) if warm else None,
-    )
+    return replace(run, t=clock, temperature=world.temperature(clock) if warm else None)

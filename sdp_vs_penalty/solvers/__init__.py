@@ -33,12 +33,7 @@ def solver(name: str) -> Solver:
         For an unknown or missing solver, with what installs it.
     """
     chosen: Solver = load_class(
-        "solver",
-        __name__,
-        __path__,
-        Solver,
-        name,
-        solver_types,
+        "solver", __name__, __path__, Solver, name, solver_types
     )()
     if chosen.absent:
         raise InputError(f"solver {name} cannot be used here", chosen.absent)

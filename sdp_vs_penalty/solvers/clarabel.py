@@ -18,19 +18,12 @@ class Clarabel(Solver):
         ("tol_gap_abs", "tol_gap_rel", "tol_feas"), ACCURACY
     )
     status_meaning = {
-        **{
-            "Solved": "optimal",
-            "AlmostSolved": "inaccurate",
-        },
+        **{"Solved": "optimal", "AlmostSolved": "inaccurate"},
         **dict.fromkeys(("PrimalInfeasible", "AlmostPrimalInfeasible"), "infeasible"),
         **dict.fromkeys(("DualInfeasible", "AlmostDualInfeasible"), "unbounded"),
     }
 
-    def run(
-        self,
-        problem: ConicProblem,
-        options: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Solve a conic problem by the package Clarabel.
 
         The problem is: minimise x^T P x / 2 + q^T x so that b - A x lies in a product
@@ -64,19 +57,9 @@ class Clarabel(Solver):
         }
         cones = [make_cone_of_kind[cone.kind](cone.size) for cone in problem.cones]
         solver = clarabel.DefaultSolver(
-            problem.P,
-            problem.q,
-            problem.A,
-            problem.b,
-            cones,
-            settings,
+            problem.P, problem.q, problem.A, problem.b, cones, settings
         )
         result = solver.solve()
         x = np.array(result.x)
         z = np.array(result.z)
-        return self.make_solution(
-            x,
-            z,
-            str(result.status),
-            result.iterations,
-        )
+        return self.make_solution(x, z, str(result.status), result.iterations)

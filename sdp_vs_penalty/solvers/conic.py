@@ -94,13 +94,7 @@ class Solution:
         """
         x = np.full(len(problem.q), np.nan)
         z = np.full(len(problem.b), np.nan)
-        return cls(
-            x,
-            z,
-            claims,
-            status,
-            iterations,
-        )
+        return cls(x, z, claims, status, iterations)
 
 
 @cache
@@ -161,12 +155,7 @@ def unsvec(vector: Array, d: int) -> Array:
     return out
 
 
-CBF_NAMES = {
-    "zero": "L=",
-    "nonnegative": "L+",
-    "soc": "Q",
-    "exp": "EXP",
-}
+CBF_NAMES = {"zero": "L=", "nonnegative": "L+", "soc": "Q", "exp": "EXP"}
 
 
 def sdpa_text(problem: ConicProblem) -> str:
@@ -223,12 +212,7 @@ def cbf_text(problem: ConicProblem) -> str:
     """
     m = len(problem.q)
     # First row of each cone, and the number of rows.
-    starts = np.cumsum(
-        [
-            0,
-            *(c.rows for c in problem.cones),
-        ]
-    )
+    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     # 1. Head: m free variables, and the orders of the matrices.
     lines = ["VER", "3", ""]
     lines += ["OBJSENSE", "MIN", ""]
@@ -268,20 +252,11 @@ def cbf_text(problem: ConicProblem) -> str:
         nonzero.data * factor[row],
     )
     entries = matrix[order].tocoo()
-    lines += _section(
-        "ACOORD",
-        entries.row,
-        entries.col,
-        entries.data,
-    )
+    lines += _section("ACOORD", entries.row, entries.col, entries.data)
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
     row = psd_rows[problem.b[psd_rows] != 0.0]
     lines += _section(
-        "DCOORD",
-        number[block[row]],
-        j[row],
-        i[row],
-        problem.b[row] * factor[row],
+        "DCOORD", number[block[row]], j[row], i[row], problem.b[row] * factor[row]
     )
     return "\n".join(lines) + "\n"
 

@@ -55,11 +55,7 @@ class Slice:
     """
 
     def __init__(
-        self,
-        constraints: ConstraintSet,
-        equalities: Array,
-        theta: Array,
-        bound: Array,
+        self, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array
     ) -> None:
         """Find an interior point of the slice, a basis of it, and limits of its
         coordinates.
@@ -71,11 +67,7 @@ class Slice:
         """
         self.solver = solver("clarabel")
         # Directions free (p, k) that change no equality.
-        rows = equalities / np.linalg.norm(
-            equalities,
-            axis=1,
-            keepdims=True,
-        )
+        rows = equalities / np.linalg.norm(equalities, axis=1, keepdims=True)
         free = scipy.linalg.null_space(rows, rcond=1e-10)
         if free.shape[1] == 0:
             raise InputError(
@@ -89,14 +81,7 @@ class Slice:
         r = np.linalg.qr(columns.toarray(), mode="r")
         self.basis = scipy.linalg.solve_triangular(r, free.T, trans="T").T
         self.reduced = ConstraintSet(
-            tuple(
-                _reduced(
-                    c,
-                    self.basis,
-                    self.interior,
-                )
-                for c in constraints.convex
-            )
+            tuple(_reduced(c, self.basis, self.interior) for c in constraints.convex)
         )
         self.sdp = _posed(self.reduced.convex)
         # Limits of x = r free^T (theta - interior), since free is orthonormal.
@@ -149,11 +134,7 @@ class Slice:
             Value, the point theta that attains it, and a certified upper bound.
         """
         minimum = self.minimum(-slope)
-        return replace(
-            minimum,
-            value=-minimum.value,
-            bound=-minimum.bound,
-        )
+        return replace(minimum, value=-minimum.value, bound=-minimum.bound)
 
     def _solved(self, g: Array) -> tuple[Array, float]:
         """Return a feasible minimiser theta (p,) of g^T x, with |g| = 1, and a certified
@@ -191,18 +172,12 @@ class Slice:
         )
         evidence = dual_evidence(fit)
         return solution.x, lower_bound(
-            objective,
-            self.reduced.entries,
-            evidence,
-            self.limit,
+            objective, self.reduced.entries, evidence, self.limit
         )
 
 
 def _interior(
-    constraints: ConstraintSet,
-    free: Array,
-    theta: Array,
-    bound: Array,
+    constraints: ConstraintSet, free: Array, theta: Array, bound: Array
 ) -> Array:
     """Return the point of the slice through theta with the largest scaled margin.
 
@@ -210,11 +185,7 @@ def _interior(
     """
     reduced = [_reduced(c, free, theta) for c in constraints.convex]
     reach = np.abs(free.T) @ (bound + np.abs(theta))
-    problem = largest_margin(
-        reduced,
-        np.zeros(free.shape[1]),
-        reach,
-    )
+    problem = largest_margin(reduced, np.zeros(free.shape[1]), reach)
     solution = solver("clarabel").solve(problem.conic, 1e-9)
     point = theta + free @ problem.theta(solution)
     margin = constraints.margin(point)
@@ -233,17 +204,10 @@ def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
 
     constant' = F(origin), coefficients'_k = sum_i free_ik F_i.
     """
-    coefficients = np.tensordot(
-        free[c.indices].T,
-        c.coefficients,
-        axes=(1, 0),
-    )
+    coefficients = np.tensordot(free[c.indices].T, c.coefficients, axes=(1, 0))
     columns = np.arange(free.shape[1])
     return replace(
-        c,
-        indices=columns,
-        constant=c.value(origin),
-        coefficients=coefficients,
+        c, indices=columns, constant=c.value(origin), coefficients=coefficients
     )
 
 
@@ -252,12 +216,7 @@ def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
     0.
     """
     k = len(reduced[0].indices)
-    groups, placed = scaled(
-        reduced,
-        np.zeros(k),
-        np.ones(k),
-        np.zeros(k),
-    )
+    groups, placed = scaled(reduced, np.zeros(k), np.ones(k), np.zeros(k))
     return SdpProblem(
         conic_problem(groups, None, np.zeros(k)),
         centre=np.zeros(k),

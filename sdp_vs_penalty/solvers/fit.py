@@ -20,11 +20,7 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import (
-    ConeGroup,
-    ConstraintSet,
-    project,
-)
+from sdp_vs_penalty.robot.constraint import ConeGroup, ConstraintSet, project
 from sdp_vs_penalty.solvers import rigorous_bounds
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.objective import Objective
@@ -70,21 +66,13 @@ class Fit:
         entries = self.constraints.entries
         bound = self.bound
         lower = rigorous_bounds.lower_bound(
-            objective,
-            entries,
-            dual_evidence(self, polished=False),
-            bound,
+            objective, entries, dual_evidence(self, polished=False), bound
         )
         if objective.least_squares.gap(self.upper, lower, self.theta) <= 0.5 * TIGHT:
             return lower
         return max(
             lower,
-            rigorous_bounds.lower_bound(
-                objective,
-                entries,
-                dual_evidence(self),
-                bound,
-            ),
+            rigorous_bounds.lower_bound(objective, entries, dual_evidence(self), bound),
         )
 
     @cached_property
@@ -92,11 +80,7 @@ class Fit:
         """Objective at theta minus the lower bound of the optimum, relative to the
         loss.
         """
-        return self.objective.least_squares.gap(
-            self.upper,
-            self.lower,
-            self.theta,
-        )
+        return self.objective.least_squares.gap(self.upper, self.lower, self.theta)
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
@@ -138,11 +122,7 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     ridge = _RIDGE * np.trace(gram) + without_data
     gram[np.diag_indices_from(gram)] += ridge
     # LAPACK itself: SciPy's wrappers take as long again.
-    cholesky, failed = scipy.linalg.lapack.dpotrf(
-        gram,
-        lower=1,
-        clean=0,
-    )
+    cholesky, failed = scipy.linalg.lapack.dpotrf(gram, lower=1, clean=0)
     if failed:
         raise np.linalg.LinAlgError
 
@@ -150,11 +130,7 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
         """Return the shift of y (r,) that removes a dual slope (p,), which is scaled by
         bound.
         """
-        step, _ = scipy.linalg.lapack.dpotrs(
-            cholesky,
-            slope,
-            lower=1,
-        )
+        step, _ = scipy.linalg.lapack.dpotrs(cholesky, slope, lower=1)
         return data.R @ (bound * step)
 
     evidence = DualEvidence(
@@ -169,10 +145,7 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
 
 
 def _polished(
-    e: DualEvidence,
-    objective: Objective,
-    constraints: ConstraintSet,
-    bound: Array,
+    e: DualEvidence, objective: Objective, constraints: ConstraintSet, bound: Array
 ) -> DualEvidence:
     """Return evidence whose multipliers leave less of the dual slope.
 
@@ -211,11 +184,7 @@ def _polished(
 
     # Scale each matrix F to T F T with a unit diagonal: else the projection would
     # depend on units.
-    terms = zip(
-        entries.groups,
-        entries.split(entries.at(bound)[1]),
-        strict=True,
-    )
+    terms = zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)
     sizes = [
         unit_diagonal_factors(x) if g.cone == "psd" else np.ones_like(g.constant)
         for g, x in terms
@@ -229,19 +198,9 @@ def _polished(
         # Project the multipliers onto their cones.
         dual = [
             t * project(g.cone, s / t)
-            for g, s, t in zip(
-                entries.groups,
-                dual,
-                sizes,
-                strict=True,
-            )
+            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
-        flat = np.concatenate(
-            [
-                np.zeros(0),
-                *(s.ravel() for s in dual),
-            ]
-        )
+        flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
         # Remove by y what the data determine; twice, for rounding.
         y = e.y
         for _ in range(2):
@@ -268,18 +227,9 @@ def _polished(
                 if _is_of_link(g)
                 else s
             )
-            for g, s, t in zip(
-                entries.groups,
-                dual,
-                sizes,
-                strict=True,
-            )
+            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
-    return replace(
-        e,
-        multipliers=multipliers,
-        push=push,
-    )
+    return replace(e, multipliers=multipliers, push=push)
 
 
 def _is_of_link(group: ConeGroup) -> bool:
@@ -296,17 +246,8 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
     each link gets one (its minimum thickness, which is active); the others are zero.
     """
     # Pseudo-inverse of the ten flat matrices T F_i T (10, 16) of each constraint.
-    flat = (group.coefficients * t[:, None]).reshape(
-        -1,
-        10,
-        16,
-    )
-    out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(
-        -1,
-        10,
-        4,
-        4,
-    )
+    flat = (group.coefficients * t[:, None]).reshape(-1, 10, 16)
+    out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(-1, 10, 4, 4)
     # A link is known by the index of its first parameter; later constraints overwrite.
     last_of_link = {int(first): k for k, first in enumerate(group.indices[:, 0])}
     others = np.setdiff1d(np.arange(len(out)), list(last_of_link.values()))

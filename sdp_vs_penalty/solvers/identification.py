@@ -208,26 +208,11 @@ def least_squares_sdp(
         float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
     )
     finer = loss_scale / torque if fine else 1.0
-    scale = np.where(
-        is_seen,
-        np.minimum(bound, finer * unit),
-        unit,
-    )
+    scale = np.where(is_seen, np.minimum(bound, finer * unit), unit)
     # 2. Equality rows: R (theta - centre) / loss_scale - z = (rho - R centre) /
     # loss_scale; the objective is |z|^2, and the constraints follow.
-    residual = np.hstack(
-        [
-            rows * (scale / unit) / loss_scale,
-            -np.eye(r),
-        ]
-    )
-    scaled_constraints, placed = scaled(
-        constraints,
-        centre,
-        scale,
-        reference,
-        first=r,
-    )
+    residual = np.hstack([rows * (scale / unit) / loss_scale, -np.eye(r)])
+    scaled_constraints, placed = scaled(constraints, centre, scale, reference, first=r)
     groups = [plain_rows("zero", residual, -rho / loss_scale), *scaled_constraints]
     quadratic = np.repeat([0.0, 2.0], [p, r])  # of x (p,) and z (r,)
     linear = np.zeros(p + r)
@@ -235,12 +220,7 @@ def least_squares_sdp(
     start = 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
-        log_det_cones, logs, links = _log_det(
-            entropy,
-            centre,
-            scale,
-            p + r,
-        )
+        log_det_cones, logs, links = _log_det(entropy, centre, scale, p + r)
         groups += log_det_cones
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
@@ -253,17 +233,9 @@ def least_squares_sdp(
         # Constants of the divergence: the trace at the centre, log det P0 - 4, and the
         # scaling of P to a diagonal of ones.
         left_out = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)
-        sizes = np.diagonal(
-            entropy.nominal,
-            axis1=1,
-            axis2=2,
-        )
+        sizes = np.diagonal(entropy.nominal, axis1=1, axis2=2)
         offset += entropy.weight * float(left_out - np.sum(np.log(sizes)))
-    conic = conic_problem(
-        groups,
-        scipy.sparse.diags(quadratic).tocsc(),
-        linear,
-    )
+    conic = conic_problem(groups, scipy.sparse.diags(quadratic).tocsc(), linear)
     return SdpProblem(
         conic,
         centre,
@@ -277,9 +249,7 @@ def least_squares_sdp(
 
 
 def largest_margin(
-    constraints: Sequence[Constraint],
-    reference: Array,
-    scale: Array,
+    constraints: Sequence[Constraint], reference: Array, scale: Array
 ) -> SdpProblem:
     """Pose the problem: maximise t <= 1 with every scaled F(theta) - t e in its cone.
 
@@ -299,26 +269,14 @@ def largest_margin(
         proves that no theta satisfies all constraints.
     """
     p = len(scale)
-    groups, placed = scaled(
-        constraints,
-        np.zeros(p),
-        scale,
-        reference,
-        slack=True,
-    )
+    groups, placed = scaled(constraints, np.zeros(p), scale, reference, slack=True)
     # Variables (x, t): the row 1 - t >= 0, and the objective -t to minimise.
     minus_t = -np.eye(p + 1)[p:]
     conic = conic_problem(
-        [*groups, plain_rows("nonnegative", minus_t, np.ones(1))],
-        None,
-        minus_t[0],
+        [*groups, plain_rows("nonnegative", minus_t, np.ones(1))], None, minus_t[0]
     )
     return SdpProblem(
-        conic,
-        centre=np.zeros(p),
-        theta_scale=scale,
-        loss_scale=1.0,
-        placed=placed,
+        conic, centre=np.zeros(p), theta_scale=scale, loss_scale=1.0, placed=placed
     )
 
 
@@ -356,13 +314,7 @@ def conic_problem(
             Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)
         ] * count
     P = scipy.sparse.csc_matrix((m, m)) if quadratic is None else quadratic
-    return ConicProblem(
-        P,
-        q=linear,
-        A=A,
-        b=stacked.constant,
-        cones=tuple(cones),
-    )
+    return ConicProblem(P, q=linear, A=A, b=stacked.constant, cones=tuple(cones))
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
@@ -456,13 +408,7 @@ def scaled(
             place_of_t = np.full(len(indices), len(theta_scale))
             indices = np.column_stack([indices, place_of_t])
         groups.append(
-            ConeGroup(
-                group.cone,
-                group.places,
-                indices,
-                constant,
-                coefficients=columns,
-            )
+            ConeGroup(group.cone, group.places, indices, constant, coefficients=columns)
         )
         for place, member_scale in zip(group.places.tolist(), scale, strict=True):
             placed[place] = Placed(
@@ -475,10 +421,7 @@ def scaled(
 
 
 def _matrix_scale(
-    group: ConeGroup,
-    reference: Array | None,
-    *,
-    only_diagonal: bool,
+    group: ConeGroup, reference: Array | None, *, only_diagonal: bool
 ) -> Array:
     """Return T (g, d, d), with which matrices F of a group become T F T^T.
 
@@ -508,10 +451,7 @@ def _row_scale(group: ConeGroup, theta_scale: Array) -> Array:
 
 
 def _log_det(
-    entropy: Entropy,
-    centre: Array,
-    theta_scale: Array,
-    width: int,
+    entropy: Entropy, centre: Array, theta_scale: Array, width: int
 ) -> tuple[list[ConeGroup], NDArray[np.intp], ConeGroup]:
     """Return cones that bound sum t <= log det P for each link's pseudo-inertia P
     (4x4).
@@ -545,27 +485,13 @@ def _log_det(
     constant[:, :4, :4] = links.values(centre) * factors
     # Places in x: ten entries of Z and four t of each link.
     places = width + np.arange(14 * n).reshape(n, 14)
-    indices = np.column_stack(
-        [
-            links.indices,
-            places[:, :10],
-        ]
-    )
+    indices = np.column_stack([links.indices, places[:, :10]])
     logs = places[:, 10:].ravel()
     matrices = ConeGroup(
-        "psd",
-        links.places,
-        indices,
-        constant=svec(constant),
-        coefficients=svec(blocks),
+        "psd", links.places, indices, constant=svec(constant), coefficients=svec(blocks)
     )
     # exp(t) <= Z_kk: the exponential cone holds (t, 1, Z_kk).
-    pairs = np.column_stack(
-        [
-            logs,
-            places[:, diagonal].ravel(),
-        ]
-    )
+    pairs = np.column_stack([logs, places[:, diagonal].ravel()])
     first, second, third = np.eye(3)
     exponentials = ConeGroup(
         "exp",
@@ -595,9 +521,7 @@ def unit_diagonal_factors(values: Array) -> Array:
 
 
 def moving_scale(
-    constraints: Sequence[Constraint],
-    reference: Array,
-    bound: Array,
+    constraints: Sequence[Constraint], reference: Array, bound: Array
 ) -> Array:
     """Return units of theta that move no matrix by more than _FARTHEST times its size.
 
@@ -637,9 +561,7 @@ def _whitening(values: Array) -> Array:
     size = _sizes(values)
     eigenvalues, vectors = np.linalg.eigh(values * unit_diagonal_factors(values))
     root = np.where(
-        eigenvalues[:, -1:] > 0.0,
-        np.sqrt(np.maximum(eigenvalues, 1e-6)),
-        1.0,
+        eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0
     )
     return np.asarray(
         (vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None]
@@ -650,13 +572,7 @@ def _sizes(values: Array) -> Array:
     """Return (g, d) factors 1 / sqrt|F_ii| of matrices (g, d, d), which may be
     indefinite.
     """
-    diagonal = np.abs(
-        np.diagonal(
-            values,
-            axis1=1,
-            axis2=2,
-        )
-    )
+    diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
     return np.asarray(1.0 / np.sqrt(nonzero_or_one(diagonal)))
 
 
@@ -668,10 +584,7 @@ def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
     choice, hence a solver takes two thirds of the time.
     """
     q, r, pivots = scipy.linalg.qr(
-        matrix,
-        mode="economic",
-        pivoting=True,
-        check_finite=False,
+        matrix, mode="economic", pivoting=True, check_finite=False
     )
     diagonal = np.abs(np.diagonal(r))
     rank = 0

@@ -62,11 +62,7 @@ class Entropy:
         float
             Infinite unless all pseudo-inertias are positive definite.
         """
-        pseudo_inertias = self.entries.at(theta)[0].reshape(
-            -1,
-            4,
-            4,
-        )
+        pseudo_inertias = self.entries.at(theta)[0].reshape(-1, 4, 4)
         roots = self._roots  # L^-1 with P_0 = L L^T
         # Eigenvalues r of P_0^-1 P: a determinant's sign hides two negative ones.
         ratios = np.linalg.eigvalsh(roots @ pseudo_inertias @ np.swapaxes(roots, 1, 2))
@@ -103,11 +99,7 @@ class Objective:
     linear: Array | float = 0.0
 
     @classmethod
-    def without_data(
-        cls,
-        p: int,
-        linear: Array | float = 0.0,
-    ) -> Objective:
+    def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
         """Return a linear objective without data; zero is used to prove infeasibility.
 
         Parameters

@@ -39,11 +39,7 @@ class Cvxopt(Solver):
         "dual infeasible": "unbounded",
     }
 
-    def run(
-        self,
-        problem: ConicProblem,
-        settings: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, settings: Mapping[str, Any]) -> Solution:
         """Solve a conic problem by CVXOPT's conelp.
 
         The problem is: minimise q^T x so that b - A x lies in a product of cones
@@ -58,12 +54,7 @@ class Cvxopt(Solver):
         n_equal = dims["z"]  # rows of equalities; they come first
         rows = coo.row.astype(int)
         columns = coo.col.astype(int)
-        A = cvxopt.spmatrix(
-            coo.data,
-            rows,
-            columns,
-            coo.shape,
-        )
+        A = cvxopt.spmatrix(coo.data, rows, columns, coo.shape)
         b = cvxopt.matrix(problem.b)
         cones = {k: dims[k] for k in "lqs"}
         options = {**settings, "show_progress": False}
@@ -84,12 +75,7 @@ class Cvxopt(Solver):
         cone_multipliers = flat(result["z"], len(problem.b) - n_equal)
         z = np.concatenate([equality_multipliers, cone_multipliers])
         x = flat(result["x"], len(problem.q))
-        return self.make_solution(
-            x,
-            z,
-            result["status"],
-            result["iterations"],
-        )
+        return self.make_solution(x, z, result["status"], result["iterations"])
 
 
 class Qics(Solver):
@@ -104,22 +90,14 @@ class Qics(Solver):
     full_matrices = True
     # Iterative refinement and third-order adjustments are on by default, as its manual
     # recommends.
-    default_options = {
-        "tol_gap": ACCURACY,
-        "tol_feas": ACCURACY,
-        "max_iter": 200,
-    }
+    default_options = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
     status_meaning = (
         {"optimal": "optimal", "near_optimal": "inaccurate"}
         | dict.fromkeys(("pinfeas", "near_pinfeas"), "infeasible")
         | dict.fromkeys(("dinfeas", "near_dinfeas"), "unbounded")
     )
 
-    def run(
-        self,
-        problem: ConicProblem,
-        options: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Solve a conic problem by the package QICS.
 
         The problem is: minimise q^T x so that b - A x lies in a product of cones
@@ -160,11 +138,7 @@ class Qics(Solver):
             h=b[n_equal:],
             cones=cones,
         )
-        info = qics.Solver(
-            model,
-            verbose=0,
-            **options,
-        ).solve()
+        info = qics.Solver(model, verbose=0, **options).solve()
         # Some versions of QICS wrap the cones' multipliers; ``vec`` is the array.
         cone_multipliers = getattr(info["z_opt"], "vec", info["z_opt"])
         duals = [info["y_opt"], cone_multipliers]
@@ -173,11 +147,7 @@ class Qics(Solver):
         x = np.asarray(info["x_opt"]).ravel()
         exit_status = f"({info['exit_status']})"
         return self.make_solution(
-            x,
-            z,
-            info["sol_status"],
-            info["num_iter"],
-            exit_status,
+            x, z, info["sol_status"], info["num_iter"], exit_status
         )
 
     def warm_up(self) -> None:
@@ -198,13 +168,7 @@ class Qics(Solver):
         coarse_accuracy = 1e-4
         without_quadratic_term = scipy.sparse.csc_matrix((2, 2))
         self.solve(
-            ConicProblem(
-                without_quadratic_term,
-                q=np.ones(2),
-                A=A,
-                b=b,
-                cones=cones,
-            ),
+            ConicProblem(without_quadratic_term, q=np.ones(2), A=A, b=b, cones=cones),
             coarse_accuracy,
         )
 
@@ -220,22 +184,14 @@ class Scs(Solver):
     finest = 1e-7
     # The rest are its defaults, which its documentation recommends (adaptive scale,
     # normalisation, Anderson acceleration over 10 steps).
-    default_options = {
-        "eps_abs": ACCURACY,
-        "eps_rel": ACCURACY,
-        "max_iters": 100_000,
-    }
+    default_options = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
     status_meaning = {
         "solved": "optimal",
         "infeasible": "infeasible",
         "unbounded": "unbounded",
     }
 
-    def run(
-        self,
-        problem: ConicProblem,
-        options: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Solve a conic problem by the package SCS.
 
         The problem is: minimise x^T P x / 2 + q^T x so that b - A x lies in a product
@@ -261,29 +217,15 @@ class Scs(Solver):
             start += cone.rows
         scs_order = np.concatenate(orders_of_cones)
         A = problem.A.tocsr()[scs_order].tocsc()
-        data = {
-            "P": problem.P,
-            "A": A,
-            "b": problem.b[scs_order],
-            "c": problem.q,
-        }
-        result = scs.SCS(
-            data,
-            sizes(problem.cones),
-            verbose=False,
-            **options,
-        ).solve()
+        data = {"P": problem.P, "A": A, "b": problem.b[scs_order], "c": problem.q}
+        result = scs.SCS(data, sizes(problem.cones), verbose=False, **options).solve()
         z = np.empty(len(scs_order))
         info = result["info"]
         z[scs_order] = result["y"]  # back to our order
         # "solved", or "solved (inaccurate - ...)": the first word is the status.
         word, _, remark = info["status"].partition(" ")
         solution = self.make_solution(
-            np.array(result["x"]),
-            z,
-            word,
-            info["iter"],
-            remark,
+            np.array(result["x"]), z, word, info["iter"], remark
         )
         is_inaccurate = word == "solved" and remark
         return replace(solution, claims="inaccurate") if is_inaccurate else solution
@@ -306,11 +248,7 @@ class Sdpa(Solver):
     }
     status_meaning = SDPA_CLAIMS
 
-    def run(
-        self,
-        problem: ConicProblem,
-        options: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Solve a conic problem by SDPA (the package sdpap).
 
         The problem is: minimise q^T x so that b - A x lies in a product of cones
@@ -323,22 +261,10 @@ class Sdpa(Solver):
         # SDPA's form: minimise c^T x subject to A' x - b' in the cones and x free.
         # Ours, b - A x in the cones, is that with A' = -A and b' = -b.
         free_variables = sdpap.SymCone(f=len(problem.q))
-        cones = sdpap.SymCone(
-            l=dims["l"],
-            s=tuple(dims["s"]),
-        )
-        settings = {
-            **options,
-            "print": "no",
-            "numThreads": 1,
-        }
+        cones = sdpap.SymCone(l=dims["l"], s=tuple(dims["s"]))
+        settings = {**options, "print": "no", "numThreads": 1}
         x, z, info, _, statistics = sdpap.solve(
-            -problem.A,
-            -problem.b,
-            problem.q,
-            free_variables,
-            cones,
-            settings,
+            -problem.A, -problem.b, problem.q, free_variables, cones, settings
         )
         return self.make_solution(
             np.asarray(x.todense()).ravel(),

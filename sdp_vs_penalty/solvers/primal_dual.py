@@ -98,10 +98,7 @@ class _InteriorPoint:
     ``rows`` (2, rows) are views of it."""
 
     def __init__(
-        self,
-        cones: SmallCones,
-        data: LeastSquares,
-        start: Array | Iterate,
+        self, cones: SmallCones, data: LeastSquares, start: Array | Iterate
     ) -> None:
         """Start the interior-point method at slacks S and multipliers Z inside the
         cones.
@@ -152,12 +149,7 @@ class _InteriorPoint:
         The first has the rows (k, rows), the second the blocks (k, blocks, 4, 4).
         """
         split = self.cones.rows
-        blocks = flat[:, split:].reshape(
-            len(flat),
-            -1,
-            ORDER,
-            ORDER,
-        )
+        blocks = flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
         return flat[:, :split], blocks
 
     def evaluate(self) -> None:
@@ -222,11 +214,7 @@ class _InteriorPoint:
         self.evaluate()
         # 2. The Hessian H: z / s of the rows, Kronecker products of S^-1 and Z.
         ratios = self.products[: cones.rows]
-        np.divide(
-            self.rows[1],
-            self.rows[0],
-            out=ratios,
-        )
+        np.divide(self.rows[1], self.rows[0], out=ratios)
         inverse = self.inverse[:, :, :, None, None]
         Z = self.mats[1][:, None, None]
         np.multiply(inverse, Z, out=self.kronecker)
@@ -235,10 +223,7 @@ class _InteriorPoint:
         flat[cones.places] += cones.curvature @ self.products
         flat[:: len(H) + 1] *= 1.0 + _RIDGE  # the diagonal
         self.cholesky, failed = scipy.linalg.lapack.dpotrf(
-            H.T,
-            lower=1,
-            overwrite_a=1,
-            clean=0,
+            H.T, lower=1, overwrite_a=1, clean=0
         )
         if failed:
             raise np.linalg.LinAlgError
@@ -248,20 +233,12 @@ class _InteriorPoint:
         self.set_target(0.0)
         towards_target = cones.adjoint @ self.target - self.gradient
         right_sides = np.array([towards_target, self.leftover])
-        solutions, _ = scipy.linalg.lapack.dpotrs(
-            self.cholesky,
-            right_sides.T,
-            lower=1,
-        )
+        solutions, _ = scipy.linalg.lapack.dpotrs(self.cholesky, right_sides.T, lower=1)
         self.step, self.correction = solutions.T
         # 4. Duality gap: <S, Z> - sum w (4 + log det S Z - 4 log w) over the blocks.
         products = float(self.both[0] @ self.both[1])
         gap = products - ORDER * float(cones.weight.sum())
-        diagonals = np.diagonal(
-            self.factors,
-            axis1=-2,
-            axis2=-1,
-        )
+        diagonals = np.diagonal(self.factors, axis1=-2, axis2=-1)
         logs = np.log(diagonals).sum(axis=(0, 2))
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
         # Half the square of Newton's decrement: the cost of the dual residual.
@@ -281,13 +258,7 @@ class _InteriorPoint:
         weight = np.maximum(self.weight, mu)
         np.multiply(weight, self.inverse, out=self.target_mats)
 
-    def scaled(
-        self,
-        change: Array,
-        by: Array,
-        mats: Array,
-        row: Array,
-    ) -> Array:
+    def scaled(self, change: Array, by: Array, mats: Array, row: Array) -> Array:
         """Return how Z changes when S does (or a second-order term of that), flat.
 
         Rows (rows,): change row / s. Blocks (blocks, 4, 4): the symmetric part of
@@ -295,17 +266,9 @@ class _InteriorPoint:
         """
         out = np.empty_like(self.target)
         rows, blocks = self._views(out[None])
-        np.divide(
-            change * row,
-            self.rows[0],
-            out=rows[0],
-        )
+        np.divide(change * row, self.rows[0], out=rows[0])
         product = self.inverse @ mats @ by
-        np.add(
-            product,
-            np.swapaxes(product, -1, -2),
-            out=blocks[0],
-        )
+        np.add(product, np.swapaxes(product, -1, -2), out=blocks[0])
         blocks *= 0.5
         return out
 
@@ -319,12 +282,7 @@ class _InteriorPoint:
         Z = self.mats[1]
         dS = self.change_mats[0]
         self.change[1] = self.target - self.both[1] - second
-        self.change[1] -= self.scaled(
-            self.change_rows[0],
-            Z,
-            dS,
-            self.rows[1],
-        )
+        self.change[1] -= self.scaled(self.change_rows[0], Z, dS, self.rows[1])
         # The most negative relative change; -1 / smallest is the way to the boundary.
         smallest = float((self.change_rows / self.rows).min(initial=-1e-12))
         relative = self.roots @ self.change_mats @ self.turned
@@ -394,12 +352,7 @@ class _InteriorPoint:
         all_rows, all_mats = self._views(change[None])
         rows = all_rows[0]
         mats = all_mats[0]
-        multipliers = self.both[1] - self.scaled(
-            rows,
-            self.mats[1],
-            mats,
-            self.rows[1],
-        )
+        multipliers = self.both[1] - self.scaled(rows, self.mats[1], mats, self.rows[1])
         moved = np.array([self.both[0] + change, multipliers])
         with suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(self._views(moved)[1])

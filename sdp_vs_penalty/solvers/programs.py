@@ -47,11 +47,7 @@ class Program(Solver):
         """
 
     @abstractmethod
-    def ended(
-        self,
-        text: str,
-        code: int,
-    ) -> tuple[str, str, int]:
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
         """Read the outcome from the program's output.
 
         Parameters
@@ -68,11 +64,7 @@ class Program(Solver):
             iterations.
         """
 
-    def read(
-        self,
-        folder: Path,
-        problem: ConicProblem,
-    ) -> tuple[Array, Array]:
+    def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
         """Read x and z from the file "solution" in CSDP's format, which DSDP shares.
 
         Its first line is x; each other line has matrix (1: Z, 2: X), block, row, column
@@ -102,12 +94,7 @@ class Program(Solver):
         )
         z = np.zeros(len(problem.b))
         block, i, j, factor = svec_entries(problem.cones)
-        places = zip(
-            block,
-            i,
-            j,
-            strict=True,
-        )
+        places = zip(block, i, j, strict=True)
         row_by_place = {place: row for row, place in enumerate(places)}
         for matrix, block_number, first, second, value in entries.reshape(-1, 5):
             is_dual = int(matrix) == 2
@@ -118,11 +105,7 @@ class Program(Solver):
             z[row] = value / factor[row]
         return x, z
 
-    def answer(
-        self,
-        folder: Path,
-        problem: ConicProblem,
-    ) -> tuple[Array, Array] | None:
+    def answer(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array] | None:
         """Return x (m,) and z (r,) from the program's file, None if it is broken.
 
         Parameters
@@ -144,11 +127,7 @@ class Program(Solver):
         has_all = len(x) == len(problem.q) and len(z) == len(problem.b)
         return (x, z) if has_all else None
 
-    def run(
-        self,
-        problem: ConicProblem,
-        options: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Solve a conic problem by a solver that is a program of its own.
 
         The problem is written as a file in the sparse SDPA format to a temporary
@@ -177,29 +156,14 @@ class Program(Solver):
             answer = self.answer(folder, problem)
         if answer is not None:
             x, z = answer
-            return Solution(
-                x,
-                z,
-                claims,
-                status,
-                iterations,
-            )
+            return Solution(x, z, claims, status, iterations)
         # A program that claims success without a readable solution has failed.
         if claims in ("optimal", "inaccurate"):
             claims = "failed"
-        return Solution.none(
-            problem,
-            status,
-            claims,
-            iterations,
-        )
+        return Solution.none(problem, status, claims, iterations)
 
 
-def _write_parameters(
-    folder: Path,
-    name: str,
-    options: Mapping[str, Any],
-) -> None:
+def _write_parameters(folder: Path, name: str, options: Mapping[str, Any]) -> None:
     """Write the program's file of options from the template of that name, if there is
     one.
     """
@@ -235,20 +199,14 @@ class Csdp(Program):
         """Return CSDP's command line; its options are in the file param.csdp."""
         return ["csdp", "problem.dat-s", "solution"]
 
-    def ended(
-        self,
-        text: str,
-        code: int,
-    ) -> tuple[str, str, int]:
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
         """Return claim, status line and number of iterations from CSDP's output.
 
         The claim follows from the exit code; our problem is the one that CSDP calls the
         dual.
         """
         words = re.findall(
-            r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*",
-            text,
-            re.M,
+            r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M
         )
         line = (s for s in text.splitlines() if words and s.startswith(words[-1]))
         iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
@@ -268,10 +226,7 @@ class Dsdp(Program):
     requires = "program", "dsdp5"
     system_package = "dsdp"
     finest = 1e-6
-    default_options = {
-        "gaptol": ACCURACY,
-        "maxit": 1000,
-    }
+    default_options = {"gaptol": ACCURACY, "maxit": 1000}
     # Our problem is DSDP's dual.
     status_meaning = {
         "DSDP Converged": "optimal",
@@ -287,11 +242,7 @@ class Dsdp(Program):
         ]
         return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
 
-    def ended(
-        self,
-        text: str,
-        code: int,
-    ) -> tuple[str, str, int]:
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
         """Return claim, status and number of iterations from DSDP's output."""
         status = next(
             (p for p in reversed(self.status_meaning) if p in text), f"exit code {code}"
@@ -311,17 +262,8 @@ class SdpaProgram(Program):
     requires = "program", "sdpa"
     finest = 1e-7
     default_options = {
-        **{
-            "maxIteration": 200,
-            "epsilonStar": ACCURACY,
-            "epsilonDash": ACCURACY,
-        },
-        **{
-            "lambdaStar": 1e2,
-            "betaStar": 0.1,
-            "betaBar": 0.2,
-            "gammaStar": 0.9,
-        },
+        **{"maxIteration": 200, "epsilonStar": ACCURACY, "epsilonDash": ACCURACY},
+        **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
     }
     status_meaning = SDPA_CLAIMS
 
@@ -330,11 +272,7 @@ class SdpaProgram(Program):
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
         return ["sdpa", *files, "-numThreads", "1"]
 
-    def ended(
-        self,
-        text: str,
-        code: int,
-    ) -> tuple[str, str, int]:
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
         """Return claim, phase and number of iterations from SDPA's output."""
         phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
         steps = re.search(r"Iteration\s*=\s*(\d+)", text)
@@ -345,11 +283,7 @@ class SdpaProgram(Program):
             int(steps.group(1)) if steps else 0,
         )
 
-    def read(
-        self,
-        folder: Path,
-        problem: ConicProblem,
-    ) -> tuple[Array, Array]:
+    def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
         """Read x and z from SDPA's file "answer" (xVec and yMat).
 
         Parameters

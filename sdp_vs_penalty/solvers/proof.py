@@ -42,9 +42,7 @@ Proof = dict[str, Any]
 
 
 def optimum_proof(
-    fit: Fit,
-    parameters: Sequence[str] = (),
-    made_of: Mapping[str, str] | None = None,
+    fit: Fit, parameters: Sequence[str] = (), made_of: Mapping[str, str] | None = None
 ) -> Proof:
     """Build the proof that the optimum lies between a lower bound and the fit's
     objective.
@@ -71,20 +69,9 @@ def optimum_proof(
     """
     assert fit.bound is not None
     evidence = dual_evidence(fit)
-    problem = stated(
-        fit.objective,
-        fit.constraints.convex,
-        fit.bound,
-        parameters,
-    )
+    problem = stated(fit.objective, fit.constraints.convex, fit.bound, parameters)
     proof: Proof = {
-        **_proof(
-            "optimum",
-            problem,
-            fit.constraints,
-            evidence,
-            fit.objective.entropy,
-        ),
+        **_proof("optimum", problem, fit.constraints, evidence, fit.objective.entropy),
         "theta": [repr(float(x)) for x in fit.theta],
         "y": _texts(evidence.y),
         "lower": "0",
@@ -132,23 +119,8 @@ def infeasibility_proof(
             bound=bound,
         )
     )
-    problem = stated(
-        nothing,
-        constraints.convex,
-        bound,
-        parameters,
-    )
-    return _checked(
-        {
-            **_proof(
-                "infeasible",
-                problem,
-                constraints,
-                evidence,
-            ),
-            "y": [],
-        }
-    )
+    problem = stated(nothing, constraints.convex, bound, parameters)
+    return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
@@ -166,15 +138,7 @@ def write_proof(proof: Proof, path: str | Path) -> None:
     None
         The file is written completely, or not at all.
     """
-    write_text(
-        path,
-        json.dumps(
-            proof,
-            indent=0,
-            sort_keys=True,
-        )
-        + "\n",
-    )
+    write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
 
 
 def stated(
@@ -297,10 +261,7 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
 
     # The data: [R, rho]^T [R, rho], with the loss floor^2 that no theta can avoid.
     rows = np.column_stack(
-        [
-            _array(p["R"]).reshape(-1, len(p["bound"])),
-            _array(p["rho"]),
-        ]
+        [_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])]
     )
     gram = rows.T @ rows
     gram[-1, -1] += float(Fraction(p["floor"])) ** 2
@@ -324,11 +285,7 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
             size_of_log_det = np.ones(1)
             size_of_inverse = squares(inverse.reshape(4, 4)).ravel()
             sizes += [magnitude(weight), size_of_log_det, size_of_inverse]
-        yield (
-            f"entropy of {title}",
-            np.concatenate(values),
-            np.concatenate(sizes),
-        )
+        yield (f"entropy of {title}", np.concatenate(values), np.concatenate(sizes))
 
 
 def _title(constraint: Proof) -> str:
@@ -365,10 +322,7 @@ def _proof(
     proved = []
     duals = _duals(constraints, evidence)
     for constraint, entry, dual in zip(
-        constraints.convex,
-        problem["constraints"],
-        duals,
-        strict=True,
+        constraints.convex, problem["constraints"], duals, strict=True
     ):
         # The prior of this constraint's link, if it has one.
         roots = [
@@ -381,12 +335,7 @@ def _proof(
             for prior, root in zip(entry["entropy"], roots, strict=True)
         ]
         proved.append({**entry, "dual": dual, "entropy": priors})
-    header = {
-        "format": verify_proof.FORMAT,
-        "kind": kind,
-        "model": "",
-        "data": "",
-    }
+    header = {"format": verify_proof.FORMAT, "kind": kind, "model": "", "data": ""}
     return {**header, **problem, "constraints": proved}
 
 
@@ -422,9 +371,7 @@ def _gram(factor: NDArray[np.floating]) -> list[str]:
 
 
 def _polished(
-    exact: dict[str, Any],
-    evidence: DualEvidence,
-    bound: Array,
+    exact: dict[str, Any], evidence: DualEvidence, bound: Array
 ) -> list[Fraction]:
     """Return y (r,) after exact corrections of the dual slope.
 
@@ -469,10 +416,7 @@ def _signed(proof: Proof) -> Proof:
     """Return the proof with the SHA-256 of its sorted JSON text."""
     body = {name: value for name, value in proof.items() if name != "sha256"}
     text = json.dumps(body, sort_keys=True)
-    return {
-        **body,
-        "sha256": hashlib.sha256(text.encode()).hexdigest(),
-    }
+    return {**body, "sha256": hashlib.sha256(text.encode()).hexdigest()}
 
 
 def _checked(proof: Proof) -> Proof:

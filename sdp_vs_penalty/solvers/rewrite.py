@@ -80,9 +80,7 @@ def unchanged(problem: ConicProblem) -> Rewritten:
 
 
 def suited(
-    problem: ConicProblem,
-    kinds: Collection[str],
-    order: Sequence[str] = (),
+    problem: ConicProblem, kinds: Collection[str], order: Sequence[str] = ()
 ) -> Rewritten:
     """Rewrite a problem for a solver that lacks some cones.
 
@@ -230,12 +228,7 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
         If an equality has no such variable.
     """
     are_equalities = [np.full(c.rows, c.kind == "zero") for c in problem.cones]
-    is_equal = np.concatenate(
-        [
-            np.zeros(0, bool),
-            *are_equalities,
-        ]
-    )
+    is_equal = np.concatenate([np.zeros(0, bool), *are_equalities])
     if not is_equal.any():
         return unchanged(problem)
     # Equalities E x = e, and the rows of all other cones.
@@ -313,23 +306,14 @@ def arrows(problem: ConicProblem) -> Rewritten:
         diagonal = j * (j + 1) // 2 + j
         border = j[1:] * (j[1:] + 1) // 2
         rows = np.concatenate([diagonal, border])
-        columns = np.concatenate(
-            [
-                np.zeros(d, int),
-                j[1:],
-            ]
-        )
+        columns = np.concatenate([np.zeros(d, int), j[1:]])
         # The axis goes to all d diagonal entries; svec weights others by sqrt(2).
         values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
         shape = (d * (d + 1) // 2, d)
         maps.append(scipy.sparse.csr_matrix((values, (rows, columns)), shape))
         cones.append(Cone("psd", d))
     change = scipy.sparse.block_diag(maps, format="csr")
-    return _mapped(
-        replace(problem, cones=tuple(cones)),
-        change,
-        change.T,
-    )
+    return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
 
 
 def _mapped(
@@ -343,9 +327,7 @@ def _mapped(
     maps the new multipliers back to the old ones. The variables x stay.
     """
     mapped = replace(
-        problem,
-        A=scipy.sparse.csc_matrix(change @ problem.A),
-        b=change @ problem.b,
+        problem, A=scipy.sparse.csc_matrix(change @ problem.A), b=change @ problem.b
     )
     return Rewritten(mapped, lambda x, z: (x, home @ z))
 
@@ -365,12 +347,7 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
     Rewritten
         Equivalent problem, with the way back from its solutions.
     """
-    starts = np.cumsum(
-        [
-            0,
-            *(c.rows for c in problem.cones),
-        ]
-    )
+    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     order = [np.zeros(0, np.intp)]
     cones = []
     for kind in kinds:
@@ -383,11 +360,7 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
             cones += [problem.cones[k] for k in of_kind]
     identity = scipy.sparse.identity(len(problem.b), format="csr")
     change = identity[np.concatenate(order)]
-    return _mapped(
-        replace(problem, cones=tuple(cones)),
-        change,
-        change.T,
-    )
+    return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
 
 
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:

@@ -108,11 +108,7 @@ def _transposed(matrices: Any) -> Any:
 
 def _diagonals(matrices: Array) -> Array:
     """Return (g, d) the diagonal of each matrix."""
-    return np.diagonal(
-        matrices,
-        axis1=1,
-        axis2=2,
-    )
+    return np.diagonal(matrices, axis1=1, axis2=2)
 
 
 def factor(matrices: Array) -> Array:
@@ -145,10 +141,7 @@ def factor(matrices: Array) -> Array:
 
 
 def _against(
-    entries: StackedCones,
-    dual: Extended,
-    sizes: Array,
-    p: int,
+    entries: StackedCones, dual: Extended, sizes: Array, p: int
 ) -> tuple[Extended, Extended]:
     """Return sum <S_i, F_i(theta)> over all constraints, as slope (2, p) and constant
     (2,).
@@ -170,9 +163,7 @@ def _against(
 
 
 def _entropy_tangent(
-    entropy: Entropy,
-    slopes: Array,
-    p: int,
+    entropy: Entropy, slopes: Array, p: int
 ) -> tuple[Extended, Extended]:
     """Return an affine lower bound of the entropic prior, as slope (2, p) and constant
     (2,).
@@ -190,12 +181,7 @@ def _entropy_tangent(
     exact, size = _square(v)
     dual = (inverse - exact).ravel()
     sizes = (np.abs(inverse) + size).ravel()
-    slope, constant = _against(
-        entropy.entries,
-        dual,
-        sizes,
-        p,
-    )
+    slope, constant = _against(entropy.entries, dual, sizes, p)
     # A logarithm is accurate to a few units in its last place, or in that of one.
     log_terms = 2 * logs.sum() + log_det.sum()
     size_of_logs = 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
@@ -256,29 +242,17 @@ def lower_bound(
     data = objective.least_squares
     signs = np.array([-1, 1])
     dual, dual_sizes = in_cones(constraints, evidence.multipliers)
-    slope, constant = _against(
-        constraints,
-        dual,
-        dual_sizes,
-        len(bound),
-    )
+    slope, constant = _against(constraints, dual, dual_sizes, len(bound))
     slope = signs[:, None] * slope
     constant = signs * constant
-    linear = np.array(
-        [
-            objective.linear,
-            np.abs(objective.linear),
-        ]
-    )
+    linear = np.array([objective.linear, np.abs(objective.linear)])
     slope += linear.reshape(2, -1)
     operations = len(evidence.y) + len(constraints.constant)
     if objective.entropy is not None:
         operations += len(objective.entropy.entries.constant)
         try:
             tangent = _entropy_tangent(
-                objective.entropy,
-                evidence.entropy_slopes,
-                len(bound),
+                objective.entropy, evidence.entropy_slopes, len(bound)
             )
         except np.linalg.LinAlgError:
             return -np.inf
@@ -322,9 +296,7 @@ CORRECTIONS = 3
 
 
 def proves_infeasible(
-    constraints: ConstraintSet,
-    multipliers: Array,
-    bound: Array,
+    constraints: ConstraintSet, multipliers: Array, bound: Array
 ) -> bool:
     """Return whether multipliers prove that no |theta_k| <= bound_k satisfies all
     constraints.
@@ -348,12 +320,7 @@ def proves_infeasible(
     """
     evidence = DualEvidence(multipliers, np.zeros(0))
     nothing = Objective.without_data(len(bound))
-    lowest = lower_bound(
-        nothing,
-        constraints.entries,
-        evidence,
-        bound,
-    )
+    lowest = lower_bound(nothing, constraints.entries, evidence, bound)
     return lowest > 0.0
 
 

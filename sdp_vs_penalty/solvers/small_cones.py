@@ -64,10 +64,7 @@ class SmallCones:
     """
 
     def __init__(
-        self,
-        entropy: Entropy | None,
-        constraints: ConstraintSet,
-        p: int,
+        self, entropy: Entropy | None, constraints: ConstraintSet, p: int
     ) -> None:
         """Prepare the maps from theta (p,) to slacks: nonnegative rows, then 4x4
         blocks.
@@ -169,18 +166,12 @@ class SmallCones:
         """
         links = np.count_nonzero(self.weight)
         end = self.rows + links * ORDER**2
-        slopes = flat[self.rows : end].reshape(
-            -1,
-            ORDER,
-            ORDER,
-        )
+        slopes = flat[self.rows : end].reshape(-1, ORDER, ORDER)
         return self.home @ flat, slopes / self.weight[0] if links else None
 
 
 def _parts(
-    constraints: ConstraintSet,
-    links: Sequence[Constraint],
-    groups: Sequence[ConeGroup],
+    constraints: ConstraintSet, links: Sequence[Constraint], groups: Sequence[ConeGroup]
 ) -> list[_Part]:
     """Return the groups of cones in the order of the slacks.
 
@@ -212,14 +203,7 @@ def _parts(
         # pad the diagonal of a smaller matrix.
         image, ones = _image(group.cone, group.constant.shape[1])
         begins = start + image.shape[1] * members  # first entry of each cone
-        parts.append(
-            _Part(
-                turn,
-                image,
-                ones,
-                begins,
-            )
-        )
+        parts.append(_Part(turn, image, ones, begins))
         start += group.constant.size
     return sorted(parts, key=lambda part: part.turn)
 

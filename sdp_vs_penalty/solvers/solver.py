@@ -30,11 +30,7 @@ ACCURACY = "accuracy"
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 #: What SDPA's phases claim of our problem, which is its dual.
 SDPA_CLAIMS = {
-    **{
-        "pdOPT": "optimal",
-        "pINF_dFEAS": "infeasible",
-        "dUNBD": "infeasible",
-    },
+    **{"pdOPT": "optimal", "pINF_dFEAS": "infeasible", "dUNBD": "infeasible"},
     **dict.fromkeys(("pdFEAS", "pFEAS", "dFEAS"), "inaccurate"),
     **dict.fromkeys(("pFEAS_dINF", "pUNBD"), "unbounded"),
 }
@@ -88,11 +84,7 @@ class Solver(ABC):
     finest: ClassVar[float] = 1e-10
 
     @abstractmethod
-    def run(
-        self,
-        problem: ConicProblem,
-        options: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Solve a problem by the package or program; every subclass defines this.
 
         Parameters
@@ -150,11 +142,7 @@ class Solver(ABC):
         form = form.then(full_matrices) if self.full_matrices else form
         answer = self.run(form.problem, self.options(accuracy))
         x, z = form.back(answer.x, answer.z)
-        return replace(
-            answer,
-            x=x,
-            z=z,
-        )
+        return replace(answer, x=x, z=z)
 
     def solve_for_user(self, problem: ConicProblem, accuracy: float) -> Solution:
         """Solve a problem for a command, with errors as sentences for users.
@@ -185,12 +173,7 @@ class Solver(ABC):
             ) from error
 
     def make_solution(
-        self,
-        x: Array,
-        z: Array,
-        status: str,
-        iterations: float,
-        more: str = "",
+        self, x: Array, z: Array, status: str, iterations: float, more: str = ""
     ) -> Solution:
         """Return a Solution with the meaning of the solver's status.
 
@@ -262,12 +245,7 @@ class Solver(ABC):
             return ""
         command = ["dpkg-query", "-W", "-f", "${Version}", self.system_package or what]
         try:
-            done = subprocess.run(
-                command,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
         except OSError:
             return ""
         return done.stdout.strip() if done.returncode == 0 else ""

@@ -15,10 +15,7 @@ from sdp_vs_penalty.solvers.rewrite import quadratic_factor
 from sdp_vs_penalty.solvers.solver import ACCURACY, Solver, flat
 
 CLAIMS = {
-    **{
-        "optimal": "optimal",
-        "optimal_inaccurate": "inaccurate",
-    },
+    **{"optimal": "optimal", "optimal_inaccurate": "inaccurate"},
     **dict.fromkeys(("infeasible", "infeasible_inaccurate"), "infeasible"),
     **dict.fromkeys(("unbounded", "unbounded_inaccurate"), "unbounded"),
 }
@@ -44,15 +41,8 @@ class ThroughCvxpy(Solver):
         import cvxpy as cp
 
         x = cp.Variable(2)
-        square = cp.reshape(
-            cp.hstack([x, x]),
-            (2, 2),
-            order="F",
-        )
-        cones = [
-            square + square.T >> 0,
-            cp.SOC(x[0], x[1:]),
-        ]
+        square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
+        cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
         cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
 
     @property
@@ -69,11 +59,7 @@ class ThroughCvxpy(Solver):
             return super().absent
         return "" if has_licence else f"no licence in {', '.join(self.licences)}"
 
-    def run(
-        self,
-        problem: ConicProblem,
-        options: Mapping[str, Any],
-    ) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """State a conic problem in CVXPY and solve it there by this class's solver.
 
         The problem is: minimise x^T P x / 2 + q^T x so that b - A x lies in a product
@@ -98,10 +84,7 @@ class ThroughCvxpy(Solver):
         keywords = {self.group: options} if self.group else options
         try:
             with warnings.catch_warnings(action="ignore"):
-                model.solve(
-                    solver=self.name.upper(),
-                    **keywords,
-                )
+                model.solve(solver=self.name.upper(), **keywords)
         except cp.error.SolverError as error:
             return Solution.none(problem, str(error))
         z = np.concatenate(
@@ -109,10 +92,7 @@ class ThroughCvxpy(Solver):
         )
         iterations = model.solver_stats.num_iters or 0
         return self.make_solution(
-            flat(x.value, len(problem.q)),
-            z,
-            model.status,
-            iterations,
+            flat(x.value, len(problem.q)), z, model.status, iterations
         )
 
 
@@ -131,21 +111,13 @@ def _membership(cone: Cone, slack: Any) -> Any:
     import cvxpy as cp
 
     if cone.kind == "psd":
-        matrix = cp.reshape(
-            slack,
-            (cone.size, cone.size),
-            order="F",
-        )
+        matrix = cp.reshape(slack, (cone.size, cone.size), order="F")
         # CVXPY's ">> 0": positive semidefinite.
         return 0.5 * (matrix + matrix.T) >> 0
     if cone.kind == "soc":
         return cp.SOC(slack[0], slack[1:])
     if cone.kind == "exp":
-        return cp.ExpCone(
-            slack[0],
-            slack[1],
-            slack[2],
-        )
+        return cp.ExpCone(slack[0], slack[1], slack[2])
     return slack == 0 if cone.kind == "zero" else slack >= 0
 
 

@@ -33,12 +33,7 @@ NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][-+]?[0-9]{1,3})?|-?[0-9]+/[1-9][0
 VECTOR = ["s", NUMBER]
 TEXT = (str,)
 CONES = ("psd", "soc", "nonnegative")
-ENTROPY: dict = {
-    "weight": NUMBER,
-    "dual": VECTOR,
-    "inverse": VECTOR,
-    "log_det": NUMBER,
-}
+ENTROPY: dict = {"weight": NUMBER, "dual": VECTOR, "inverse": VECTOR, "log_det": NUMBER}
 CONSTRAINT: dict = {
     "family": TEXT,
     "name": TEXT,
@@ -69,11 +64,7 @@ PROOF |= {
     "parameters": ["n", TEXT],
     "constraints": ["c", CONSTRAINT],
 }
-OPTIMUM = PROOF | {
-    "theta": ["n", NUMBER],
-    "lower": NUMBER,
-    "upper": NUMBER,
-}
+OPTIMUM = PROOF | {"theta": ["n", NUMBER], "lower": NUMBER, "upper": NUMBER}
 
 
 def need(condition, what):
@@ -236,12 +227,7 @@ def dual_bound(p):
             # The prior's tangent is linear in the constraint's matrix, as is <S, F>.
             S = [
                 s + e["weight"] * (t - q)
-                for s, t, q in zip(
-                    S,
-                    e["dual"],
-                    e["inverse"],
-                    strict=True,
-                )
+                for s, t, q in zip(S, e["dual"], e["inverse"], strict=True)
             ]
         if c["cone"] == "psd":
             for matrix in (S, c["constant"], *c["coefficients"]):
@@ -296,11 +282,7 @@ def check(proof):
     need(type(proof) is dict, "it is no JSON object")
     form = proof.get("format")
     need(form == FORMAT, f"its format is {repr(form)[:60]}, not {FORMAT!r}")
-    p = typed(
-        proof,
-        OPTIMUM if proof.get("kind") == "optimum" else PROOF,
-        {},
-    )
+    p = typed(proof, OPTIMUM if proof.get("kind") == "optimum" else PROOF, {})
     text = json.dumps(
         {name: proof[name] for name in proof if name != "sha256"}, sort_keys=True
     )

@@ -10,13 +10,7 @@ import pytest
 from commands import run_cli
 from corruptions.bench import contradicts
 
-from sdp_vs_penalty import (
-    Measurements,
-    Problem,
-    identify,
-    load_estimate,
-    load_problem,
-)
+from sdp_vs_penalty import Measurements, Problem, identify, load_estimate, load_problem
 from sdp_vs_penalty.checks import Issue, Report, check, mended
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import consented, needs_check
@@ -192,13 +186,7 @@ def test_few_rows_far_apart_are_not_asked_for_two_arms(small):
     """Each of two stretches needs rows for the parts that are left out of it in turn."""
     problem, run = small
     data = RegressionData.of(problem, run, problem.preprocessing.resolve(run))
-    log = Likelihood(problem, data).select_rows(
-        slice(
-            None,
-            None,
-            data.count // 4,
-        )
-    )
+    log = Likelihood(problem, data).select_rows(slice(None, None, data.count // 4))
     assert list(two_arms(log, log.as_logged)) == []
 
 
@@ -416,13 +404,7 @@ def test_time_in_whole_seconds_is_mended_in_one_step(tmp_path, two_link, capsys)
 
 
 def test_an_explanation_is_never_an_error():
-    words = dict(
-        kind="k",
-        where="w",
-        what="x",
-        certainty=likely("x"),
-        remedy="r",
-    )
+    words = dict(kind="k", where="w", what="x", certainty=likely("x"), remedy="r")
     with pytest.raises(ValueError, match="never an error"):
         Issue(**words, severity="error", nature="explanation")
     assert Issue(**words, severity="error").nature == "fact"
@@ -522,12 +504,7 @@ def test_a_run_without_rows_is_named_once(spoil, tmp_path, two_link, capsys):
     assert capsys.readouterr().out.count("lame.csv") == 1
     assert (
         run_cli(
-            "identify",
-            "two_link",
-            "--data",
-            path,
-            "--out",
-            tmp_path / "model.json",
+            "identify", "two_link", "--data", path, "--out", tmp_path / "model.json"
         )
         == 2
     )
@@ -612,9 +589,7 @@ def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
     ):  # the direction is stated as measured, at the length of gravity
         stated = re.search(r"points along \((.+), (.+), (.+)\) m/s\^2", finding.what)
         assert np.allclose(
-            [float(x) for x in stated.groups()],
-            (0.0, 0.0, -9.81),
-            atol=0.03,
+            [float(x) for x in stated.groups()], (0.0, 0.0, -9.81), atol=0.03
         )
     assert (
         "masses" in finding.remedy

@@ -116,11 +116,7 @@ def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
     ]
     assert [f.severity for f in found] == ["warning"] * bool(degrees)
     for f in found:
-        np.testing.assert_allclose(
-            f.gravity,
-            (0.0, 0.0, -9.81),
-            atol=0.1,
-        )
+        np.testing.assert_allclose(f.gravity, (0.0, 0.0, -9.81), atol=0.1)
         assert f"{degrees:.0f} degrees away" in f.what
         stated = [float(v) for v in f.remedy.partition("--gravity ")[2].split(",")]
         np.testing.assert_allclose(stated, f.gravity, atol=0.01)

@@ -9,9 +9,7 @@ from small_runs import small_run
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, fixing, mended
 from sdp_vs_penalty.checks.certainty import certain, likely
-from sdp_vs_penalty.checks.channels import (
-    possible_magnitudes,
-)
+from sdp_vs_penalty.checks.channels import possible_magnitudes
 from sdp_vs_penalty.checks.clock import find_coarse_stamps
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
@@ -48,11 +46,7 @@ def test_coarse_stamps_are_spaced_evenly_and_no_row_is_lost(times, begin):
     assert [x.kind for x in issues] == ["coarse time stamps"]
     assert len(fixed.t) == len(RUN.t)
     even = np.diff(RUN.t)
-    np.testing.assert_allclose(
-        np.diff(fixed.t),
-        even.mean(),
-        rtol=2e-3,
-    )
+    np.testing.assert_allclose(np.diff(fixed.t), even.mean(), rtol=2e-3)
 
 
 @pytest.mark.parametrize("first", [0.0, 0.3, 1.7e9 + 0.9])
@@ -127,26 +121,13 @@ def test_a_channel_without_numbers_is_named_and_no_row_is_deleted(name):
 def test_degrees_that_wrap_are_one_fact(low):
     """In 0..360 or in +-180: unwrapped, in radians, and within the range."""
     t = np.arange(0.0, 8.0, 0.004)
-    q = np.column_stack(
-        [
-            1.2 * np.sin(1.7 * t),
-            1.4 * np.cos(2.3 * t),
-        ]
-    )
+    q = np.column_stack([1.2 * np.sin(1.7 * t), 1.4 * np.cos(2.3 * t)])
     turned = np.degrees(q + (np.pi if low else 0.0))
-    log = Measurements(
-        t,
-        (turned - low) % 360.0 + low,
-        np.cos(q),
-    )
+    log = Measurements(t, (turned - low) % 360.0 + low, np.cos(q))
     issues, _, fixed = mended(log, PROBLEM.robot, STANDSTILL)
     (issue,) = [x for x in issues if x.kind == "positions in degrees"]
     assert "wrapped" in issue.what
-    np.testing.assert_allclose(
-        np.diff(fixed.q, axis=0),
-        np.diff(q, axis=0),
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(np.diff(fixed.q, axis=0), np.diff(q, axis=0), atol=1e-9)
 
 
 @pytest.mark.parametrize("every", [8, 50])
@@ -161,11 +142,7 @@ def test_a_logger_that_changed_its_rate_is_named(every):
 def test_joints_in_proportion_are_named_with_the_rank_of_the_motion():
     t = np.arange(0.0, 8.0, 0.004)
     move = np.sin(1.7 * t) + 0.3 * np.cos(4.0 * t)
-    run = Measurements(
-        t,
-        np.column_stack([move, 0.4 * move]),
-        np.ones((len(t), 2)),
-    )
+    run = Measurements(t, np.column_stack([move, 0.4 * move]), np.ones((len(t), 2)))
     lockstep = LockstepMotion.of(summary(run))
     issue = lockstep.issue()
     assert issue.figures["rank"] == 1
@@ -186,15 +163,7 @@ def test_a_log_without_rows_has_no_rows():
     assert [x.kind for x in report.issues] == ["no rows"]
 
 
-LINKS = [
-    LinkSizes(
-        f"l{k}",
-        4.0,
-        0.12,
-        0.03,
-    )
-    for k in range(3)
-]
+LINKS = [LinkSizes(f"l{k}", 4.0, 0.12, 0.03) for k in range(3)]
 
 
 @pytest.mark.parametrize(
@@ -286,12 +255,7 @@ def test_a_repair_that_raises_the_error_is_not_written():
         apply="sign:tau2",
     )
     with pytest.raises(InputError, match="does not lower the error"):
-        fix_runs(
-            PROBLEM,
-            [RUN],
-            [replace(report, issues=(wrong,))],
-            ["sign:tau2"],
-        )
+        fix_runs(PROBLEM, [RUN], [replace(report, issues=(wrong,))], ["sign:tau2"])
 
 
 def test_a_repair_after_which_the_check_finds_the_same_is_refused(monkeypatch):
@@ -322,11 +286,7 @@ def test_a_short_freeze_is_repaired():
     is_frozen = (RUN.t > 4.0) & (RUN.t < 4.7)
     tau[is_frozen, 1] = tau[np.argmax(is_frozen), 1]
     log = replace(RUN, tau=tau)
-    repaired = fix_runs(
-        PROBLEM,
-        [log],
-        check(PROBLEM, log, thorough=False),
-    )
+    repaired = fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False))
     assert [f.kind for f in repaired.issues[0]] == ["frozen torque"]
     assert len(repaired.runs[0].t) == pytest.approx(len(RUN.t) - is_frozen.sum(), abs=2)
 
@@ -361,11 +321,7 @@ def test_the_weight_alone_is_a_model_and_no_torque():
     robot = PROBLEM.robot
     links = PROBLEM.nominal_links.ravel()
     zero = np.zeros_like(RUN.q)
-    log = replace(
-        RUN,
-        tau=robot.inverse_dynamics(links, RUN.q, zero, zero),
-        dq=None,
-    )
+    log = replace(RUN, tau=robot.inverse_dynamics(links, RUN.q, zero, zero), dq=None)
     (report,) = check(PROBLEM, log, thorough=False)
     assert "gravity model" in [f.kind for f in report.errors_and_warnings]
 
@@ -394,11 +350,7 @@ def test_a_motion_that_needs_more_than_a_limit_is_no_other_unit():
 def test_torques_in_whole_numbers_are_counts(largest):
     """Permil of the rated torque, or counts of an encoder of current."""
     scale = largest / np.abs(RUN.tau).max(axis=0)
-    log = replace(
-        RUN,
-        tau=np.round(RUN.tau * scale),
-        dq=None,
-    )
+    log = replace(RUN, tau=np.round(RUN.tau * scale), dq=None)
     (report,) = check(PROBLEM, log, thorough=False)
     (issue,) = [f for f in report.errors_and_warnings if f.kind == "torque in counts"]
     assert ("permil" in issue.what) == (largest <= 4000.0)
@@ -423,20 +375,11 @@ def test_what_is_left_of_a_model_that_fits_nearly_is_external_torque(gravity, sh
     run = small_run(problem, seconds=8.0)
     ddq = np.gradient(run.dq, run.t, axis=0)
     links = problem.nominal_links.ravel()
-    of_the_arm = problem.robot.inverse_dynamics(
-        links,
-        run.q,
-        run.dq,
-        ddq,
-    )
+    of_the_arm = problem.robot.inverse_dynamics(links, run.q, run.dq, ddq)
     left = (1.0 - share) * of_the_arm
     drift = np.cumsum(np.random.default_rng(3).normal(size=left.shape), axis=0)
     error = 0.4 * left.std() * drift / drift.std(axis=0)
-    log = replace(
-        run,
-        tau=left + error - 0.005 * np.sign(run.dq),
-        dq=None,
-    )
+    log = replace(run, tau=left + error - 0.005 * np.sign(run.dq), dq=None)
     (report,) = check(problem, log, thorough=False)
     explanations = [f.kind for f in report.issues if f.nature == "explanation"]
     assert explanations == ["external torque"]
@@ -444,23 +387,12 @@ def test_what_is_left_of_a_model_that_fits_nearly_is_external_torque(gravity, sh
 
 def test_positions_out_of_reach_end_the_judging_of_torques():
     """Nothing is said of the torques beside the error about positions."""
-    joints = [
-        replace(
-            x,
-            lower=-3.0,
-            upper=3.0,
-        )
-        for x in PROBLEM.robot.joints
-    ]
+    joints = [replace(x, lower=-3.0, upper=3.0) for x in PROBLEM.robot.joints]
     robot = replace(PROBLEM.robot, joints=tuple(joints))
     q = RUN.q.copy()
     q[:, 1] += 40.0
     log = replace(RUN, q=q, dq=None)
-    (report,) = check(
-        replace(PROBLEM, robot=robot),
-        log,
-        thorough=False,
-    )
+    (report,) = check(replace(PROBLEM, robot=robot), log, thorough=False)
     assert "position range" in [f.kind for f in report.issues]
     assert {f.nature for f in report.issues} == {"fact"}
 
@@ -476,18 +408,8 @@ def test_a_corner_that_a_motion_repeats_is_one_corner():
     """Dry friction makes one where the joint turns, in every period."""
     t = np.arange(0.0, 20.0, 0.01)
     phase = t % 4.0 - 2.0
-    tau = np.column_stack(
-        [
-            np.cos(t),
-            0.003 + np.abs(phase),
-        ]
-    )
-    q = np.column_stack(
-        [
-            np.sin(0.5 * np.pi * t),
-            np.cos(0.5 * np.pi * t),
-        ]
-    )
+    tau = np.column_stack([np.cos(t), 0.003 + np.abs(phase)])
+    q = np.column_stack([np.sin(0.5 * np.pi * t), np.cos(0.5 * np.pi * t)])
     assert not possible_magnitudes(summary(Measurements(t, q, tau)))
 
 
@@ -495,16 +417,8 @@ def test_a_corner_that_a_motion_repeats_is_one_corner():
 def test_a_coarse_torque_that_rests_near_zero_is_no_magnitude(n_levels):
     """A current in few steps flickers between two of them while its joint rests."""
     tau = RUN.tau.copy()
-    level = np.where(
-        RUN.t < 3.0,
-        1.2,
-        n_levels * np.sin(RUN.t) ** 2,
-    )
-    flicker = np.random.default_rng(2).choice(
-        [0.0, 1.0],
-        len(RUN.t),
-        p=[0.9, 0.1],
-    )
+    level = np.where(RUN.t < 3.0, 1.2, n_levels * np.sin(RUN.t) ** 2)
+    flicker = np.random.default_rng(2).choice([0.0, 1.0], len(RUN.t), p=[0.9, 0.1])
     tau[:, 1] = 0.15 * np.round(level + flicker)
     assert not possible_magnitudes(summary(replace(RUN, tau=tau)))
 

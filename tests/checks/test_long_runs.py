@@ -65,11 +65,7 @@ def test_a_long_run_offers_no_repair(flipped_report):
 def test_unusable_rows_of_a_long_run_are_one_error(two_link, long_run):
     q = long_run.q.copy()
     q[LONG + 100, 0] = float("nan")
-    (report,) = check(
-        two_link,
-        replace(long_run, q=q),
-        thorough=False,
-    )
+    (report,) = check(two_link, replace(long_run, q=q), thorough=False)
     assert [i.severity for i in report.issues] == ["error"]
     assert report.is_long
 

@@ -10,12 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.checks.constants import REQUIRED_SIGMAS
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import (
-    Cause,
-    Difference,
-    RunComparison,
-    two_arms,
-)
+from sdp_vs_penalty.checks.one_arm import Cause, Difference, RunComparison, two_arms
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.simulation import experiment

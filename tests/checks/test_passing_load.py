@@ -96,10 +96,7 @@ def test_the_stretch_and_the_parameters_of_a_load_are_found(panda, runs):
 
 def test_a_load_of_both_runs_parts_is_told_run_by_run(panda, runs):
     """It is picked up in the first run, and put down in the second."""
-    loaded = [
-        with_load(panda, runs[0], 8.0, 99.0),
-        with_load(panda, runs[1], 0.0, 4.0),
-    ]
+    loaded = [with_load(panda, runs[0], 8.0, 99.0), with_load(panda, runs[1], 0.0, 4.0)]
     comparison = compared(panda, loaded)
     load = fit_passing_load(comparison.runs, comparison.weights, None)
     assert "in first.csv from t = 8." in load.what

@@ -30,10 +30,7 @@ def stepped(x: np.ndarray, step: float) -> np.ndarray:
 
 
 def motion(
-    periods: int = 3,
-    encoder: float = 0.0,
-    torque: float = 0.0,
-    noise: float = 0.02,
+    periods: int = 3, encoder: float = 0.0, torque: float = 0.0, noise: float = 0.02
 ) -> Measurements:
     """Two joints whose motion repeats exactly, with dry friction; sensors in steps of
     so much."""
@@ -44,12 +41,7 @@ def motion(
     tau = 6.0 * np.cos(q) + dq + 2.4 * np.sign(dq) + noise * rng.normal(size=q.shape)
     measured = dq + 0.01 * rng.normal(size=q.shape)
     q = q if encoder else q + 1e-6 * rng.normal(size=q.shape)
-    return Measurements(
-        t,
-        stepped(q, encoder).T,
-        stepped(tau, torque).T,
-        measured.T,
-    )
+    return Measurements(t, stepped(q, encoder).T, stepped(tau, torque).T, measured.T)
 
 
 def found(kind: str, run: Measurements) -> Issue | None:
@@ -109,11 +101,7 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
 def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
     """Many rows are equal one period later by chance; a part that is in the file twice
     still is told."""
-    clean = motion(
-        encoder=2.0 * np.pi / 4096,
-        torque=0.1,
-        noise=0.1,
-    )
+    clean = motion(encoder=2.0 * np.pi / 4096, torque=0.1, noise=0.1)
     clean = clean if velocity else replace(clean, dq=None)
     lag = int(PERIOD * RATE)
     same = np.all(clean.q[lag:] == clean.q[:-lag], axis=1) & np.all(
@@ -160,12 +148,7 @@ def test_packets_that_froze_for_a_few_rows_are_no_rows_lost():
     for k in range(200, 5800, 500):
         rows[k : k + 4] = k
     issues, fixed = told(
-        replace(
-            clean,
-            q=clean.q[rows],
-            tau=clean.tau[rows],
-            dq=clean.dq[rows],
-        )
+        replace(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows])
     )
     assert not issues
     np.testing.assert_array_equal(fixed.t, clean.t)
@@ -227,9 +210,7 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
     even = clean.t
     jittered = even + rng.uniform(-0.4, 0.4, len(even)) / RATE
     issues, summary, _ = mended(
-        replace(clean, t=jittered),
-        ROBOT,
-        STANDSTILL,
+        replace(clean, t=jittered), ROBOT, STANDSTILL
     )  # likely, not certain
     (issue,) = [x for x in issues if x.kind == "jittered time stamps"]
     steps = np.diff(jittered)
@@ -238,24 +219,11 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
         100.0 * steps.std() / steps.mean(), rel=0.05
     )
     assert issue.figures["ratio"] > 3.0
-    np.testing.assert_allclose(
-        np.diff(summary.run.t),
-        1.0 / RATE,
-        rtol=0.01,
-    )
+    np.testing.assert_allclose(np.diff(summary.run.t), 1.0 / RATE, rtol=0.01)
     # Samples that were taken at uneven times lie smoothly over these: nothing is wrong
     # with the stamps.
     true = np.sort(even + rng.uniform(-0.4, 0.4, len(even)) / RATE)
-    q = np.column_stack(
-        [
-            np.interp(
-                true,
-                even,
-                x,
-            )
-            for x in clean.q.T
-        ]
-    )
+    q = np.column_stack([np.interp(true, even, x) for x in clean.q.T])
     uneven = replace(clean, t=true, q=q, dq=None)
     assert "jittered time stamps" not in [x.kind for x in told(uneven)[0]]
 
@@ -266,13 +234,7 @@ def test_behind_a_clock_that_was_set_back_another_motion_is_another_run(back):
     late = (np.arange(6000) > 2500)[:, None]
     q = clean.q + 0.4 * late
     t = clean.t - back * late[:, 0]
-    (issue, *_), fixed = told(
-        replace(
-            clean,
-            t=t,
-            q=q,
-        )
-    )
+    (issue, *_), fixed = told(replace(clean, t=t, q=q))
     assert issue.figures["seconds"] == pytest.approx(back - 1.0 / RATE, abs=1e-6)
     assert issue.figures["rows"] == [2503]  # header and first row are 1 and 2
     assert "several runs are in the file" in issue.what
@@ -383,11 +345,7 @@ def test_stamps_that_repeat_say_nothing_about_the_order_of_the_rows():
 
 def test_a_time_that_repeats_keeps_the_first_of_its_rows():
     clean = motion()
-    rows = np.insert(
-        np.arange(len(clean.t)),
-        [900, 1700],
-        [899, 1699],
-    )
+    rows = np.insert(np.arange(len(clean.t)), [900, 1700], [899, 1699])
     issues, fixed = told(clean.rows(rows))
     (issue,) = [x for x in issues if x.kind == "repeated time"]
     assert (issue.figures["rows"], issue.figures["parts"]) == (2, 2)
@@ -587,11 +545,7 @@ def creeping(rows_doubled: int = 0, seed: int = 3) -> Measurements:
     rows = np.sort(
         np.append(np.arange(len(t)), rng.choice(len(t), rows_doubled, False))
     )
-    return Measurements(
-        np.arange(len(rows)) / RATE,
-        q[rows],
-        stepped(tau, 2e-3)[rows],
-    )
+    return Measurements(np.arange(len(rows)) / RATE, q[rows], stepped(tau, 2e-3)[rows])
 
 
 @pytest.mark.parametrize("seed", range(3))

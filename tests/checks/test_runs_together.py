@@ -57,11 +57,7 @@ def explanations(report: Report) -> list[Issue]:
 
 @pytest.mark.parametrize("joint", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_sign_of_one_run_is_claimed_of_that_run(joint, two_link, runs):
-    bad, good = judged(
-        two_link,
-        scaled(runs[0], joint, -1.0),
-        runs[1],
-    )
+    bad, good = judged(two_link, scaled(runs[0], joint, -1.0), runs[1])
     (issue,) = explanations(bad)
     assert issue.kind == "torque sign"
     assert issue.figures["joints"] == [joint]
@@ -77,11 +73,7 @@ def test_the_run_is_repaired_where_its_sign_is_wrong(two_link, runs):
 
 
 def test_an_order_of_one_run_is_claimed_of_that_run(two_link, runs):
-    good, bad = judged(
-        two_link,
-        runs[0],
-        swapped(runs[1]),
-    )
+    good, bad = judged(two_link, runs[0], swapped(runs[1]))
     (issue,) = explanations(bad)
     assert issue.kind == "torque order"
     assert "in second only" in issue.what
@@ -105,11 +97,7 @@ def test_a_drift_in_each_run_is_that_of_a_run_and_not_their_sum(count, two_link,
 
 
 def test_a_gain_of_one_run_has_no_other_cause(two_link, runs):
-    bad, good = judged(
-        two_link,
-        scaled(runs[0], 2, 1.15),
-        runs[1],
-    )
+    bad, good = judged(two_link, scaled(runs[0], 2, 1.15), runs[1])
     (issue,) = explanations(bad)
     assert issue.kind == "torque gain"
     assert issue.figures["size"] == pytest.approx(0.15, abs=0.02)
@@ -120,11 +108,7 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
     q = runs[0].q.copy()
     q[:, 1] += np.radians(4.0)
     moved = replace(runs[0], q=q, dq=None)
-    bad, good = judged(
-        two_link,
-        moved,
-        replace(runs[1], dq=None),
-    )
+    bad, good = judged(two_link, moved, replace(runs[1], dq=None))
     issues = [*explanations(bad), *explanations(good)]
     (issue,) = issues
     assert issue.kind == "encoder offset"
@@ -135,11 +119,7 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
 @pytest.mark.parametrize(
     "order", [(0, 1), pytest.param((1, 0), marks=pytest.mark.long)]
 )
-def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(
-    two_link,
-    runs,
-    order,
-):
+def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(two_link, runs, order):
     """One kilogram held half a metre along the last link."""
     links = two_link.nominal_links.copy()
     links[-1] += [1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.25]
@@ -147,18 +127,8 @@ def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(
     dq = np.gradient(run.q, run.t, axis=0)
     ddq = np.gradient(dq, run.t, axis=0)
     robot = two_link.robot
-    loaded = robot.inverse_dynamics(
-        links.ravel(),
-        run.q,
-        dq,
-        ddq,
-    )
-    empty = robot.inverse_dynamics(
-        two_link.nominal_links.ravel(),
-        run.q,
-        dq,
-        ddq,
-    )
+    loaded = robot.inverse_dynamics(links.ravel(), run.q, dq, ddq)
+    empty = robot.inverse_dynamics(two_link.nominal_links.ravel(), run.q, dq, ddq)
     both = replace(run, tau=run.tau + loaded - empty), runs[1]
     reports = judged(two_link, *(both[k] for k in order))
     loaded_report, empty_report = (reports[order.index(k)] for k in (0, 1))
@@ -179,17 +149,7 @@ def test_what_no_body_can_be_is_no_load(moment, is_body):
 
 @pytest.mark.long
 def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
-    reports = judged(
-        two_link,
-        *(
-            scaled(
-                run,
-                2,
-                -1.0,
-            )
-            for run in runs
-        ),
-    )
+    reports = judged(two_link, *(scaled(run, 2, -1.0) for run in runs))
     for report in reports:
         (issue,) = explanations(report)
         assert issue.kind == "torque sign"
@@ -210,17 +170,7 @@ def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
 
 def late(run: Measurements, seconds: float) -> Measurements:
     """The run whose torques come so much later than its positions."""
-    tau = np.stack(
-        [
-            np.interp(
-                run.t - seconds,
-                run.t,
-                x,
-            )
-            for x in run.tau.T
-        ],
-        axis=1,
-    )
+    tau = np.stack([np.interp(run.t - seconds, run.t, x) for x in run.tau.T], axis=1)
     return replace(run, tau=tau)
 
 
@@ -236,11 +186,7 @@ def late(run: Measurements, seconds: float) -> Measurements:
     ],
 )
 def test_a_gain_in_one_of_three_runs_is_claimed_of_that_run(
-    place,
-    joint,
-    factor,
-    two_link,
-    three_runs,
+    place, joint, factor, two_link, three_runs
 ):
     """Its joints contradict each other: no arm of its own explains the run either."""
     log = [*three_runs]
@@ -285,11 +231,7 @@ def test_one_arm_is_as_much_worse_in_whatever_order_the_runs_come(two_link):
 def test_of_a_clipped_channel_nothing_else_is_said(two_link, runs):
     tau = runs[0].tau.copy()
     limit = 0.4 * np.abs(tau[:, 1]).max()
-    tau[:, 1] = np.clip(
-        tau[:, 1],
-        -limit,
-        limit,
-    )
+    tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
     (report,) = judged(two_link, replace(runs[0], tau=tau))
     kinds = {(f.kind, *f.figures["joints"]) for f in report.errors_and_warnings}
     assert kinds == {("saturation", 2)}

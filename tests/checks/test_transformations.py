@@ -40,11 +40,7 @@ def test_two_mistakes_are_never_told_against_each_other(seed):
     rng = np.random.default_rng(seed)
     tau = RUN.tau * np.array([1.0, rng.choice([-1.0, 2.5])])
     q = RUN.q + np.array([0.0, rng.choice([0.5 * np.pi, -0.4])])
-    (report,) = check(
-        PROBLEM,
-        replace(RUN, q=q, tau=tau),
-        thorough=False,
-    )
+    (report,) = check(PROBLEM, replace(RUN, q=q, tau=tau), thorough=False)
     told = [(f.kind, f.where) for f in report.errors_and_warnings]
     assert len(told) == len(set(told))
     (again,) = check(PROBLEM, report.repaired_all, thorough=False)
@@ -111,22 +107,14 @@ def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
     ],
 )
 def test_what_all_torques_have_in_common_shows_without_the_best_joint(
-    joints,
-    falls,
-    shows,
+    joints, falls, shows
 ):
     """A delay of all torques, and one of a single torque."""
     fault = SimpleNamespace(size=0.02, joints=joints)
     search = SimpleNamespace(
-        log=SimpleNamespace(n=3),
-        new_faults=lambda repair, now: [fault],
+        log=SimpleNamespace(n=3), new_faults=lambda repair, now: [fault]
     )
-    answer = RepairSearch._shows_where_it_acts(
-        search,
-        np.array(falls),
-        None,
-        None,
-    )
+    answer = RepairSearch._shows_where_it_acts(search, np.array(falls), None, None)
     assert answer is shows
 
 
@@ -136,9 +124,7 @@ def test_an_amplifiers_limit_has_the_unit_of_the_torque(gain):
     joints = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
     repair = joints.with_entries("bend", (1,), 0.5).with_entries("gain", (1,), gain)
     log = SimpleNamespace(
-        n=2,
-        data=SimpleNamespace(largest=np.array([10.0, 30.0])),
-        problem=PROBLEM,
+        n=2, data=SimpleNamespace(largest=np.array([10.0, 30.0])), problem=PROBLEM
     )
     (fault,) = Saturation().list_faults(log, repair)
     unit = PROBLEM.robot.torque_units[1]
@@ -149,16 +135,10 @@ def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
     first = small_run(PROBLEM, seconds=8.0)
     second = small_run(PROBLEM, seconds=8.0)
     clean = check(
-        PROBLEM,
-        concatenate([first, replace(second, names=("b",))]),
-        thorough=False,
+        PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False
     )
     assert not [f for r in clean for f in r.errors_and_warnings]
-    strong = replace(
-        second,
-        tau=second.tau * np.array([1.0, 1.3]),
-        names=("b",),
-    )
+    strong = replace(second, tau=second.tau * np.array([1.0, 1.3]), names=("b",))
     (found,) = (
         f
         for r in check(PROBLEM, concatenate([first, strong]), thorough=False)
@@ -178,11 +158,7 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda)
     """Also where neither joint's own torque shows it."""
     run = replace(small_run(panda, seconds=8.0), dq=None)
     turned = np.pi * np.array([0.0, second, 0.0, fourth, 0.0, 0.0, 0.0])
-    (report,) = check(
-        panda,
-        replace(run, q=run.q + turned),
-        thorough=False,
-    )
+    (report,) = check(panda, replace(run, q=run.q + turned), thorough=False)
     told = {
         f.where: f.figures["shifts"]
         for f in report.errors_and_warnings
@@ -204,9 +180,7 @@ def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     noise = level * run.tau.std(axis=0) * rng.normal(size=run.tau.shape)
     turned = run.q - 0.5 * np.pi * np.eye(problem.robot.n)[3]
     (report,) = check(
-        problem,
-        replace(run, q=turned, tau=run.tau + noise),
-        thorough=False,
+        problem, replace(run, q=turned, tau=run.tau + noise), thorough=False
     )
     (told,) = (f for f in report.errors_and_warnings if f.kind == "encoder offset")
     assert (told.where, told.figures["shifts"]) == ("joint 4", [0.5 * np.pi])
@@ -220,15 +194,11 @@ def test_friction_that_is_larger_than_all_inertia_is_no_other_unit(tmp_path):
     """Upright axes bear no weight: of light links friction is ten times all else."""
     light = replace(TURN, mass=0.3, com="0.2 0 0")
     urdf = write_urdf(
-        tmp_path / "upright.urdf",
-        "upright",
-        (light, replace(light, origin="0.3 0 0")),
+        tmp_path / "upright.urdf", "upright", (light, replace(light, origin="0.3 0 0"))
     )
     problem = load_problem(urdf)
     (report,) = check(
-        problem,
-        replace(small_run(problem, seconds=8.0), dq=None),
-        thorough=False,
+        problem, replace(small_run(problem, seconds=8.0), dq=None), thorough=False
     )
     assert not report.errors_and_warnings
 
@@ -264,10 +234,7 @@ STRONG = {
     ],
 )
 def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(
-    law,
-    joint,
-    size,
-    panda,
+    law, joint, size, panda
 ):
     """A spring larger than its joint's weight was called a gain sixteen times too
     small."""
@@ -316,21 +283,11 @@ def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measure
             held[t > start + length, j] = rng.uniform(-1.0, 1.0)
             place = aim
     dq, ddq = (
-        np.gradient(
-            np.gradient(q, t, axis=0) if k else q,
-            t,
-            axis=0,
-        )
-        for k in (0, 1)
+        np.gradient(np.gradient(q, t, axis=0) if k else q, t, axis=0) for k in (0, 1)
     )
     rests = np.abs(dq) < 1e-9
     dry = np.where(rests, held, np.sign(dq))
-    rigid = problem.robot.inverse_dynamics(
-        problem.nominal_links.ravel(),
-        q,
-        dq,
-        ddq,
-    )
+    rigid = problem.robot.inverse_dynamics(problem.nominal_links.ravel(), q, dq, ddq)
     tau = rigid + VISCOUS * dq + COULOMB * dry + NOISE * rng.normal(size=q.shape)
     return problem, Measurements(t, q + 1e-6 * rng.normal(size=q.shape), tau)
 
@@ -345,9 +302,7 @@ def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measure
     ],
 )
 def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(
-    stopping,
-    gain,
-    drift,
+    stopping, gain, drift
 ):
     """No cause of a clean log; a gain of joint 2, a drift of joint 3."""
     problem, run = stopping
@@ -355,11 +310,7 @@ def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(
         run.tau * [1.0, gain, 1.0]
         + np.array([0.0, 0.0, drift]) * (run.t / run.t[-1])[:, None]
     )
-    (report,) = check(
-        problem,
-        replace(run, tau=tau),
-        thorough=False,
-    )
+    (report,) = check(problem, replace(run, tau=tau), thorough=False)
     told = {(f.kind, f.where): f.figures for f in report.errors_and_warnings}
     expected = [("torque gain", "joint 2")] * (gain != 1.0) + [
         ("torque drift", "joint 3")

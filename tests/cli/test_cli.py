@@ -40,14 +40,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> list[Path]:
     folder = tmp_path_factory.mktemp("runs")
-    return [
-        write_run(
-            folder / f"run{k}.csv",
-            two_link,
-            seed=k,
-        )
-        for k in (1, 2)
-    ]
+    return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
 
 
 def assert_one_sentence(err: str, *words: str) -> None:
@@ -174,14 +167,7 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
         "two_link simulated one-step plain",
     )
     code, said, _ = run(
-        "shootout",
-        *choice,
-        "--accuracy",
-        "1e-6",
-        "--jobs",
-        1,
-        "--out",
-        tmp_path,
+        "shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", tmp_path
     )
     assert code == 0
     assert ", take clarabel: " in said
@@ -191,10 +177,7 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
 
 
 def test_an_error_of_our_own_is_no_traceback_unless_asked_for(
-    run,
-    runs,
-    tmp_path,
-    monkeypatch,
+    run, runs, tmp_path, monkeypatch
 ):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("inner")
@@ -221,19 +204,8 @@ def test_ctrl_c_leaves_the_old_file(run, runs, tmp_path, monkeypatch):
     before = signal.signal(
         signal.SIGINT, signal.default_int_handler
     )  # a background job ignores it
-    monkeypatch.setattr(
-        LmiSdp,
-        "fit",
-        lambda *_: os.kill(os.getpid(), signal.SIGINT),
-    )
-    code, _, err = run(
-        "identify",
-        "two_link",
-        "--data",
-        runs[0],
-        "--out",
-        kept,
-    )
+    monkeypatch.setattr(LmiSdp, "fit", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    code, _, err = run("identify", "two_link", "--data", runs[0], "--out", kept)
     signal.signal(signal.SIGINT, before)
     assert code == 130
     assert_one_sentence(err, "interrupted")

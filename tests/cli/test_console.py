@@ -16,13 +16,7 @@ from sdp_vs_penalty.results import Table
 
 WIDE = Table(
     ["joint", *(f"figure {k}" for k in range(12))],
-    [
-        [
-            f"joint{j}",
-            *(f"{1000 * j + k}.25" for k in range(12)),
-        ]
-        for j in range(3)
-    ],
+    [[f"joint{j}", *(f"{1000 * j + k}.25" for k in range(12))] for j in range(3)],
     title="All figures",
 )
 
@@ -89,12 +83,7 @@ def test_a_refusal_leaves_the_old_json(tmp_path):
     assert out.read_text() == "old"
 
 
-def shown(
-    monkeypatch,
-    capsys,
-    width: int,
-    is_terminal: bool,
-) -> list[str]:
+def shown(monkeypatch, capsys, width: int, is_terminal: bool) -> list[str]:
     """The lines of the wide table."""
     monkeypatch.setattr(console.out, "_width", width)
     monkeypatch.setattr(console.out, "_force_terminal", is_terminal)
@@ -150,9 +139,7 @@ def test_bash_completes_every_verb_and_option(capsys):
     tries += " COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); COMPREPLY=();"
     tries += ' _shtab_sdp_vs_penalty; echo "${COMPREPLY[@]}"; done'
     done = subprocess.run(
-        [bash, "--norc", "-c", f"{script}\n{tries}"],
-        capture_output=True,
-        text=True,
+        [bash, "--norc", "-c", f"{script}\n{tries}"], capture_output=True, text=True
     )
     verbs, option, kind = done.stdout.splitlines()
     assert {verb for some in VERBS.values() for verb in some} <= set(verbs.split())

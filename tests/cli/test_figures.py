@@ -49,18 +49,9 @@ def write_files(folder: Path) -> None:
     """The robots and runs of all sessions."""
     springy = [("joint_spring", [1])]
     hidden = hidden_runs.hidden_runs(
-        load_problem("two_link"),
-        springy,
-        "strong",
-        seed=5,
+        load_problem("two_link"), springy, "strong", seed=5
     )
-    runs = dict(
-        zip(
-            ("run1.csv", "run2.csv", "test.csv"),
-            hidden.runs,
-            strict=False,
-        )
-    )
+    runs = dict(zip(("run1.csv", "run2.csv", "test.csv"), hidden.runs, strict=False))
     runs["flipped.csv"] = replace(hidden.runs[0], tau=hidden.runs[0].tau * [1.0, -1.0])
     problem = load_problem(write_urdf(folder / "arm.urdf", "arm", THREE))
     links = np.zeros((3, 10))
@@ -70,24 +61,11 @@ def write_files(folder: Path) -> None:
     )
     rates = np.gradient(heavy.q, heavy.t, axis=0)
     more = problem.robot.inverse_dynamics(
-        links,
-        heavy.q,
-        rates,
-        np.gradient(rates, heavy.t, axis=0),
+        links, heavy.q, rates, np.gradient(rates, heavy.t, axis=0)
     )
     runs["heavy.csv"] = replace(heavy, tau=heavy.tau + more)
-    runs["servo.csv"] = log(
-        1e-4,
-        ki=700.0,
-        delay=0.02,
-        torque=True,
-    )
-    runs["silent.csv"] = log(
-        1e-4,
-        kh=50.0,
-        ki=500.0,
-        delay=0.02,
-    )
+    runs["servo.csv"] = log(1e-4, ki=700.0, delay=0.02, torque=True)
+    runs["silent.csv"] = log(1e-4, kh=50.0, ki=500.0, delay=0.02)
     for name, run in runs.items():
         save(run, folder / name)
     write_slide(folder)
@@ -105,11 +83,7 @@ def write_files(folder: Path) -> None:
         )
         text = tree
         for key, old, new in words:
-            text = text.replace(
-                key + b'="' + old,
-                key + b'="' + new.encode(),
-                1,
-            )
+            text = text.replace(key + b'="' + old, key + b'="' + new.encode(), 1)
         (folder / f"{name}.urdf").write_bytes(text)
 
 

@@ -45,14 +45,7 @@ def chain(links: int) -> str:
         ' link="{0}"/></joint>'
     )
     kinds = ("fixed", "continuous")
-    body = "".join(
-        joint.format(
-            k,
-            k - 1,
-            kinds[k % 2],
-        )
-        for k in range(1, links)
-    )
+    body = "".join(joint.format(k, k - 1, kinds[k % 2]) for k in range(1, links))
     return f'<robot name="r"><link name="0"/>{body}</robot>'
 
 
@@ -90,11 +83,7 @@ def bombs(kind: str, folder: Path) -> Iterator[Path]:
         yield path.parent if kind == "problem" else path
 
 
-def hostile(
-    kind: str,
-    folder: Path,
-    every: bool,
-) -> Iterator[Path]:
+def hostile(kind: str, folder: Path, every: bool) -> Iterator[Path]:
     """What an argument must survive: devices, pipes, folders, unreadable files, and
     bombs.
 
@@ -175,12 +164,7 @@ CASES = [(kind, command) for kind, commands in COMMANDS.items() for command in c
     ],
 )
 def test_no_file_crashes_hangs_or_bursts(
-    kind,
-    command,
-    good,
-    tmp_path,
-    monkeypatch,
-    capsys,
+    kind, command, good, tmp_path, monkeypatch, capsys
 ):
     given = tmp_path / "given"
     work = tmp_path / "work"
@@ -207,23 +191,14 @@ def test_no_file_crashes_hangs_or_bursts(
         assert not [*work.iterdir()], told
 
 
-def refused(
-    verb: str,
-    before: str,
-    good: dict[str, str],
-    folder: Path,
-) -> str:
+def refused(verb: str, before: str, good: dict[str, str], folder: Path) -> str:
     """What a verb says that ends with exit code 2, after the words of a shell, and
     leaves nothing."""
     words = [good.get(word, word) for word in shlex.split(verb)]
     command = f"{before} {shlex.join([sys.executable, '-m', 'sdp_vs_penalty', *words])}"
     bare = {name: value for name, value in os.environ.items() if name != "HOME"}
     done = subprocess.run(
-        ["bash", "-c", command],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        env=bare,
+        ["bash", "-c", command], capture_output=True, text=True, cwd=folder, env=bare
     )
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("\n") == 1, done.stderr

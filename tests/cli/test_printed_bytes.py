@@ -122,11 +122,7 @@ def test_every_printed_byte_is_clean(number, home, tmp_path, monkeypatch, capsys
 
 @pytest.mark.parametrize("number", numbered(10))
 def test_names_inside_of_files_are_clean(
-    number,
-    home,
-    tmp_path,
-    monkeypatch,
-    capsysbinary,
+    number, home, tmp_path, monkeypatch, capsysbinary
 ):
     """Names of columns, arrays, links and joints."""
     monkeypatch.chdir(tmp_path)
@@ -134,10 +130,7 @@ def test_names_inside_of_files_are_clean(
         columns = dict(arrays)
     for name in hostile_names(10, of_files=False, seed=number):
         (tmp_path / "arm.urdf").write_text(urdf(name), "utf-8")
-        extra = {
-            **columns,
-            name.replace("/", ""): columns["t"],
-        }
+        extra = {**columns, name.replace("/", ""): columns["t"]}
         np.savez(tmp_path / "named.npz", **extra)
         model = json.loads((home / "model.json").read_text())
         model["robot"]["name"] = name
@@ -167,11 +160,7 @@ def test_a_shell_reads_the_words_that_were_meant(tmp_path):
     lines = [command_line(["printf", "%s|", name, "end"]) for name in names]
     assert all(line.isprintable() for line in lines)
     script = "".join(f"{line}\nprintf '\\0'\n" for line in lines)
-    done = subprocess.run(
-        ["bash", "-c", script],
-        capture_output=True,
-        cwd=tmp_path,
-    )
+    done = subprocess.run(["bash", "-c", script], capture_output=True, cwd=tmp_path)
     read = done.stdout.split(b"\0")[:-1]
     assert read == [os.fsencode(name) + b"|end|" for name in names]
     assert not [*tmp_path.iterdir()]

@@ -33,18 +33,14 @@ Run = Callable[..., str]
 
 @pytest.fixture
 def run(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Run:
     """Run a line, in an empty folder, then every command that it prints; what it
     printed itself."""
     monkeypatch.chdir(tmp_path)
     search = separation.separate  # that a motion is found, not how good a one
     monkeypatch.setattr(
-        separation,
-        "separate",
-        lambda *a, **b: search(*a, **{**b, "iterations": 4}),
+        separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 4})
     )
     monkeypatch.setattr(separation, "_DRAWN", 4)
     reported: set[tuple[str, ...]] = set()
@@ -116,11 +112,7 @@ KINDS = [
 
 @pytest.mark.parametrize(("kind", "searched"), KINDS)
 def test_from_simulated_runs_to_a_model_with_what_was_missing(
-    kind,
-    searched,
-    run,
-    tmp_path,
-    monkeypatch,
+    kind, searched, run, tmp_path, monkeypatch
 ):
     """simulate prints identify; diagnose prints add, as text and from its file, which
     do the same."""
@@ -182,11 +174,7 @@ def test_the_check_repairs_what_it_says(kind, run, tmp_path):
     problem = load_problem(source)
     for k in (1, 2):
         made = small_run(problem, 20.0, k)
-        signs = np.where(
-            np.arange(made.n) == 1,
-            -1.0,
-            1.0,
-        )
+        signs = np.where(np.arange(made.n) == 1, -1.0, 1.0)
         save(replace(made, tau=made.tau * signs), tmp_path / f"my run{k}.csv")
     check = f"{PROGRAM} check {shlex.quote(source)} --gravity 0,0,-9.81 --data"
     (one,) = printed(run(f"{check} 'my run1.csv'"))
@@ -212,11 +200,7 @@ TWELVE = [f"presliding_hysteresis:{j}@d=0.00312345" for j in range(1, 8)]
 TWELVE += [f"joint_spring:{j}" for j in range(1, 6)]
 
 
-def told(
-    problem: Problem,
-    texts: Sequence[str],
-    frozen: bool = False,
-) -> Diagnosis:
+def told(problem: Problem, texts: Sequence[str], frozen: bool = False) -> Diagnosis:
     """A diagnosis that found these effects, each on one joint."""
     n = problem.robot.n
 
@@ -259,9 +243,7 @@ def told(
 
 @pytest.fixture
 def twelve_found(
-    panda: Problem,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Diagnosis:
     """What every diagnosis says; a model.json and a run.csv of the Panda beside it."""
     write_run(tmp_path / "run.csv", panda)
@@ -288,10 +270,7 @@ def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
 
 @pytest.mark.long
 def test_weak_findings_at_the_end_are_shown_to_who_asks(
-    two_link,
-    run,
-    tmp_path,
-    monkeypatch,
+    two_link, run, tmp_path, monkeypatch
 ):
     write_run(tmp_path / "run.csv", two_link)
     found = told(two_link, FOUR)
@@ -300,22 +279,10 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(
     first, *rest = found.effects
     weak = (
         first,
-        *(
-            replace(
-                f,
-                confidence="weak",
-                doubts=(Doubt("small"),),
-            )
-            for f in rest
-        ),
+        *(replace(f, confidence="weak", doubts=(Doubt("small"),)) for f in rest),
     )
     invisible = tuple(
-        Invisible(
-            name,
-            (j,),
-            0.9,
-        )
-        for name, j in (("payload", 1), ("payload", 2))
+        Invisible(name, (j,), 0.9) for name, j in (("payload", 1), ("payload", 2))
     )
     made = replace(found, effects=weak, invisible=invisible)
     monkeypatch.setattr("sdp_vs_penalty.api.diagnose", lambda *_, **__: made)
@@ -352,12 +319,7 @@ def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path)
         s.arrived["my run.csv"] = tmp_path / "my run.csv"
         do(s, s.read_files)
         assert [r["use"] for r in s.runs] == ["split"]
-    do(
-        s,
-        s.identify,
-        lambda: s.add(["joint_spring:2"]),
-        lambda: s.add(["payload"]),
-    )
+    do(s, s.identify, lambda: s.add(["joint_spring:2"]), lambda: s.add(["payload"]))
     commands = s.commands()
     assert [shlex.split(c)[1] for c in commands][-3:] == ["identify", "add", "add"]
     for command in commands:

@@ -21,9 +21,7 @@ from tests.cli.test_printed_commands import TWELVE, told
 
 @pytest.fixture(scope="module")
 def folder(
-    two_link: Problem,
-    panda: Problem,
-    tmp_path_factory: pytest.TempPathFactory,
+    two_link: Problem, panda: Problem, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     """Runs and models of two robots, a run in degrees, findings that are sound, weak,
     old or none."""
@@ -39,11 +37,7 @@ def folder(
     weak = replace(
         found, effects=tuple(replace(f, confidence="weak") for f in found.effects)
     )
-    named = {
-        "findings": found,
-        "none": replace(found, effects=()),
-        "weak": weak,
-    }
+    named = {"findings": found, "none": replace(found, effects=()), "weak": weak}
     for name, findings in named.items():
         (home / f"{name}.json").write_text(json.dumps(findings.to_dict()))
     (home / "old.json").write_text(

@@ -149,18 +149,11 @@ def test_a_panda_log_of_unequal_files(tmp_path):
 
 def test_degrees_are_refused_by_the_joints_ranges_and_one_turn_outside_is_not(panda):
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
-    run = replace(
-        small_run(panda),
-        names=("run.csv",),
-        dq=None,
-    )
+    run = replace(small_run(panda), names=("run.csv",), dq=None)
     run = replace(run, q=run.q + centre)
     check_plausible(panda.robot, replace(run, q=run.q + 2.0 * np.pi))
     estimate = sdp.identify(
-        panda,
-        run,
-        "ols",
-        check=False,
+        panda, run, "ols", check=False
     )  # its torques are those of other positions
     wrong = replace(run, q=np.degrees(run.q))
     words = (
@@ -195,9 +188,7 @@ def test_wrong_number_of_joints(two_link, panda, tmp_path):
     raw = tmp_path / "ur-20_02_12-50sec_12harm.csv"
     raw.write_text("0.1,2\n")
     refusal(
-        lambda: sdp.load_measurements(raw),
-        "raw file",
-        "sdp-vs-penalty fetch ur10e",
+        lambda: sdp.load_measurements(raw), "raw file", "sdp-vs-penalty fetch ur10e"
     )
     refusal(
         lambda: sdp.compare(sdp.identify(two_link, run, "ols"), small_run(panda)),
@@ -210,11 +201,7 @@ TOML = Path(__file__).with_name("two_joints.toml").read_text()
 BOUNDS = "parameter,lower,upper\nm1,0.1,20\nc1x,-0.5,0.5\nI2xx,0,1\n"
 
 
-def problem_folder(
-    folder: Path,
-    toml: str = TOML,
-    bounds: str = BOUNDS,
-) -> Path:
+def problem_folder(folder: Path, toml: str = TOML, bounds: str = BOUNDS) -> Path:
     folder.mkdir(exist_ok=True)
     (folder / "problem.toml").write_text(toml)
     (folder / "bounds.csv").write_text(bounds)
@@ -267,9 +254,7 @@ def test_a_field_of_another_kind_or_name_is_named(line, tmp_path):
                 else key
             )
             refusal(
-                lambda folder=folder: sdp.load_problem(folder),
-                "problem.toml",
-                about,
+                lambda folder=folder: sdp.load_problem(folder), "problem.toml", about
             )
     folder = problem_folder(tmp_path / "arm", TOML.replace(line, f"my_{line}", 1))
     refusal(lambda: sdp.load_problem(folder), f"my_{key}' is unknown")
@@ -294,11 +279,7 @@ def model(two_link: sdp.Problem, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return path
 
 
-def changed(
-    model: Path,
-    path: Path,
-    change: Callable[[Any], None],
-) -> Path:
+def changed(model: Path, path: Path, change: Callable[[Any], None]) -> Path:
     data = json.loads(model.read_text())
     change(data)
     path.write_text(json.dumps(data))
@@ -318,11 +299,7 @@ def setter(*keys: Any, value: Any) -> Callable[[Any], None]:
 def test_a_bad_model_is_refused(case, model, tmp_path, monkeypatch):
     keys, value, _ = refusals("model")[case]
     monkeypatch.chdir(tmp_path)
-    path = changed(
-        model,
-        Path("bad.json"),
-        setter(*keys, value=value),
-    )
+    path = changed(model, Path("bad.json"), setter(*keys, value=value))
     assert same_refusal("model", case, refusal(lambda: sdp.load_estimate(path)))
 
 
@@ -342,21 +319,13 @@ def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
     ids=repr,
 )
 def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(
-    value,
-    model,
-    tmp_path,
+    value, model, tmp_path
 ):
     path = tmp_path / "bad.json"
     said = dict[str, str]()
     for keys in places(json.loads(model.read_text())):
         try:
-            sdp.load_estimate(
-                changed(
-                    model,
-                    path,
-                    setter(*keys, value=value),
-                )
-            )
+            sdp.load_estimate(changed(model, path, setter(*keys, value=value)))
         except sdp.InputError as error:
             said[".".join(map(str, keys))] = str(error)
     assert all(message.startswith(f"{path}: ") for message in said.values())
@@ -396,12 +365,7 @@ def test_files_that_are_no_models(content, words, tmp_path):
 def test_an_archive_of_a_later_version_is_refused(tmp_path):
     box = np.ones((3, 2))
     path = tmp_path / "box.npz"
-    np.savez(
-        path,
-        q=box,
-        gravity=box,
-        mass_matrix=np.ones((3, 2, 2)),
-    )
+    np.savez(path, q=box, gravity=box, mass_matrix=np.ones((3, 2, 2)))
     content = path.read_bytes()
     at = content.index(b"PK\x01\x02") + 6  # "version needed" of the central directory
     path.write_bytes(content[:at] + b"\x40" + content[at + 1 :])

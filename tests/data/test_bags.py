@@ -22,19 +22,11 @@ TORQUES = "/joint_torques"
 def read_bag(path: Path, messages: Any, **how: Any) -> Any:
     """What is read of a bag with these messages, in the order of their stamps."""
     write_joint_states(path / "bag", sorted(messages, key=lambda m: m[1]))
-    return read_run(
-        path / "bag",
-        None,
-        how.pop("names", JOINTS),
-        **how,
-    )
+    return read_run(path / "bag", None, how.pop("names", JOINTS), **how)
 
 
 def part(
-    names: str,
-    late: float = 0.0,
-    topic: str = STATES,
-    effort: bool = True,
+    names: str, late: float = 0.0, topic: str = STATES, effort: bool = True
 ) -> Any:
     """The messages of some joints, ``late`` seconds after the others."""
     at = [JOINTS.index(name[-1]) for name in names.split()]
@@ -74,10 +66,7 @@ def test_messages_with_empty_fields_are_counted(tmp_path):
 
 
 def test_messages_without_a_partner_are_counted(tmp_path):
-    messages = [
-        *part("a b"),
-        *list(part("c", 0.001))[:50],
-    ]
+    messages = [*part("a b"), *list(part("c", 0.001))[:50]]
     with pytest.warns(Remark, match="10 messages without the other joints"):
         run = read_bag(tmp_path, messages)
     np.testing.assert_array_equal(run.q, Q[:50])
@@ -85,11 +74,7 @@ def test_messages_without_a_partner_are_counted(tmp_path):
 
 def test_a_slow_joint_that_stands_still_costs_no_row(tmp_path):
     slow = [(STATES, t, ["finger"], [0.0], [0.0], [0.0]) for t in T[::9] + 0.001]
-    run = read_bag(
-        tmp_path,
-        [*part("a b c"), *slow],
-        names=(*JOINTS, "finger"),
-    )
+    run = read_bag(tmp_path, [*part("a b c"), *slow], names=(*JOINTS, "finger"))
     np.testing.assert_array_equal(run.q, np.column_stack([Q, np.zeros(60)]))
 
 

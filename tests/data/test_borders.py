@@ -91,11 +91,7 @@ def test_names_without_rows_are_called_so(suffix, two_link, tmp_path):
 @pytest.mark.parametrize("kind", ["q", "tau"])
 def test_blocks_without_columns_are_called_so(kind, two_link, tmp_path):
     run = small_run(two_link)
-    blocks = {
-        "q": run.q,
-        "tau": run.tau,
-        kind: np.zeros((len(run.t), 0)),
-    }
+    blocks = {"q": run.q, "tau": run.tau, kind: np.zeros((len(run.t), 0))}
     np.savez(tmp_path / "run.npz", t=run.t, **blocks)
     with pytest.raises(sdp.InputError, match="has no columns"):
         sdp.load_measurements(tmp_path / "run.npz")
@@ -105,12 +101,7 @@ def test_longer_numbers_make_no_warning(two_link, tmp_path):
     run = small_run(two_link)
     q = run.q.astype(np.longdouble)
     q[3, 1] = np.longdouble("1e400")
-    np.savez(
-        tmp_path / "run.npz",
-        t=run.t,
-        q=q,
-        tau=run.tau,
-    )
+    np.savez(tmp_path / "run.npz", t=run.t, q=q, tau=run.tau)
     warnings.simplefilter("error", RuntimeWarning)  # pytest resets it
     with pytest.raises(sdp.InputError):
         sdp.load_measurements(tmp_path / "run.npz")

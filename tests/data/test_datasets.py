@@ -74,11 +74,7 @@ def test_ur10e_is_in_newton_metres_without_rows_that_are_none(fetched, data_fold
 @pytest.mark.real_data
 def test_the_tx40_is_logged_five_thousand_times_a_second(fetched):
     run = load_measurements(fetched["tx40"] / "exciting.csv")
-    np.testing.assert_allclose(
-        np.diff(run.t),
-        2e-4,
-        rtol=1e-9,
-    )
+    np.testing.assert_allclose(np.diff(run.t), 2e-4, rtol=1e-9)
 
 
 @pytest.mark.real_data
@@ -88,11 +84,7 @@ def test_emps_identification_gives_the_authors_values(fetched):
     problem = load_problem("emps")
     estimate = identify(problem, load_measurements(fetched["emps"] / "tracking.csv"))
     value = dict(
-        zip(
-            (p.name for p in estimate.model.parameters),
-            estimate.theta,
-            strict=True,
-        )
+        zip((p.name for p in estimate.model.parameters), estimate.theta, strict=True)
     )
     authors = {"m1": 95.1089, "f_v1": 203.5034, "f_c1": 20.3935, "f_o1": -3.1648}
     for name, expected in authors.items():
@@ -104,10 +96,7 @@ def test_emps_identification_gives_the_authors_values(fetched):
 @pytest.mark.long
 @pytest.mark.real_data
 def test_the_verb_prints_paths_and_says_what_it_could_not_use(
-    address,
-    tmp_path,
-    monkeypatch,
-    capsys,
+    address, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setenv(datasets.MIRROR_VARIABLE, address)
     code = run_cli("fetch", "ur10e", "emps", "--folder", tmp_path)
@@ -132,9 +121,7 @@ def test_files_at_hand_are_not_downloaded(data_folder, tmp_path, monkeypatch):
 def test_offline_is_one_sentence(tmp_path):
     put = f"put DATA_EMPS.mat, DATA_EMPS_PULSES.mat into {tmp_path / 'emps'}"
     refusal(
-        lambda: fetch("emps", tmp_path, "http://127.0.0.1:9"),
-        put,
-        "check the network",
+        lambda: fetch("emps", tmp_path, "http://127.0.0.1:9"), put, "check the network"
     )
     assert not list(tmp_path.rglob("*.csv"))
 
@@ -143,10 +130,6 @@ def test_offline_is_one_sentence(tmp_path):
 def test_a_changed_file_is_refused(address, tmp_path, monkeypatch):
     real = DATASETS["emps"]
     wrong = replace(real.files[0], sha256=hashlib.sha256(b"another").hexdigest())
-    monkeypatch.setitem(
-        datasets.DATASETS,
-        "emps",
-        replace(real, files=(wrong,)),
-    )
+    monkeypatch.setitem(datasets.DATASETS, "emps", replace(real, files=(wrong,)))
     refusal(lambda: fetch("emps", tmp_path, address), "SHA-256 differs")
     assert not list(tmp_path.rglob("*.mat"))

@@ -42,14 +42,7 @@ def some_run(
     rng = np.random.default_rng([n, seed])
     t = 1000.0 + np.cumsum(rng.uniform(0.5, 1.5, samples)) * 1e-3
     q, dq, tau = rng.normal(size=(3, samples, n)) * 10.0 ** rng.uniform(-8, 8, n)
-    return Measurements(
-        t,
-        q,
-        tau,
-        dq if velocity else None,
-        None,
-        (name,),
-    )
+    return Measurements(t, q, tau, dq if velocity else None, None, (name,))
 
 
 def same(a: Measurements, b: Measurements) -> None:
@@ -81,9 +74,7 @@ def test_written_and_read_to_the_last_bit(suffix, n, velocity, tmp_path):
     """Temperatures and commands, too; suffixes may be large."""
     run = some_run(n, velocity=velocity)
     run = replace(
-        run,
-        temperature=30.0 + np.tanh(run.tau),
-        commanded={"qcmd": run.q + 0.1},
+        run, temperature=30.0 + np.tanh(run.tau), commanded={"qcmd": run.q + 0.1}
     )
     path = tmp_path / f"RUN{suffix.upper() if velocity else suffix}"
     save(run, path)
@@ -155,11 +146,7 @@ def test_ros_bags_by_joint_names(mcap, velocity, tmp_path):
     sources = [bag, *bag.glob("*.mcap")]
     assert len(sources) == (2 if mcap else 1)
     for source in sources:
-        got = load_measurements(
-            source,
-            joints=3,
-            names=["a", "b", "c"],
-        )
+        got = load_measurements(source, joints=3, names=["a", "b", "c"])
         assert np.array_equal(got.q, run.q)
         assert np.array_equal(got.tau, run.tau)
         assert (got.dq is None) == (not velocity)
@@ -187,14 +174,7 @@ def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_
     save(run, file)
     assert (
         run_cli(
-            "identify",
-            "two_link",
-            "--data",
-            bag,
-            "--method",
-            "ols",
-            "--out",
-            model,
+            "identify", "two_link", "--data", bag, "--method", "ols", "--out", model
         )
         == 0
     )
@@ -202,30 +182,17 @@ def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_
     for data in (bag, file):
         assert run_cli("compare", model, "--data", data, "--json", out) == 0
         errors.append(json.loads(out.read_text())["models"][0]["rmse"])
-    np.testing.assert_allclose(
-        errors[0],
-        errors[1],
-        rtol=1e-4,
-    )
+    np.testing.assert_allclose(errors[0], errors[1], rtol=1e-4)
     more = ("add", model, "joint_spring:1", "--data", bag, "--test", bag, "--out", out)
     assert run_cli(*more) == 0
     assert abs(load_estimate(out).theta[-1]) < 0.1  # nothing was missing
     posed = [
-        write_posed(
-            "two_link",
-            [data],
-            tmp_path / "posed.cbf",
-        )
-        for data in (bag, file)
+        write_posed("two_link", [data], tmp_path / "posed.cbf") for data in (bag, file)
     ]
     assert (
         posed[0]["rows"] == posed[1]["rows"]
     )  # stamps are rounded, and with them what is nearly zero
-    np.testing.assert_allclose(
-        posed[0]["scale"],
-        posed[1]["scale"],
-        rtol=1e-3,
-    )
+    np.testing.assert_allclose(posed[0]["scale"], posed[1]["scale"], rtol=1e-3)
 
 
 def test_bags_that_cannot_be_used(tmp_path):
@@ -242,10 +209,7 @@ def test_bags_that_cannot_be_used(tmp_path):
         )
     for number, side in enumerate(("left", "right")):
         got = read_run(
-            tmp_path / "two",
-            3,
-            ["a", "b", "c"],
-            topic=f"/{side}/joint_states",
+            tmp_path / "two", 3, ["a", "b", "c"], topic=f"/{side}/joint_states"
         )
         assert np.array_equal(got.q, run.q + number)
     write_bag(tmp_path / "unstamped", run, no_stamps=True)
@@ -265,10 +229,7 @@ def test_where_one_reader_of_numbers_stops_the_other_goes_on(tmp_path):
     path = tmp_path / "run.csv"
     rows = np.random.default_rng(0).normal(size=(30_000, 3))
     rows[:, 0] = np.arange(len(rows))
-    lines = [
-        "t,q1,tau1",
-        *(",".join(map(repr, row)) for row in rows.tolist()),
-    ]
+    lines = ["t,q1,tau1", *(",".join(map(repr, row)) for row in rows.tolist())]
     rows[20_000, 1:] = 0.5
     lines[20_001] = "20000,+0.5,5e-1"
     path.write_text("\n".join(lines))
@@ -297,12 +258,7 @@ def test_texts_of_a_parquet_file_are_not_read(tmp_path):
     path = tmp_path / "run.parquet"
     run = some_run(1, samples=5000)
     note = arrow.DictionaryArray.from_arrays(np.zeros(5000, np.int8), ["x" * 100_000])
-    columns = {
-        "t": run.t,
-        "q1": run.q[:, 0],
-        "tau1": run.tau[:, 0],
-        "note": note,
-    }
+    columns = {"t": run.t, "q1": run.q[:, 0], "tau1": run.tau[:, 0], "note": note}
     parquet.write_table(arrow.table(columns), path, store_schema=False)
     before = arrow.default_memory_pool().max_memory()
     got = load_measurements(path)
@@ -339,19 +295,12 @@ def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
     columns_ = LAYOUTS[name]
     values = np.random.default_rng(2).normal(size=(12, len(columns_)))
     values[:, 0] = np.arange(12.0)
-    lines = [
-        ",".join(columns_),
-        *(",".join(map(repr, row)) for row in values.tolist()),
-    ]
+    lines = [",".join(columns_), *(",".join(map(repr, row)) for row in values.tolist())]
     path.write_text("\n".join(lines) + "\n")
     rename, scale = recognised(columns_, [f"{j}_joint" for j in UR])
     assert "target" not in " ".join(rename.values())
     assert scale.get("t") == (1e-3 if "ms" in name else None)
-    run = load_measurements(
-        path,
-        joints=6,
-        names=[f"{j}_joint" for j in UR],
-    )
+    run = load_measurements(path, joints=6, names=[f"{j}_joint" for j in UR])
     for block, ours in ((run.q, "q"), (run.tau, "tau")):
         at = [columns_.index(rename[f"{ours}{j}"]) for j in range(1, 7)]
         units = [scale.get(f"{ours}{j}", 1.0) for j in range(1, 7)]
@@ -380,11 +329,7 @@ def test_a_log_is_read_and_converted(tmp_path):
     np.testing.assert_allclose(run.t, 1e-3 * t)
     np.testing.assert_array_equal(run.q, x[:, :2])
     rename = {"t": "timestamp_ms", "q*": "actual_q_*", "tau*": "actual_current_*"}
-    run = convert(
-        path,
-        rename=rename,
-        scale={"t": "ms", "tau": "10:8.5", "q": "deg"},
-    )
+    run = convert(path, rename=rename, scale={"t": "ms", "tau": "10:8.5", "q": "deg"})
     np.testing.assert_allclose(run.tau, x[:, 2:] * [10.0, 8.5])
     np.testing.assert_allclose(run.q, np.radians(x[:, :2]))
 
@@ -406,22 +351,8 @@ def test_runs_stay_apart_and_in_order(tmp_path):
 
 def test_windows_count_from_the_start_of_each_run(tmp_path):
     t = np.arange(0.0, 10.0, 0.1)
-    late = Measurements(
-        t + 100.0,
-        t[:, None],
-        t[:, None],
-        None,
-        None,
-        ("late",),
-    )
-    early = Measurements(
-        t,
-        t[:, None],
-        t[:, None],
-        None,
-        None,
-        ("early",),
-    )
+    late = Measurements(t + 100.0, t[:, None], t[:, None], None, None, ("late",))
+    early = Measurements(t, t[:, None], t[:, None], None, None, ("early",))
     both = concatenate([late, early]).window(2.0, 5.0)
     for run, start in zip(both.runs(), (100.0, 0.0), strict=True):
         np.testing.assert_allclose(run.t[[0, -1]], [start + 2.0, start + 4.9])
@@ -441,12 +372,7 @@ def test_windows_count_from_the_start_of_each_run(tmp_path):
 def test_the_hash_is_of_the_numbers_and_of_nothing_else():
     run = some_run()
     same = Measurements(
-        run.t.copy(),
-        np.asfortranarray(run.q),
-        run.tau,
-        None,
-        None,
-        ("other",),
+        run.t.copy(), np.asfortranarray(run.q), run.tau, None, None, ("other",)
     )
     assert same.data_hash == run.data_hash
     for name in ("t", "q", "tau"):

@@ -47,11 +47,7 @@ def test_the_same_motion_comes_out_of_every_log(name):
     run, said = read_sample(name)
     atol = COARSE.get(name, 1e-8)
     np.testing.assert_allclose(run.q, RUN.q, atol=atol)
-    np.testing.assert_allclose(
-        run.tau,
-        RUN.tau,
-        atol=20.0 * atol,
-    )
+    np.testing.assert_allclose(run.tau, RUN.tau, atol=20.0 * atol)
     assert "columns recognised" in said
 
 
@@ -59,11 +55,7 @@ def test_the_same_motion_comes_out_of_every_log(name):
 def test_the_clock_of_every_log_goes_at_its_rate(name):
     run, _ = read_sample(name)
     steps = np.diff(run.t)
-    np.testing.assert_allclose(
-        steps[np.abs(steps - 0.02) < 0.1],
-        0.02,
-        atol=1e-6,
-    )
+    np.testing.assert_allclose(steps[np.abs(steps - 0.02) < 0.1], 0.02, atol=1e-6)
 
 
 @pytest.mark.parametrize("logger", LOGGERS, ids=lambda logger: logger["name"])
@@ -105,12 +97,7 @@ def test_a_sample_goes_from_convert_through_check_to_identify(
 @pytest.mark.parametrize("mcap", [False, True])
 def test_a_bag_goes_from_convert_through_check_to_identify(mcap, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_bag(
-        tmp_path / "bag",
-        RUN,
-        mcap=mcap,
-        names=["joint2", "joint1"],
-    )
+    write_bag(tmp_path / "bag", RUN, mcap=mcap, names=["joint2", "joint1"])
     assert run_cli("convert", "bag", "--problem", "two_link", "--out", "a.csv") == 0
     np.testing.assert_allclose(load_measurements("a.csv").tau, RUN.tau)
     assert run_cli("check", "two_link", "--data", "a.csv") == 0
@@ -124,24 +111,13 @@ def test_joints_that_are_called_otherwise_keep_the_order_of_the_file():
     np.testing.assert_allclose(run.q, RUN.q[:, ::-1])
 
 
-def table(
-    path: Path,
-    head: str,
-    rows: np.ndarray,
-    mark: str = ",",
-) -> Path:
+def table(path: Path, head: str, rows: np.ndarray, mark: str = ",") -> Path:
     lines = [mark.join(f"{x:.10g}" for x in row) for row in rows]
     path.write_text("\n".join([head, *lines]) + "\n")
     return path
 
 
-BARE = np.column_stack(
-    [
-        RUN.q,
-        RUN.dq,
-        RUN.tau,
-    ]
-)
+BARE = np.column_stack([RUN.q, RUN.dq, RUN.tau])
 HEAD = "q1,q2,dq1,dq2,tau1,tau2"
 
 
@@ -152,19 +128,11 @@ def test_without_a_clock_the_rate_is_proposed_from_velocities(tmp_path, monkeypa
     (command,) = re.findall("`sdp-vs-penalty (.*?)`", said)
     assert "--rate 50" in command
     assert run_cli(*shlex.split(command)) == 0
-    np.testing.assert_allclose(
-        load_measurements("run.csv").t,
-        RUN.t,
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(load_measurements("run.csv").t, RUN.t, atol=1e-9)
 
 
 def test_without_velocities_the_rate_is_asked_for(tmp_path):
-    path = table(
-        tmp_path / "bare.csv",
-        "q1,q2,tau1,tau2",
-        BARE[:, [0, 1, 4, 5]],
-    )
+    path = table(tmp_path / "bare.csv", "q1,q2,tau1,tau2", BARE[:, [0, 1, 4, 5]])
     refusal(lambda: load_measurements(path), "--rate HZ")
 
 
@@ -172,19 +140,9 @@ def test_a_rate_stands_for_the_clock_in_every_format(tmp_path):
     import pyarrow as arrow
     from pyarrow import parquet
 
-    columns = dict(
-        zip(
-            HEAD.split(","),
-            BARE.T,
-            strict=True,
-        )
-    )
+    columns = dict(zip(HEAD.split(","), BARE.T, strict=True))
     table(tmp_path / "a.csv", HEAD, BARE)
-    table(
-        tmp_path / "headless.csv",
-        ",".join(f"{x:.10g}" for x in BARE[0]),
-        BARE[1:],
-    )
+    table(tmp_path / "headless.csv", ",".join(f"{x:.10g}" for x in BARE[0]), BARE[1:])
     np.savez(tmp_path / "a.npz", **columns)
     savemat(tmp_path / "a.mat", columns)
     parquet.write_table(arrow.table(columns), tmp_path / "a.parquet")
@@ -192,17 +150,8 @@ def test_a_rate_stands_for_the_clock_in_every_format(tmp_path):
     for path in sorted(tmp_path.iterdir()):
         rename = {"q*": "x*", "tau*": "tau*"} if path.stem == "named" else None
         run = convert(path, rate=50.0, rename=rename)
-        np.testing.assert_allclose(
-            run.t,
-            RUN.t,
-            atol=1e-9,
-            err_msg=path.name,
-        )
-        np.testing.assert_allclose(
-            run.q,
-            RUN.q,
-            err_msg=path.name,
-        )
+        np.testing.assert_allclose(run.t, RUN.t, atol=1e-9, err_msg=path.name)
+        np.testing.assert_allclose(run.q, RUN.q, err_msg=path.name)
     refusal(lambda: convert(tmp_path / "a.csv", rate=-1.0), "not a frequency")
 
 
@@ -225,31 +174,16 @@ def test_a_chosen_column_of_words_is_named_once(tmp_path):
 
 
 def test_a_channel_that_is_never_a_number_is_named_once(tmp_path):
-    rows = np.column_stack(
-        [
-            RUN.t,
-            RUN.q,
-            RUN.tau,
-        ]
-    )
+    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
     rows[:, 4] = np.nan
     path = table(tmp_path / "run.csv", "t,q1,q2,tau1,tau2", rows)
     refusal(
-        lambda: read_run(path),
-        "column tau2 is never a number",
-        "nothing to repair",
+        lambda: read_run(path), "column tau2 is never a number", "nothing to repair"
     )
 
 
 def test_velocities_that_are_never_numbers_are_left_out(tmp_path):
-    rows = np.column_stack(
-        [
-            RUN.t,
-            RUN.q,
-            np.full_like(RUN.q, np.nan),
-            RUN.tau,
-        ]
-    )
+    rows = np.column_stack([RUN.t, RUN.q, np.full_like(RUN.q, np.nan), RUN.tau])
     path = table(tmp_path / "run.csv", "t,q1,q2,dq1,dq2,tau1,tau2", rows)
     with pytest.warns(Remark, match="dq is left out"):
         assert load_measurements(path).dq is None
@@ -269,13 +203,7 @@ def test_topics_with_stamps_of_their_own_come_together(tmp_path):
 
 @pytest.mark.parametrize("mark", [";", "\t", " ", "  "])
 def test_separators(mark, tmp_path):
-    rows = np.column_stack(
-        [
-            RUN.t,
-            RUN.q,
-            RUN.tau,
-        ]
-    )
+    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
     head = mark.join(["t", "q1", "q2", "tau1", "tau2"])
     run = load_measurements(table(tmp_path / "run.txt", head, rows, mark))
     np.testing.assert_allclose(run.tau, RUN.tau)
@@ -299,13 +227,7 @@ def test_commands_quote_what_a_shell_would_read(tmp_path):
 
 
 def test_columns_are_chosen_by_their_numbers_without_a_header(tmp_path):
-    rows = np.column_stack(
-        [
-            RUN.t,
-            RUN.q,
-            RUN.tau,
-        ]
-    )
+    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
     path = tmp_path / "run.csv"
     path.write_text("\n".join(",".join(map(str, row)) for row in rows.tolist()))
     refusal(lambda: load_measurements(path), "row 1 holds numbers instead of a header")

@@ -78,18 +78,8 @@ def test_a_packed_table_that_is_broken_is_refused(pack, plain):
 
 @pytest.mark.parametrize("letters", ["utf-16", "cp1252", "utf-8-sig"])
 def test_letters_of_other_programs_are_read(letters, tmp_path):
-    names = [
-        "t",
-        *(f"q{k} [°]" for k in (1, 2, 3)),
-        *HEAD[4:],
-    ]
-    path = table(
-        tmp_path / "run.csv",
-        names,
-        T,
-        np.degrees(Q),
-        TAU,
-    )
+    names = ["t", *(f"q{k} [°]" for k in (1, 2, 3)), *HEAD[4:]]
+    path = table(tmp_path / "run.csv", names, T, np.degrees(Q), TAU)
     path.write_text(path.read_text(), encoding=letters)
     require_the_run(silently(path))
 
@@ -125,12 +115,7 @@ ARRAYS = {"t": T, "q": Q, "tau": TAU}
 
 
 def test_an_array_of_named_fields_is_read(tmp_path):
-    kinds = [
-        ("t", float),
-        ("q", float, (3,)),
-        ("tau", float, (3,)),
-        ("mode", "U4"),
-    ]
+    kinds = [("t", float), ("q", float, (3,)), ("tau", float, (3,)), ("mode", "U4")]
     array = np.zeros(len(T), kinds)
     for name, block in ARRAYS.items():
         array[name] = block
@@ -167,20 +152,12 @@ def test_an_array_of_objects_is_refused(tmp_path):
 
 def test_an_archive_of_a_table_and_its_names_is_read(tmp_path):
     values = np.column_stack([T, Q, TAU])
-    np.savez(
-        tmp_path / "run.npz",
-        data=values,
-        columns=np.array(HEAD),
-    )
+    np.savez(tmp_path / "run.npz", data=values, columns=np.array(HEAD))
     require_the_run(silently(tmp_path / "run.npz"))
 
 
 def test_an_archive_with_texts_beside_its_arrays_is_read(tmp_path):
-    np.savez(
-        tmp_path / "run.npz",
-        **ARRAYS,
-        robot=np.array("arm"),
-    )
+    np.savez(tmp_path / "run.npz", **ARRAYS, robot=np.array("arm"))
     require_the_run(silently(tmp_path / "run.npz"))
 
 
@@ -197,23 +174,13 @@ def test_a_matrix_with_a_channel_a_row_is_read_by_its_rate(tmp_path):
 
 def test_two_files_are_joined_by_their_stamps(tmp_path):
     first = table(tmp_path / "joints.csv", HEAD[:4], T, Q)
-    second = table(
-        tmp_path / "efforts.csv",
-        ["t", *HEAD[4:]],
-        T + 0.001,
-        TAU,
-    )
+    second = table(tmp_path / "efforts.csv", ["t", *HEAD[4:]], T + 0.001, TAU)
     require_the_run(silently(f"{first}+{second}"))
 
 
 def test_rows_without_a_partner_are_counted(tmp_path):
     first = table(tmp_path / "joints.csv", HEAD[:4], T, Q)
-    second = table(
-        tmp_path / "efforts.csv",
-        ["t", *HEAD[4:]],
-        T[20:],
-        TAU[20:],
-    )
+    second = table(tmp_path / "efforts.csv", ["t", *HEAD[4:]], T[20:], TAU[20:])
     run = silently(f"{first}+{second}")
     np.testing.assert_allclose(run.q, Q[20:])
     np.testing.assert_allclose(run.tau, TAU[20:])
@@ -328,13 +295,7 @@ THOUSANDS = {"German": ";", "English": "\t"}
 
 @pytest.mark.parametrize("kind", THOUSANDS)
 def test_separators_of_thousands_are_no_decimal_marks(kind, tmp_path):
-    columns = np.column_stack(
-        [
-            1e3 * T + 5000.0,
-            Q,
-            1e4 * TAU,
-        ]
-    )
+    columns = np.column_stack([1e3 * T + 5000.0, Q, 1e4 * TAU])
     rows = [[f"{x:,.6f}" for x in row] for row in columns]
     if kind == "German":
         rows = [[x.translate(str.maketrans(",.", ".,")) for x in row] for row in rows]
@@ -358,13 +319,7 @@ def test_units_behind_the_numbers_of_cells_are_taken(tmp_path):
 
 
 def test_names_of_two_rows_are_put_together(tmp_path):
-    path = table(
-        tmp_path / "run.csv",
-        ["t", *["q"] * 3, *["tau"] * 3],
-        T,
-        Q,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", ["t", *["q"] * 3, *["tau"] * 3], T, Q, TAU)
     head, *rows = path.read_text().splitlines()
     path.write_text("\n".join([head, ",0,1,2,0,1,2", *rows]))
     require_the_run(silently(path))
@@ -380,35 +335,19 @@ BY_UNIT = [
 @pytest.mark.parametrize(("q", "tau"), BY_UNIT)
 def test_joints_with_a_unit_are_known_by_it(q, tau, tmp_path):
     names = [pattern.format(k) for pattern in (q, tau) for k in (1, 2, 3)]
-    path = table(
-        tmp_path / "run.csv",
-        ["time", *names],
-        T,
-        np.degrees(Q),
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", ["time", *names], T, np.degrees(Q), TAU)
     require_the_run(silently(path))
 
 
 def test_joints_alone_are_not_guessed_but_proposed(tmp_path):
     names = [f"{letter}{k}" for letter in "JT" for k in (1, 2, 3)]
-    path = table(
-        tmp_path / "run.csv",
-        ["time", *names],
-        T,
-        Q,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", ["time", *names], T, Q, TAU)
     said = refusal(lambda: silently(path), "no column t or q or tau")
     assert "--rename 't=time,q*=J*,tau*=T*'" in said
 
 
 def test_a_proposal_keeps_the_units_of_the_names(tmp_path):
-    names = [
-        "stamp (ms)",
-        *(f"Q{k}" for k in (1, 2, 3)),
-        *(f"M{k}" for k in (1, 2, 3)),
-    ]
+    names = ["stamp (ms)", *(f"Q{k}" for k in (1, 2, 3)), *(f"M{k}" for k in (1, 2, 3))]
     path = table(tmp_path / "run.csv", names, 1e3 * T, Q, TAU)
     refusal(lambda: silently(path), "tau*=M*", "--scale t=ms")
 
@@ -416,50 +355,26 @@ def test_a_proposal_keeps_the_units_of_the_names(tmp_path):
 @pytest.mark.parametrize("unit", ["[%]", "percent", "permil"])
 def test_torques_in_per_cent_are_said(unit, tmp_path):
     names = [f"torque_{k} {unit}" for k in (1, 2, 3)]
-    path = table(
-        tmp_path / "run.csv",
-        [*HEAD[:4], *names],
-        T,
-        Q,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", [*HEAD[:4], *names], T, Q, TAU)
     assert "of a rating that the file does not say" in remarks(path)
 
 
 def test_a_unit_that_nobody_knows_is_said(tmp_path):
     names = [f"torque_{k} [st-furlong]" for k in (1, 2, 3)]
-    path = table(
-        tmp_path / "run.csv",
-        [*HEAD[:4], *names],
-        T,
-        Q,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", [*HEAD[:4], *names], T, Q, TAU)
     assert "the unit 'st-furlong' of tau is not known" in remarks(path)
 
 
 def test_joints_in_brackets_are_no_units(tmp_path):
     names = [f"{x}[{joint}]" for x in ("position", "effort") for joint in JOINTS]
-    path = table(
-        tmp_path / "run.csv",
-        ["time", *names],
-        T,
-        Q,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", ["time", *names], T, Q, TAU)
     assert "is not known" not in remarks(path, names=JOINTS)
 
 
 @pytest.mark.parametrize("joints", ["ABC", ("base", "shoulder", "elbow")])
 def test_letters_and_words_tell_joints_apart(joints, tmp_path):
     names = [f"{joint} {x}" for x in ("angle", "torque") for joint in joints]
-    path = table(
-        tmp_path / "run.csv",
-        ["time", *names],
-        T,
-        Q,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", ["time", *names], T, Q, TAU)
     require_the_run(silently(path, names=JOINTS))
     require_the_run(silently(path))
 
@@ -467,14 +382,7 @@ def test_letters_and_words_tell_joints_apart(joints, tmp_path):
 def test_two_encoders_of_each_joint_are_not_guessed(tmp_path):
     patterns = ("primary_pos_{}", "secondary_pos_{}", "torque_{}")
     names = [pattern.format(k) for pattern in patterns for k in (1, 2, 3)]
-    path = table(
-        tmp_path / "run.csv",
-        ["time", *names],
-        T,
-        50.0 * Q,
-        Q,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", ["time", *names], T, 50.0 * Q, Q, TAU)
     refusal(
         lambda: silently(path), "primary_pos_1 to primary_pos_3 or secondary_pos_1 to"
     )
@@ -484,19 +392,8 @@ def test_two_encoders_of_each_joint_are_not_guessed(tmp_path):
 def test_libfranka_s_clock_is_judged_by_its_steps(step, tmp_path):
     names = [f"{x}_{k}" for x in ("q", "dq", "tau_J") for k in range(3)]
     clock = step * np.arange(len(T))
-    path = table(
-        tmp_path / "run.csv",
-        ["time", *names],
-        clock,
-        Q,
-        DQ,
-        TAU,
-    )
-    np.testing.assert_allclose(
-        np.diff(silently(path).t),
-        0.001,
-        atol=1e-9,
-    )
+    path = table(tmp_path / "run.csv", ["time", *names], clock, Q, DQ, TAU)
+    np.testing.assert_allclose(np.diff(silently(path).t), 0.001, atol=1e-9)
 
 
 @pytest.mark.parametrize(("step", "unit"), [(0.001, "s"), (1.0, "ms")])
@@ -536,14 +433,7 @@ def test_degrees_that_show_late_are_degrees_in_every_row():
 def test_a_joint_that_is_named_without_torque_is_missing(tmp_path):
     names = [f"{joint}_pos" for joint in (*JOINTS, "gripper")]
     names += [f"{joint}_eff" for joint in JOINTS]
-    path = table(
-        tmp_path / "run.csv",
-        ["time", *names],
-        T,
-        Q,
-        0.0 * T,
-        TAU,
-    )
+    path = table(tmp_path / "run.csv", ["time", *names], T, Q, 0.0 * T, TAU)
     said = refusal(lambda: silently(path, names=(*JOINTS, "gripper")), "--hold")
     assert "gripper is in no column" in said
 
@@ -575,13 +465,7 @@ def test_other_words_for_the_same(tmp_path):
     }
     for clock, patterns in languages.items():
         names = [pattern.format(k) for pattern in patterns for k in (1, 2, 3)]
-        path = table(
-            tmp_path / "run.csv",
-            [clock, *names],
-            T,
-            Q,
-            TAU,
-        )
+        path = table(tmp_path / "run.csv", [clock, *names], T, Q, TAU)
         require_the_run(silently(path))
 
 

@@ -7,11 +7,7 @@ from recorded import refusal
 
 from sdp_vs_penalty.data import parsing
 
-lists_of_numbers = st.lists(
-    st.floats(-1e6, 1e6),
-    min_size=1,
-    max_size=4,
-)
+lists_of_numbers = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=4)
 
 
 @given(lists_of_numbers)

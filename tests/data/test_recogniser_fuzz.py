@@ -139,11 +139,7 @@ def require_right_or_refused(table: Table) -> None:
     assert run.n == table.joints
     expected = 1.0 + np.arange(table.joints)
     factors = table.factors
-    np.testing.assert_allclose(
-        run.q[0],
-        factors["q"] * expected,
-        rtol=1e-5,
-    )
+    np.testing.assert_allclose(run.q[0], factors["q"] * expected, rtol=1e-5)
     tau = factors["tau"] * (40.0 + expected)
     np.testing.assert_allclose(run.tau[0], tau, rtol=1e-5)
     if run.dq is not None:

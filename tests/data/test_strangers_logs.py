@@ -32,12 +32,7 @@ WHOLE = [START * 10**9 + round(1e9 * t) for t in T]
 Cells = Sequence[Sequence[object]]
 
 
-def write(
-    path: Path,
-    head: Sequence[str],
-    columns: Cells,
-    mark: str = ",",
-) -> Path:
+def write(path: Path, head: Sequence[str], columns: Cells, mark: str = ",") -> Path:
     """A table of numbers or texts."""
     lines = [mark.join(head)]
     for row in zip(*columns, strict=True):
@@ -94,17 +89,9 @@ SPELLINGS = {
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_spellings_of_numbered_columns(spelling, tmp_path):
     clock, names = SPELLINGS[spelling]
-    path = write(
-        tmp_path / "run.csv",
-        [clock, *names],
-        [T, *channels(Q, DQ, TAU)],
-    )
+    path = write(tmp_path / "run.csv", [clock, *names], [T, *channels(Q, DQ, TAU)])
     run = read_silently(path)
-    np.testing.assert_allclose(
-        [run.q, run.dq, run.tau],
-        [Q, DQ, TAU],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose([run.q, run.dq, run.tau], [Q, DQ, TAU], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -119,32 +106,17 @@ def test_spellings_of_numbered_columns(spelling, tmp_path):
     ],
 )
 def test_columns_called_by_joints_come_in_the_robot_s_order(patterns, tmp_path):
-    columns = [
-        T,
-        *channels(Q[:, ORDER], TAU[:, ORDER]),
-    ]
-    path = write(
-        tmp_path / "run.csv",
-        ["time", *by_joint(*patterns)],
-        columns,
-    )
+    columns = [T, *channels(Q[:, ORDER], TAU[:, ORDER])]
+    path = write(tmp_path / "run.csv", ["time", *by_joint(*patterns)], columns)
     run = read_silently(path)
-    np.testing.assert_allclose(
-        [run.q, run.tau],
-        [Q, TAU],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
 
 
 def test_without_a_robot_torques_follow_the_order_of_the_positions(tmp_path):
     names = [*by_joint("{}_position"), *(f"{joint}_effort" for joint in JOINTS)]
     columns = [T, *channels(Q[:, ORDER], TAU)]
     run = read_silently(write(tmp_path / "run.csv", ["time", *names], columns), None)
-    np.testing.assert_allclose(
-        run.tau,
-        TAU[:, ORDER],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(run.tau, TAU[:, ORDER], atol=1e-9)
 
 
 UNITS = {
@@ -160,18 +132,10 @@ def test_units_that_names_end_with(writing, tmp_path):
     patterns, clock = UNITS[writing]
     blocks = np.degrees(Q), np.degrees(DQ), 1e3 * TAU
     columns = [1e3 * T, *channels(*blocks)]
-    path = write(
-        tmp_path / "run.csv",
-        [clock, *numbered(*patterns, first=1)],
-        columns,
-    )
+    path = write(tmp_path / "run.csv", [clock, *numbered(*patterns, first=1)], columns)
     run = read_silently(path)
     np.testing.assert_allclose(run.t, T, atol=1e-9)
-    np.testing.assert_allclose(
-        [run.q, run.dq, run.tau],
-        [Q, DQ, TAU],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose([run.q, run.dq, run.tau], [Q, DQ, TAU], atol=1e-9)
 
 
 def decimal_comma(x: float) -> str:
@@ -183,21 +147,13 @@ def test_decimal_commas(mark, tmp_path):
     columns = [[decimal_comma(x) for x in c] for c in [T, *channels(Q, TAU)]]
     head = ["Zeit", *numbered("q{}", "tau{}", first=1)]
     run = read_silently(write(tmp_path / "run.csv", head, columns, mark))
-    np.testing.assert_allclose(
-        [run.q, run.tau],
-        [Q, TAU],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
 
 
 @pytest.mark.parametrize("tail", [",", ",,"])
 def test_separators_at_the_end_of_rows(tail, tmp_path):
     head = ["t", *numbered("q{}", "tau{}", first=1)]
-    path = write(
-        tmp_path / "run.csv",
-        head,
-        [T, *channels(Q, TAU)],
-    )
+    path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU)])
     first, *rows = path.read_text().splitlines()
     path.write_text("\n".join([first, *(row + tail for row in rows)]))
     np.testing.assert_allclose(read_silently(path).tau, TAU, atol=1e-9)
@@ -232,35 +188,16 @@ def test_stamps_in_two_parts(first, second, unit, is_turned, tmp_path):
     parts = {first: [str(x // 10**9) for x in WHOLE]}
     parts[second] = [str(x % 10**9 // unit) for x in WHOLE]
     names = [second, first] if is_turned else [first, second]
-    columns = [
-        *(parts[name] for name in names),
-        *channels(Q, TAU),
-    ]
-    path = write(
-        tmp_path / "run.csv",
-        [*names, *numbered("q_{}", "tau_{}")],
-        columns,
-    )
-    np.testing.assert_allclose(
-        read_silently(path).t - START,
-        T,
-        atol=1e-6,
-    )
+    columns = [*(parts[name] for name in names), *channels(Q, TAU)]
+    path = write(tmp_path / "run.csv", [*names, *numbered("q_{}", "tau_{}")], columns)
+    np.testing.assert_allclose(read_silently(path).t - START, T, atol=1e-6)
 
 
 def text_stamps(layout: str) -> list[str]:
     """Stamps from two tenths of a second before a midnight on."""
     import datetime
 
-    begin = datetime.datetime(
-        2025,
-        4,
-        30,
-        23,
-        59,
-        59,
-        800_000,
-    )
+    begin = datetime.datetime(2025, 4, 30, 23, 59, 59, 800_000)
     stamps = [begin + datetime.timedelta(microseconds=round(1e6 * t)) for t in T]
     return [stamp.strftime(layout) for stamp in stamps]
 
@@ -282,11 +219,7 @@ def test_stamps_as_texts_go_on_past_midnight(layout, tmp_path):
     head = ["time", *numbered("q{}", "tau{}", first=1)]
     columns = [text_stamps(layout), *channels(Q, TAU)]
     run = read_silently(write(tmp_path / "run.csv", head, columns))
-    np.testing.assert_allclose(
-        run.t - run.t[0],
-        T,
-        atol=1e-6,
-    )
+    np.testing.assert_allclose(run.t - run.t[0], T, atol=1e-6)
 
 
 LISTS: dict[str, Callable[[np.ndarray], str]] = {
@@ -301,17 +234,9 @@ LISTS: dict[str, Callable[[np.ndarray], str]] = {
 @pytest.mark.parametrize("kind", LISTS)
 def test_lists_in_cells(kind, tmp_path):
     cells = [[LISTS[kind](row) for row in block] for block in (Q, TAU)]
-    path = write(
-        tmp_path / "run.csv",
-        ["time", "position", "effort"],
-        [T, *cells],
-    )
+    path = write(tmp_path / "run.csv", ["time", "position", "effort"], [T, *cells])
     run = read_silently(path)
-    np.testing.assert_allclose(
-        [run.q, run.tau],
-        [Q, TAU],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
 
 
 def test_lists_follow_the_names_in_the_row(tmp_path):
@@ -319,36 +244,20 @@ def test_lists_follow_the_names_in_the_row(tmp_path):
     cells = [[LISTS["Python"](row[list(ORDER)]) for row in b] for b in (Q, TAU)]
     head = ["time", "name", "position", "effort"]
     run = read_silently(
-        write(
-            tmp_path / "run.csv",
-            head,
-            [T, [names] * len(T), *cells],
-        )
+        write(tmp_path / "run.csv", head, [T, [names] * len(T), *cells])
     )
-    np.testing.assert_allclose(
-        [run.q, run.tau],
-        [Q, TAU],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
 
 
 def test_rows_of_another_topic_may_begin_after_the_first_hundred(tmp_path):
     head = ["__time", *numbered("/js/position[{}]", "/js/effort[{}]"), "/battery"]
-    path = write(
-        tmp_path / "run.csv",
-        head,
-        [T, *channels(Q, TAU), [""] * len(T)],
-    )
+    path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU), [""] * len(T)])
     lines = path.read_text().splitlines()
     for k in range(120, 160, 3)[::-1]:
         lines.insert(k + 2, f"{T[k] + 0.001:.6f},,,,,,,24.1")
     path.write_text("\n".join(lines))
     run = read_silently(path)
-    np.testing.assert_allclose(
-        [run.q, run.tau],
-        [Q, TAU],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
 
 
 @pytest.mark.parametrize("n_empty", [1, 2, 3, 12])
@@ -384,11 +293,7 @@ def test_two_arms_in_one_file_are_not_guessed(tmp_path):
 
 def test_without_a_header_the_robot_tells_the_number_of_joints(tmp_path):
     path = tmp_path / "run.csv"
-    np.savetxt(
-        path,
-        np.column_stack([T, Q, TAU]),
-        delimiter=",",
-    )
+    np.savetxt(path, np.column_stack([T, Q, TAU]), delimiter=",")
     said = refusal(lambda: read_silently(path), "where its columns are t, q and tau")
     assert "q3=#4,tau1=#5" in said
 
@@ -401,20 +306,12 @@ def test_a_guess_shows_the_first_rows(tmp_path):
     (remark,) = [w.message for w in heard if isinstance(w.message, ColumnsRemark)]
     name, *values, theirs = remark.rows[1].split()
     assert (name, theirs) == ("q1", "q_0_deg")
-    np.testing.assert_allclose(
-        [float(x) for x in values],
-        run.q[:5, 0],
-        rtol=1e-4,
-    )
+    np.testing.assert_allclose([float(x) for x in values], run.q[:5, 0], rtol=1e-4)
 
 
 def test_the_table_of_columns_is_the_recogniser_s(tmp_path):
     head = ["time", *numbered("q_{}_deg", "tau_{}"), "note"]
-    columns = [
-        T,
-        *channels(np.degrees(Q), TAU),
-        ["ok"] * len(T),
-    ]
+    columns = [T, *channels(np.degrees(Q), TAU), ["ok"] * len(T)]
     report = describe_columns(write(tmp_path / "run.csv", head, columns), JOINTS)
     assert report is not None
     with pytest.warns(Remark, match="columns recognised") as heard:
@@ -430,11 +327,7 @@ def test_the_table_of_columns_is_the_recogniser_s(tmp_path):
 
 
 def test_what_is_missing_is_in_the_table_of_columns(tmp_path):
-    path = write(
-        tmp_path / "run.csv",
-        numbered("q_{}", "tau_{}"),
-        channels(Q, TAU),
-    )
+    path = write(tmp_path / "run.csv", numbered("q_{}", "tau_{}"), channels(Q, TAU))
     report = describe_columns(path)
     assert report is not None
     assert report.missing == ("t",)
@@ -442,23 +335,10 @@ def test_what_is_missing_is_in_the_table_of_columns(tmp_path):
 
 @pytest.mark.parametrize("cut", [360.0, 180.0])
 def test_degrees_that_are_cut_at_a_full_turn_go_on(cut, tmp_path):
-    turning = np.column_stack(
-        [
-            np.linspace(
-                a,
-                14.0,
-                160,
-            )
-            for a in (-9.0, 2.0, 0.0)
-        ]
-    )
+    turning = np.column_stack([np.linspace(a, 14.0, 160) for a in (-9.0, 2.0, 0.0)])
     wrapped = (np.degrees(turning) + 360.0 - cut) % 360.0 - (360.0 - cut)
     head = ["time", *numbered("q_{}_deg", "tau_{}")]
-    path = write(
-        tmp_path / "run.csv",
-        head,
-        [T, *channels(wrapped, TAU)],
-    )
+    path = write(tmp_path / "run.csv", head, [T, *channels(wrapped, TAU)])
     with pytest.warns(Remark, match="cut at a full turn in"):
         run = read_run(path, 3, JOINTS)
     np.testing.assert_allclose(np.diff(run.q, axis=0), np.diff(turning, axis=0))
@@ -466,10 +346,7 @@ def test_degrees_that_are_cut_at_a_full_turn_go_on(cut, tmp_path):
 
 def test_units_of_a_command_unwrap_too(tmp_path):
     turning = np.linspace(-7.0, 7.5, 160)[:, None]
-    columns = [
-        T,
-        *channels(np.degrees(turning) % 360.0, TAU[:, :1]),
-    ]
+    columns = [T, *channels(np.degrees(turning) % 360.0, TAU[:, :1])]
     path = write(tmp_path / "run.csv", ["t", "q1", "tau1"], columns)
     with pytest.warns(Remark, match="cut at a full turn in 3 places"):
         run = convert(path, scale={"q": "deg"})
@@ -478,15 +355,8 @@ def test_units_of_a_command_unwrap_too(tmp_path):
 
 def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
     rounded = [f"{t:.2f}" for t in T]
-    columns = [
-        rounded,
-        *channels(Q[:, :2], TAU[:, :2]),
-    ]
-    path = write(
-        tmp_path / "run.csv",
-        ["t", "q1", "q2", "tau1", "tau2"],
-        columns,
-    )
+    columns = [rounded, *channels(Q[:, :2], TAU[:, :2])]
+    path = write(tmp_path / "run.csv", ["t", "q1", "q2", "tau1", "tau2"], columns)
     words = ("identify", "two_link", "--data", path, "--out", tmp_path / "m.json")
     assert run_cli(*words) == 2
     said = capsys.readouterr().err
@@ -495,16 +365,10 @@ def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
 
 
 def test_the_command_that_a_refusal_prints_repairs_milliseconds(
-    two_link,
-    tmp_path,
-    capsys,
+    two_link, tmp_path, capsys
 ):
     run = experiment(two_link).training_run(0).rows(slice(None, None, 4))
-    slow = replace(
-        run,
-        t=1e3 * (run.t - run.t[0]),
-        dq=None,
-    )
+    slow = replace(run, t=1e3 * (run.t - run.t[0]), dq=None)
     save(slow, tmp_path / "run.csv")
     fixed = tmp_path / "run_fixed.csv"
     words = ("identify", "two_link", "--data", tmp_path / "run.csv")
@@ -512,19 +376,11 @@ def test_the_command_that_a_refusal_prints_repairs_milliseconds(
     printed = re.search(r"`sdp-vs-penalty (check [^`]*)`", capsys.readouterr().err)
     assert printed is not None
     run_cli(*shlex.split(printed[1]))
-    np.testing.assert_allclose(
-        load_measurements(fixed).t,
-        slow.t / 1e3,
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(load_measurements(fixed).t, slow.t / 1e3, atol=1e-9)
 
 
 def test_raw_files_of_public_data_are_fetched(tmp_path):
-    path = write(
-        tmp_path / "curr_data.csv",
-        numbered("Joint_{}", first=1),
-        [*Q.T],
-    )
+    path = write(tmp_path / "curr_data.csv", numbered("Joint_{}", first=1), [*Q.T])
     refusal(lambda: read_silently(path), "sdp-vs-penalty fetch tx40")
 
 

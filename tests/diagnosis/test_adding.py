@@ -26,19 +26,11 @@ def reloaded(estimate: sdp.Estimate, folder: Path) -> sdp.Estimate:
 
 @pytest.mark.parametrize(
     ("name", "axes"),
-    [
-        ("two_link", HEAVY),
-        pytest.param("panda", THREE, marks=pytest.mark.long),
-    ],
+    [("two_link", HEAVY), pytest.param("panda", THREE, marks=pytest.mark.long)],
 )
 def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(name, axes, tmp_path):
     problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", name, axes))
-    made = hidden_runs(
-        problem,
-        [("joint_spring", [1])],
-        "strong",
-        seed=7,
-    )
+    made = hidden_runs(problem, [("joint_spring", [1])], "strong", seed=7)
     data = concatenate([run.rows(slice(None, None, 10)) for run in made.runs[:3]])
     estimate = sdp.identify(
         problem, data, effects=made.truth["model_effects"], check=False
@@ -137,9 +129,7 @@ def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
     tau += 0.4 * dq + 0.8 * np.tanh(dq / width) + 0.3
     tau[:, 1] += size * np.tanh(dq[:, 1] / width) * np.exp(-((dq[:, 1] / 0.07) ** 2))
     data = sdp.Measurements(
-        t,
-        q,
-        tau + noise * np.random.default_rng(0).normal(size=tau.shape),
+        t, q, tau + noise * np.random.default_rng(0).normal(size=tau.shape)
     )
     effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
     before = sdp.identify(problem, data, "ols", effects=effects, check=False)
@@ -191,11 +181,7 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
         json.loads(json.dumps(found.to_dict(), allow_nan=False))
     )
     from_file = sdp.add(estimate, again, run)
-    by_name = sdp.add(
-        estimate,
-        ",".join(r.text for r in found.retuned),
-        run,
-    )
+    by_name = sdp.add(estimate, ",".join(r.text for r in found.retuned), run)
     np.testing.assert_array_equal(from_file.theta, by_name.theta)
     assert from_file.model.sign_width[3] == pytest.approx(WIDTHS[3], rel=0.15)
     with pytest.raises(sdp.InputError, match="list effect coulomb_friction only once"):

@@ -29,30 +29,14 @@ def test_figures_are_those_of_their_definitions(two_link, estimate):
         [c.columns @ estimate.theta[c.indices] for c in rows.columns]
     )
     error = rows.torque - model
-    np.testing.assert_allclose(
-        found.mse,
-        np.mean(error**2, axis=0),
-        rtol=1e-12,
-    )
-    np.testing.assert_allclose(
-        found.rmse,
-        np.sqrt(found.mse),
-        rtol=1e-12,
-    )
+    np.testing.assert_allclose(found.mse, np.mean(error**2, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(found.rmse, np.sqrt(found.mse), rtol=1e-12)
     spread = np.mean((rows.torque - rows.torque.mean(axis=0)) ** 2, axis=0)
-    np.testing.assert_allclose(
-        found.r2,
-        1.0 - found.mse / spread,
-        rtol=1e-12,
-    )
+    np.testing.assert_allclose(found.r2, 1.0 - found.mse / spread, rtol=1e-12)
     relative = 100.0 * np.sqrt(np.sum(error**2) / np.sum(rows.torque**2))
     assert found.relative_error_percent == pytest.approx(relative, rel=1e-12)
     assert found.band_hz == estimate.preprocessing.torque_cutoff
-    np.testing.assert_allclose(
-        predicted(rows, estimate.theta),
-        model,
-        rtol=1e-12,
-    )
+    np.testing.assert_allclose(predicted(rows, estimate.theta), model, rtol=1e-12)
 
 
 def test_a_log_behind_filters_is_judged_as_the_log_is(two_link, estimate):
@@ -96,11 +80,7 @@ def test_models_are_judged_in_one_band(two_link, estimate):
     found = compare({"a": estimate, "b": narrow}, run)
     assert [c.name for c in found] == ["a", "b"]
     assert found[0].band_hz == found[1].band_hz == estimate.preprocessing.torque_cutoff
-    asked = compare(
-        {"a": estimate, "b": narrow},
-        run,
-        Preprocessing(6.0, 9.0),
-    )
+    asked = compare({"a": estimate, "b": narrow}, run, Preprocessing(6.0, 9.0))
     assert {c.band_hz for c in asked} == {9.0}
     # In a list each has a name of its own.
     assert len({c.name for c in compare([estimate, estimate], run)}) == 2
@@ -115,14 +95,7 @@ def test_a_model_keeps_the_noise_of_its_own_runs(two_link, estimate, tmp_path):
     estimate.save(tmp_path / "model.json")
     loaded = load_estimate(tmp_path / "model.json")
     for own, settings in ((run, None), (run, other), (run_of(two_link, 1), None)):
-        (kept,), (anew,) = (
-            compare(
-                m,
-                own,
-                settings,
-            )
-            for m in (loaded, forgetful)
-        )
+        (kept,), (anew,) = (compare(m, own, settings) for m in (loaded, forgetful))
         assert kept.to_dict() == anew.to_dict()
     loaded.provenance["noise"]["floor"] = [7.0, 8.0]
     assert compare(loaded, run)[0].noise_floor.tolist() == [
@@ -144,11 +117,7 @@ def test_a_model_keeps_the_noise_of_its_own_runs(two_link, estimate, tmp_path):
 
 def test_json_has_null_for_what_is_undefined(two_link, estimate):
     run = run_of(two_link, 1)
-    dead = Measurements(
-        run.t,
-        run.q + 0.02 * run.t[:, None],
-        run.tau * [1.0, 0.0],
-    )
+    dead = Measurements(run.t, run.q + 0.02 * run.t[:, None], run.tau * [1.0, 0.0])
     model = compare(estimate, dead)[0].to_dict()
     assert model["model"] == "lmi-sdp"
     assert model["noise_floor"] != [

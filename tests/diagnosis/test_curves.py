@@ -61,12 +61,7 @@ def diagnosed(law: Callable[[TrueMotion], Array], duration: float = 12.0) -> Mad
         runs.append(log_run(world, motion, rng, [hidden.torque(world, motion)]).run)
     data = concatenate(runs[:2])
     estimate = identify(load_problem(urdf_of("scara")), data, "ols", check=False)
-    return Made(
-        estimate,
-        data,
-        runs[2],
-        diagnose(estimate, data, runs[2]),
-    )
+    return Made(estimate, data, runs[2], diagnose(estimate, data, runs[2]))
 
 
 @pytest.fixture(scope="module")
@@ -114,10 +109,7 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
     ],
 )
 def test_a_curve_stands_instead_of_terms_that_are_worth_less(
-    worth,
-    size,
-    beside,
-    least,
+    worth, size, beside, least
 ):
     terms: Any = [
         SimpleNamespace(form=SimpleNamespace(n_coefficients=1, n_constants=2))
@@ -168,21 +160,13 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
     curve = made.found.curves[0]
     state = np.zeros((2, len(curve.filled_x), made.estimate.robot.n))
     state[:, :, JOINT] = curve.filled_x.T
-    there = Motion(
-        np.arange(state.shape[1]) / 100.0,
-        *state,
-        state[0],
-    )
+    there = Motion(np.arange(state.shape[1]) / 100.0, *state, state[0])
     assert np.all(effect.outside(there))
     np.testing.assert_allclose(
-        effect.column(there, JOINT),
-        curve.filled_torque,
-        atol=1e-4,
+        effect.column(there, JOINT), curve.filled_torque, atol=1e-4
     )
     np.testing.assert_allclose(
-        curve.filled_torque,
-        SIZE * np.prod(curve.filled_x, axis=1),
-        atol=0.02,
+        curve.filled_torque, SIZE * np.prod(curve.filled_x, axis=1), atol=0.02
     )
     (written,) = parse_effects(effect.text, made.estimate.robot)
     restored = effect_from_dict(
@@ -193,9 +177,7 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
 
 def test_without_a_test_run_each_fold_is_judged_by_what_the_others_measured(made):
     rows = diagnosis_rows(
-        made.data,
-        made.estimate,
-        made.estimate.preprocessing.resolve(made.data),
+        made.data, made.estimate, made.estimate.preprocessing.resolve(made.data)
     )
     robot = made.estimate.robot
     everywhere, elsewhere = (
@@ -247,16 +229,12 @@ def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differ
         duration=16.0,
     )
     rows = diagnosis_rows(
-        made.data,
-        made.estimate,
-        made.estimate.preprocessing.resolve(made.data),
+        made.data, made.estimate, made.estimate.preprocessing.resolve(made.data)
     )
     dq = rows.dq[:, JOINT]
     fold = (dq > -0.02 * dq.max()).astype(int)
     (curve,) = measure_curves(
-        Search(whiten_rows(rows, made.estimate), Library()),
-        [JOINT],
-        fold,
+        Search(whiten_rows(rows, made.estimate), Library()), [JOINT], fold
     )
     motion = rows.segments[0].motion
     assert curve.fitted.basis.variable_names[1] == f"sign(dq{JOINT + 1})"

@@ -46,12 +46,7 @@ def identified(made: HiddenRuns, data: Measurements) -> Estimate:
 
 def diagnosed(made: HiddenRuns, runs: int = 3, **options: object) -> Diagnosis:
     data = concatenate(made.runs[:runs])
-    return diagnose(
-        identified(made, data),
-        data,
-        made.runs[3],
-        **options,
-    )
+    return diagnose(identified(made, data), data, made.runs[3], **options)
 
 
 def thinned(made: HiddenRuns, step: int = 10) -> HiddenRuns:
@@ -78,11 +73,7 @@ def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_li
     (run,) = made.runs
     settings = two_link.preprocessing
     estimate = identify(
-        two_link,
-        run,
-        "ols",
-        effects=made.truth["model_effects"],
-        check=False,
+        two_link, run, "ols", effects=made.truth["model_effects"], check=False
     )
     white = whiten_rows(diagnosis_rows(run, estimate, settings.resolve(run)), estimate)
     search = Search(white, list_candidates(white))
@@ -106,11 +97,7 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
     after = np.array(first.held_out_rmse_after)
     assert after[2] < 0.8 * before[2]
     assert found.held_out_rmse[2] < 1.25 * found.noise_floor[2]
-    np.testing.assert_allclose(
-        np.delete(after, 2),
-        np.delete(before, 2),
-        rtol=0.1,
-    )
+    np.testing.assert_allclose(np.delete(after, 2), np.delete(before, 2), rtol=0.1)
 
 
 def test_findings_json_is_the_interface(found):
@@ -151,18 +138,9 @@ def test_clean_measurements_stay_clean(name, seed):
 @pytest.mark.slow
 def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda):
     later = hidden_runs(
-        panda,
-        [("payload", []), ("torque_offset", [4])],
-        "strong",
-        seed=18,
+        panda, [("payload", []), ("torque_offset", [4])], "strong", seed=18
     )
-    empty = hidden_runs(
-        panda,
-        [],
-        0.0,
-        seed=17,
-        world=later.world,
-    )
+    empty = hidden_runs(panda, [], 0.0, seed=17, world=later.world)
     estimate = identified(empty, concatenate(empty.runs[:3]))
     data = concatenate(later.runs[:3])
     result = diagnose(estimate, data, later.runs[3], frozen=True)
@@ -176,20 +154,13 @@ def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda):
     np.testing.assert_array_equal(bigger.theta[: len(estimate.theta)], estimate.theta)
     own = [f for f in result.effects if f.effect == "torque_offset"]
     with pytest.raises(InputError, match="the held model's own"):
-        add(
-            estimate,
-            replace(result, effects=tuple(own), curves=()),
-            data,
-        )
+        add(estimate, replace(result, effects=tuple(own), curves=()), data)
 
 
 @pytest.fixture(scope="module")
 def slope(two_link: Problem) -> HiddenRuns:
     return hidden_runs(
-        two_link,
-        [("asymmetric_viscous_friction", [1])],
-        "medium",
-        seed=21,
+        two_link, [("asymmetric_viscous_friction", [1])], "medium", seed=21
     )
 
 
@@ -201,39 +172,21 @@ def test_two_joints_whatever_the_record(slope, what):
     runs = list(slope.runs[:3])
     if what == "slower log":
         runs = [
-            Measurements(
-                r.t[::4],
-                r.q[::4],
-                r.tau[::4],
-                names=r.names,
-            )
+            Measurements(r.t[::4], r.q[::4], r.tau[::4], names=r.names)
             for r in slope.runs[:3]
         ]
     elif what == "one run":
         runs = runs[:1]
     elif what == "unequal":
-        runs = [
-            runs[0],
-            runs[1].window(0.0, 11.0),
-            runs[2].window(3.0, 19.0),
-        ]
+        runs = [runs[0], runs[1].window(0.0, 11.0), runs[2].window(3.0, 19.0)]
     elif what == "no repeats":
         # Logs of their own, not parts of longer ones in which the motion repeats.
         runs = [
-            Measurements(
-                p.t,
-                p.q,
-                p.tau,
-                names=p.names,
-            )
+            Measurements(p.t, p.q, p.tau, names=p.names)
             for p in (r.window(0.0, 12.0) for r in runs)
         ]
     data = concatenate(runs)
-    result = diagnose(
-        identified(slope, data),
-        data,
-        slope.runs[3],
-    )
+    result = diagnose(identified(slope, data), data, slope.runs[3])
     first = result.effects[0]
     assert (first.effect, first.joints) == ("asymmetric_viscous_friction", (2,))
     assert result.noise_source == ("spectrum" if what == "no repeats" else "repetition")
@@ -244,12 +197,7 @@ def test_two_joints_whatever_the_record(slope, what):
 
 @pytest.mark.slow
 def test_a_joint_that_does_not_move(panda):
-    made = hidden_runs(
-        panda,
-        [("joint_spring", [3])],
-        "strong",
-        seed=22,
-    )
+    made = hidden_runs(panda, [("joint_spring", [3])], "strong", seed=22)
     data = concatenate(made.runs[:3])
     still = data.q.copy()
     still[:, 6] = 0.3
@@ -257,11 +205,7 @@ def test_a_joint_that_does_not_move(panda):
     # The check would refuse a joint that stands and whose torque is that of one that
     # moves.
     estimate = identify(
-        panda,
-        data,
-        "ols",
-        effects=made.truth["model_effects"],
-        check=False,
+        panda, data, "ols", effects=made.truth["model_effects"], check=False
     )
     result = diagnose(estimate, data, check=False)
     assert all(np.isfinite(f.size) for f in result.effects)
@@ -269,11 +213,7 @@ def test_a_joint_that_does_not_move(panda):
 
 
 def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
-    first = replace(
-        found.effects[0],
-        indistinguishable_from=(),
-        confidence="confident",
-    )
+    first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
     assert first.undecided is None
     weak = replace(first, confidence="weak", doubts=(Doubt("small"),))
     assert weak.undecided == first.text
@@ -285,17 +225,11 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
         assert (
             said
             in replace(
-                found,
-                effects=effects,
-                retuned=(),
-                verdict="effect_missing",
+                found, effects=effects, retuned=(), verdict="effect_missing"
             ).advice
         )
     printing.diagnosis(
-        replace(found, effects=(weak,)),
-        ["N*m"] * 7,
-        Path("m.json"),
-        False,
+        replace(found, effects=(weak,)), ["N*m"] * 7, Path("m.json"), False
     )
     said = " ".join(capsys.readouterr().out.split())
     assert "To test finding 1, record: sdp-vs-penalty excite m.json" in said
@@ -311,9 +245,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     )
     # No motion tells the clock from the temperature: a cold start does.
     warm = replace(
-        first,
-        effect="warming_friction",
-        indistinguishable_from=("drift_friction",),
+        first, effect="warming_friction", indistinguishable_from=("drift_friction",)
     )
     assert warm.undecided is None
     assert "cooled down" in warm.cool_down_instruction
@@ -405,13 +337,7 @@ def test_what_would_hide_nothing_is_said(panda):
     """Joint 1 turns about the vertical: where its links stand makes no difference to
     gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):
-        hidden_runs(
-            panda,
-            [("joint_zero_error", [0])],
-            "strong",
-            seed=1,
-            count=1,
-        )
+        hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1)
 
 
 @pytest.mark.long
@@ -456,9 +382,7 @@ def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):
     yielded = 0.02 * np.sin(w * run.t)
     tau[:, 1] -= 0.4 * w**2 * yielded
     both = replace(
-        run,
-        tau=tau,
-        commanded={"qmot": run.q + np.outer(yielded, [0.0, 1.0])},
+        run, tau=tau, commanded={"qmot": run.q + np.outer(yielded, [0.0, 1.0])}
     )
     save(both, tmp_path / "both.csv")
     estimate = identify(problem, both, "ols", check=False)

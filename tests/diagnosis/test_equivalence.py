@@ -11,13 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from point_mass_arm import (
-    MASSES,
-    PointMassArm,
-    arm_problem,
-    causal_filter,
-    delayed,
-)
+from point_mass_arm import MASSES, PointMassArm, arm_problem, causal_filter, delayed
 
 from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, confidence
@@ -51,20 +45,12 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 def diagnosed(problem: Problem, arm: PointMassArm) -> Diagnosis:
     train = arm.run(1)
     model = identify(problem, train, "ols", effects=EFFECTS, check=False)
-    return diagnose(
-        model,
-        train,
-        arm.run(51, periods=2),
-        check=False,
-    )
+    return diagnose(model, train, arm.run(51, periods=2), check=False)
 
 
 def set_of(finding: Finding) -> set[str]:
     """The names of a finding and of what is not told from it."""
-    return {
-        finding.effect,
-        *(r.split(":")[0] for r in finding.indistinguishable_from),
-    }
+    return {finding.effect, *(r.split(":")[0] for r in finding.indistinguishable_from)}
 
 
 def confident(found: Diagnosis) -> set[str]:
@@ -90,20 +76,10 @@ def test_a_payload_elsewhere_is_no_confident_gain(problem):
     def loaded(x: float) -> PointMassArm:
         return PointMassArm(masses=(*MASSES, (2, (x, 0.0, 0.0), 1.0)))
 
-    model = identify(
-        problem,
-        loaded(0.25).run(1),
-        "ols",
-        effects=EFFECTS,
-        check=False,
-    )
+    model = identify(problem, loaded(0.25).run(1), "ols", effects=EFFECTS, check=False)
     moved = loaded(0.31)
     found = diagnose(
-        model,
-        moved.run(5),
-        moved.run(6, periods=2),
-        frozen=True,
-        check=False,
+        model, moved.run(5), moved.run(6, periods=2), frozen=True, check=False
     )
     assert not any("gain" in text for text in confident(found))
     assert any("payload" in set_of(f) for f in found.effects)
@@ -177,10 +153,7 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
     assert Finding.from_dict(older).doubts == doubted.doubts
 
 
-@pytest.mark.parametrize(
-    ("left_beside_rival", "same"),
-    [(0.5, True), (100.0, False)],
-)
+@pytest.mark.parametrize(("left_beside_rival", "same"), [(0.5, True), (100.0, False)])
 def test_a_rival_on_another_joint_explains_the_same_torque(left_beside_rival, same):
     """And not as much torque of its own joint."""
     term = SimpleNamespace(form=None, columns=None)

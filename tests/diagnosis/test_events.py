@@ -105,9 +105,7 @@ def test_what_one_sharp_corner_explains_is_no_event(monkeypatch, steep, count):
     is_outlier = np.zeros((M, 1), bool)
     is_outlier[corners[3] - 8 : corners[3] + 8] = True
     monkeypatch.setattr(
-        events,
-        "_groups_in_time",
-        lambda _, flags, joint: [np.flatnonzero(flags)],
+        events, "_groups_in_time", lambda _, flags, joint: [np.flatnonzero(flags)]
     )
     found = find_events(data, is_outlier, error, [])
     assert len(found) == count

@@ -176,11 +176,7 @@ def spring(two_link) -> Any:
     ],
 )
 def test_a_size_that_the_model_does_not_know_is_no_confident_finding(
-    spring,
-    size,
-    std,
-    rating,
-    torque_is_certain,
+    spring, size, std, rating, torque_is_certain
 ):
     """Its torque is certain all the same, since only its size is open."""
     sized = size_in_model(finding("joint_spring", 1), model_with((spring, size, std)))
@@ -234,14 +230,7 @@ def test_errors_that_last_longer_than_a_cluster_widen_a_variance(seconds):
 @pytest.mark.parametrize(("law", "size"), [(1.0, 5.0), (2.0, 7.0)])
 def test_each_of_two_laws_has_its_own_size(two_link, law, size):
     kind = effect_types()["maxwell_slip"]
-    free, even = (
-        kind(
-            two_link.robot,
-            [0],
-            law=x,
-        )
-        for x in (1.0, 2.0)
-    )
+    free, even = (kind(two_link.robot, [0], law=x) for x in (1.0, 2.0))
     parts = [
         (SimpleNamespace(**_as_one_parameter(free)), 5.0, 0.1),
         (SimpleNamespace(**_as_one_parameter(even)), 7.0, 0.1),
@@ -252,11 +241,7 @@ def test_each_of_two_laws_has_its_own_size(two_link, law, size):
 
 
 def test_a_law_that_a_model_lacks_has_no_size_in_it(two_link):
-    even = effect_types()["maxwell_slip"](
-        two_link.robot,
-        [0],
-        law=2.0,
-    )
+    even = effect_types()["maxwell_slip"](two_link.robot, [0], law=2.0)
     part = SimpleNamespace(**_as_one_parameter(even)), 7.0, 0.1
     missing = finding("maxwell_slip", 1, shape={"law": 1.0})
     assert effect_of(missing, model_with(part)) is None

@@ -38,11 +38,7 @@ M = 300
 p = 5
 
 
-def form(
-    k: int = 1,
-    lower: float = -np.inf,
-    name: str = "made",
-) -> Candidate:
+def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Candidate:
     effect: Any = SimpleNamespace(
         parameters=[SimpleNamespace(lower=lower)] * k,
         plausible=None,
@@ -75,10 +71,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
 
 
 def plain(
-    data: Any,
-    fit: WhiteFit,
-    z: np.ndarray | None = None,
-    drop: tuple[int, ...] = (),
+    data: Any, fit: WhiteFit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()
 ) -> np.ndarray:
     """(n, M) what least squares leave of weighted rows."""
     A = np.delete(data.X, drop, axis=2)
@@ -96,17 +89,9 @@ def test_a_fit_is_least_squares_on_weighted_rows():
     data, z = made(size=1.0)
     score = EvidenceScorer(data, 10)
     fit = score.fit(())
-    np.testing.assert_allclose(
-        fit.residual,
-        plain(data, fit),
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
     both = score.fit([score.evidence_of(fit, form(), {0: z})])
-    np.testing.assert_allclose(
-        both.residual,
-        plain(data, both, z),
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(both.residual, plain(data, both, z), atol=1e-9)
     assert np.sum(both.degrees) == pytest.approx(n * M - p - 1, abs=1e-6)
 
 
@@ -133,11 +118,7 @@ def test_the_score_is_the_coarsened_drop_less_its_price():
 def test_the_odds_of_a_candidate_are_those_of_its_laws_together():
     data, z = made(size=0.3)
     one = EvidenceScorer(data, 10)
-    four = EvidenceScorer(
-        data,
-        10,
-        {("made", 0): 4, ("other", 0): 9},
-    )
+    four = EvidenceScorer(data, 10, {("made", 0): 4, ("other", 0): 9})
     J = [
         score.evidence_of(score.fit(()), form(), {0: z}).evidence
         for score in (one, four)
@@ -148,26 +129,14 @@ def test_the_odds_of_a_candidate_are_those_of_its_laws_together():
 def test_half_of_the_odds_are_that_joints_are_built_alike():
     data, z = made(size=1.0)
     score = EvidenceScorer(
-        data,
-        40,
-        {(name, j): 1 for name in ("made", "other") for j in range(n)},
+        data, 40, {(name, j): 1 for name in ("made", "other") for j in range(n)}
     )
-    found = score.evidence_of(
-        score.fit(()),
-        form(),
-        {0: z},
-    )
+    found = score.evidence_of(score.fit(()), form(), {0: z})
     fit = score.fit([found])
     column = {1: made(seed=1)[1]}
-    like = score.evidence_of(
-        fit,
-        replace(form(name="made"), key=("made", 1)),
-        column,
-    )
+    like = score.evidence_of(fit, replace(form(name="made"), key=("made", 1)), column)
     unlike = score.evidence_of(
-        fit,
-        replace(form(name="other"), key=("other", 1)),
-        column,
+        fit, replace(form(name="other"), key=("other", 1)), column
     )
     assert unlike.price - like.price == pytest.approx(2.0 * np.log(40 / n))
     assert unlike.price - found.price == pytest.approx(
@@ -184,11 +153,7 @@ def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
     if score.evidence_of(fit, form(2), both).beta[1] > 0.0:
         both = {0: np.hstack([z, -other])}
     held = score.evidence_of(fit, form(2, 0.0), both)
-    alone = score.evidence_of(
-        fit,
-        form(1, 0.0),
-        {0: z},
-    )
+    alone = score.evidence_of(fit, form(1, 0.0), {0: z})
     assert held.beta.tolist() == [pytest.approx(alone.beta[0]), 0.0]
     price = alone.evidence - score.evidence_of(fit, form(2), both).evidence
     assert abs(alone.evidence - held.evidence) < 0.2 * price
@@ -202,11 +167,7 @@ def test_noise_is_not_taken_for_an_effect():
         score = EvidenceScorer(data, 100)
         fit = score.fit(())
         terms = [
-            score.evidence_of(
-                fit,
-                form(),
-                {0: rng.normal(size=(M, 1))},
-            )
+            score.evidence_of(fit, form(), {0: rng.normal(size=(M, 1))})
             for _ in range(100)
         ]
         highest.append(max(t.evidence for t in terms))
@@ -227,11 +188,7 @@ def test_a_misfit_is_noise_that_its_columns_make():
     score = EvidenceScorer(data, 10)
     z = np.vstack([z, 0.0 * z])
     fit = score.fit([Nuisance("misfit", 0, D[:M], d)])
-    term = score.evidence_of(
-        fit,
-        form(),
-        {0: z[:M]},
-    )
+    term = score.evidence_of(fit, form(), {0: z[:M]})
     root = np.linalg.cholesky(np.linalg.inv(np.eye(n * M) + (D * d**2) @ D.T)).T
     X = root @ data.X.reshape(n * M, p)
     y = root @ data.y.ravel()
@@ -244,11 +201,7 @@ def test_a_misfit_is_noise_that_its_columns_make():
     assert term.drop == pytest.approx(
         left(X) - with_form, rel=1e-2
     )  # but for its prior
-    alone = score.evidence_of(
-        score.fit(()),
-        form(),
-        {0: z[:M]},
-    )
+    alone = score.evidence_of(score.fit(()), form(), {0: z[:M]})
     assert alone.drop > 2.0 * term.drop > 0.0
 
 
@@ -473,18 +426,9 @@ def test_columns_without_bound_are_no_candidate(size):
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
     """Not by how many rows the sandwich finds each of them worth."""
     one = ScoredEffect(
-        form(),
-        {0: np.zeros((M, 1))},
-        drop=3000.0,
-        rows_worth_one=1.5,
-        price=20.0,
+        form(), {0: np.zeros((M, 1))}, drop=3000.0, rows_worth_one=1.5, price=20.0
     )
-    other = replace(
-        one,
-        form=form(name="other"),
-        drop=3001.0,
-        rows_worth_one=1.6,
-    )
+    other = replace(one, form=form(name="other"), drop=3001.0, rows_worth_one=1.6)
     assert one.evidence - other.evidence > 100.0
     assert other.evidence_with_worth_of(one) - one.evidence == pytest.approx(1.0 / 1.5)
 
@@ -507,9 +451,7 @@ def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
     )
     rng = np.random.default_rng(0)
     monkeypatch.setattr(
-        EvidenceScorer,
-        "rows_worth_one",
-        lambda *_: rng.uniform(1.0, 3.0),
+        EvidenceScorer, "rows_worth_one", lambda *_: rng.uniform(1.0, 3.0)
     )
     assert (
         search.refined(search.fit, search.evidence_of(search.fit, forms[0])).text
@@ -523,11 +465,7 @@ def test_what_the_model_makes_itself_is_no_candidate():
     fit = score.fit(())
     columns = {j: data.X[j][:, :1] for j in range(n)}
     assert np.isneginf(score.evidence_of(fit, form(), columns).evidence)
-    batch = Batch(
-        (0, 1),
-        (form(),),
-        np.stack([columns[0], columns[1]]),
-    )
+    batch = Batch((0, 1), (form(),), np.stack([columns[0], columns[1]]))
     assert score.absorbed(fit, batch)[0] == pytest.approx(1.0)
 
 
@@ -538,11 +476,7 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     score = EvidenceScorer(data, 10)
     own = replace(form(), key=key, replaces_own_constant=True)
     fit = score.fit(())
-    np.testing.assert_allclose(
-        fit.residual,
-        plain(data, fit),
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
     data.y[0] -= (
         data.X[0, :, 4] * np.linalg.lstsq(data.X[0], data.y[0], rcond=None)[0][4]
     )
@@ -557,9 +491,7 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     assert pytest.approx(drop - np.log(M) - 2.0 * np.log(10), rel=0.1) == term.evidence
     both = score.fit([term])
     np.testing.assert_allclose(
-        both.residual,
-        plain(data, both, z, drop=(4,)),
-        atol=1e-9,
+        both.residual, plain(data, both, z, drop=(4,)), atol=1e-9
     )
     batch = Batch((0,), (own,), z[None])
     exact = np.sum(fit.residual**2) - np.sum(left**2)
@@ -573,26 +505,12 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
 def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     data, z = made()
     z, errors = np.repeat(
-        np.random.default_rng(6).normal(size=(2, M // 10)),
-        10,
-        axis=1,
+        np.random.default_rng(6).normal(size=(2, M // 10)), 10, axis=1
     )  # by clusters
     data.y[0] += 2.0 * errors
     fit = (score := EvidenceScorer(data, 10)).fit(())
-    robust = CurveColumns.of(
-        score,
-        fit,
-        z[:, None],
-        0,
-        robust=True,
-    )
-    plainly = CurveColumns.of(
-        score,
-        fit,
-        z[:, None],
-        0,
-        robust=False,
-    )
+    robust = CurveColumns.of(score, fit, z[:, None], 0, robust=True)
+    plainly = CurveColumns.of(score, fit, z[:, None], 0, robust=False)
     assert plainly.v == pytest.approx(1.0 + plainly.count / COARSENING_ROWS)
     assert robust.v > 2.0 * plainly.v
 
@@ -602,18 +520,9 @@ def test_a_curve_without_a_fold_is_that_of_the_other_rows():
     z = z + data.X[0, :, :1]
     fold = np.arange(M) % 2
     data.y[0] += 30.0 * (1.0 + fold) * z[:, 0]
-    columns = CurveColumns.of(
-        score := EvidenceScorer(data, 10),
-        score.fit(()),
-        z,
-        0,
-    )
+    columns = CurveColumns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
     found = columns.without_fold(fold, np.zeros((1, 1)))
-    np.testing.assert_allclose(
-        found,
-        [[60.0], [30.0]],
-        rtol=0.02,
-    )
+    np.testing.assert_allclose(found, [[60.0], [30.0]], rtol=0.02)
 
 
 def test_screening_is_the_drop_of_the_squared_error():
@@ -621,19 +530,13 @@ def test_screening_is_the_drop_of_the_squared_error():
     score = EvidenceScorer(data, 10)
     fit = score.fit(())
     other = np.random.default_rng(4).normal(size=(M, 1))
-    batch = Batch(
-        (0,),
-        (form(), form()),
-        np.hstack([z, other])[None],
-    )
+    batch = Batch((0,), (form(), form()), np.hstack([z, other])[None])
     values = score.screened(fit, batch)
     drop = np.sum(fit.residual**2) - np.sum(plain(data, fit, z) ** 2)
     assert values[0] == pytest.approx(drop - np.log(fit.degrees[0]), rel=1e-2)
     assert values[1] < 0.0 < values[0]
     forbidden = Batch(
-        (0,),
-        (form(lower=0.0),),
-        -z[None],
+        (0,), (form(lower=0.0),), -z[None]
     )  # a size below zero: nothing is won, the price is
     assert score.screened(fit, forbidden)[0] == pytest.approx(-np.log(fit.degrees[0]))
 
@@ -714,10 +617,7 @@ def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
             generalises=lambda other: name == "general",
         )
         return SimpleNamespace(
-            key=(name, 0),
-            form=form,
-            evidence=J,
-            evidence_with_worth_of=lambda other: J,
+            key=(name, 0), form=form, evidence=J, evidence_with_worth_of=lambda other: J
         )
 
     mine = term("mine", 0.0)

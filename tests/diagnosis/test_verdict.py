@@ -32,23 +32,14 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     white = rng.normal(size=(M, 2))
     white[:, 0] += size * np.sin(0.1 * np.arange(M))
     level = np.array([0.7, 1.4])
-    Q = np.linalg.qr(rng.normal(size=(2 * M, 7)))[0].reshape(
-        2,
-        M,
-        7,
-    )
+    Q = np.linalg.qr(rng.normal(size=(2 * M, 7)))[0].reshape(2, M, 7)
     fit = SimpleNamespace(
-        residual=(white / level).T,
-        level=level,
-        leverage=np.sum(Q**2, axis=2),
+        residual=(white / level).T, level=level, leverage=np.sum(Q**2, axis=2)
     )
     keep = np.ones((M, 2), bool)
     none = np.zeros((M, 2))
     rows = SimpleNamespace(
-        keep=keep,
-        still=none.copy(),
-        slow=none.copy(),
-        torque=10.0 * FLOOR * white,
+        keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white
     )
     rows.steps = none.copy()
     noise = SimpleNamespace(
@@ -230,9 +221,7 @@ def test_a_finding_is_judged_beside_the_constants_and_all_other_findings():
 
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)
 def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
-    change,
-    doubts,
-    monkeypatch,
+    change, doubts, monkeypatch
 ):
     usual = {
         "rivals": (),
@@ -271,36 +260,20 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         effect.looks_like = lambda size, seen: case.looks_like
         form = SimpleNamespace(effect=effect)
         return SimpleNamespace(
-            form=form,
-            joints={0},
-            evidence=case.J,
-            rivals=case.rivals,
-            key=("made", 0),
+            form=form, joints={0}, evidence=case.J, rivals=case.rivals, key=("made", 0)
         )
 
     own = term()
     other = term()
-    block = SimpleNamespace(
-        joint=0,
-        parameters=[0],
-        columns=np.ones((5, 1)),
-    )
-    rows = SimpleNamespace(
-        n=2,
-        t=np.zeros(5),
-        torque=np.full((5, 2), 2.0),
-    )
+    block = SimpleNamespace(joint=0, parameters=[0], columns=np.ones((5, 1)))
+    rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
     rows.blocks = lambda effect: [block]
     rows.seen = lambda joint: SimpleNamespace(travel=case.travel)
     fit = lambda others, _: SimpleNamespace(  # noqa: E731
         energy=lambda _: case.beside if others else 10.0
     )
     search = SimpleNamespace(
-        terms=[
-            own,
-            other,
-            *(term(k % case.laws) for k in range(2, case.of_its_kind)),
-        ],
+        terms=[own, other, *(term(k % case.laws) for k in range(2, case.of_its_kind))],
         score=SimpleNamespace(fit=fit),
         fit=None,
     )
@@ -308,19 +281,12 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
     left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
     beta = 1.0 if case.plausible else case.beta
-    errors = np.array(
-        [
-            [1.0, 1.0],
-            [case.after, case.elsewhere],
-        ]
-    )
+    errors = np.array([[1.0, 1.0], [case.after, case.elsewhere]])
     monkeypatch.setattr(
         "sdp_vs_penalty.diagnosis.confidence.size_of", lambda *_: (1.0, case.std)
     )
     size: Any = SimpleNamespace(
-        beta=np.array([beta]),
-        covariance=None,
-        covariance_given_constants=None,
+        beta=np.array([beta]), covariance=None, covariance_given_constants=None
     )
     judged = Judged(search, left, own, size, errors, curves)
     assert {doubt.reason for doubt in reasons_for_doubt(judged)} == doubts

@@ -51,11 +51,7 @@ def play(t: Array, q: Array, dq: Array) -> Array:
     """What pushes through a play of 0.02 rad: it follows the travel since a reversal."""
     state = np.zeros(len(q))
     for k, step in enumerate(np.diff(q[:, 1]), start=1):
-        state[k] = np.clip(
-            state[k - 1] + step,
-            -0.01,
-            0.01,
-        )
+        state[k] = np.clip(state[k - 1] + step, -0.01, 0.01)
     return 60.0 * state
 
 
@@ -120,11 +116,7 @@ def worst_of_runs(
 )
 def test_the_joint_and_the_cause_are_named(problem, kind):
     joint, torque, cause = KINDS[kind]
-    worst = worst_joint(
-        problem,
-        PointMassArm(extra=on(joint, torque)),
-        9,
-    )
+    worst = worst_joint(problem, PointMassArm(extra=on(joint, torque)), 9)
     assert (worst.joint, dependences(worst)[0][0]) == (joint, cause)
 
 

@@ -134,11 +134,7 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
             "position_integral": motion.integral[index],
         }
         more["motors"] = motion.motor_acceleration[index]
-        return Motion(
-            *(x[index] for x in parts),
-            motion.current,
-            **more,
-        )
+        return Motion(*(x[index] for x in parts), motion.current, **more)
 
     shuffled = np.random.default_rng(1).permutation(len(motion.t))
     half = np.arange(len(motion.t) // 2)
@@ -146,9 +142,7 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
         columns = wide_columns(effect, motion)
         if not effect.has_memory:
             np.testing.assert_allclose(
-                wide_columns(effect, rows(shuffled)),
-                columns[:, shuffled],
-                atol=1e-12,
+                wide_columns(effect, rows(shuffled)), columns[:, shuffled], atol=1e-12
             )
         # Smoothed both ways, over whole runs.
         if effect.shape.get("phase") == 2.0 or "band" in effect.shape:
@@ -156,12 +150,7 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
             continue
         # Central differences look two samples ahead.
         first = wide_columns(effect, rows(half))[:, :-2]
-        np.testing.assert_allclose(
-            first,
-            columns[:, half[:-2]],
-            rtol=1e-9,
-            atol=1e-12,
-        )
+        np.testing.assert_allclose(first, columns[:, half[:-2]], rtol=1e-9, atol=1e-12)
 
 
 @EVERY_EFFECT
@@ -170,12 +159,7 @@ def test_what_an_effect_needs_is_what_it_declares(name):
     nothing else."""
     robot = robots()["arm"]
     motion = steady_motion(robot)
-    bare = Motion(
-        motion.t,
-        motion.q,
-        motion.dq,
-        motion.ddq,
-    )
+    bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
     another_torque = replace(motion, torque=2.0 * motion.torque + 1.0)
     another_arm = replace(
         motion, current=CurrentModel(robot, 1.5 * motion.model_links**2)
@@ -185,10 +169,7 @@ def test_what_an_effect_needs_is_what_it_declares(name):
     farther = replace(
         motion,
         command=replace(
-            motion.logged_command,
-            q=motion.q,
-            dq=motion.dq,
-            position_integral=motion.q,
+            motion.logged_command, q=motion.q, dq=motion.dq, position_integral=motion.q
         ),
     )
     warmer = replace(motion, temperature=motion.joint_temperature + 5.0)
@@ -213,10 +194,7 @@ def test_what_an_effect_needs_is_what_it_declares(name):
         ):
             declared = getattr(effect, word)
             changed = not np.allclose(
-                wide_columns(effect, other),
-                columns,
-                rtol=1e-9,
-                atol=1e-12,
+                wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12
             )
             assert changed == declared, (
                 f"{name}: declare {word} = {changed}, as its columns do"

@@ -30,13 +30,7 @@ def test_a_model_computes_its_current_torque_from_its_own_reference():
     bare = replace(motion, torque=None, current=None)
     refusal(lambda: model.columns(bare), "identify the robot without it first")
     links = motion.model_links
-    theta = np.concatenate(
-        [
-            links.ravel(),
-            np.full(3, 0.05),
-            np.full(3, 0.3),
-        ]
-    )
+    theta = np.concatenate([links.ravel(), np.full(3, 0.05), np.full(3, 0.3)])
     torque = (
         robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + 0.3 * motion.dq
     )
@@ -49,14 +43,7 @@ def test_without_links_what_depends_on_them_makes_no_torque():
     motion = steady_motion(robot)
     effects = parse_effects("viscous_friction,joint_zero_error,torque_gain:1", robot)
     model = Model(robot, effects, reference=np.full(7, 0.4))
-    columns = model.columns(
-        Motion(
-            motion.t,
-            motion.q,
-            motion.dq,
-            motion.ddq,
-        )
-    )
+    columns = model.columns(Motion(motion.t, motion.q, motion.dq, motion.ddq))
     assert [c.indices.tolist() for c in columns] == [
         [0, 3, 4, 5, 6],
         [1, 3, 4, 5],
@@ -113,35 +100,16 @@ def test_a_curve_is_its_values_between_its_ends_and_constant_beyond():
         "xhigh": high,
     }
     one = kind(robot, [1], xn=12.0, **table)
-    along = np.interp(
-        q,
-        np.linspace(low, high, 12),
-        values,
-    )
-    np.testing.assert_allclose(
-        wide_columns(one, motion)[1, :, 0],
-        along,
-        atol=1e-12,
-    )
+    along = np.interp(q, np.linspace(low, high, 12), values)
+    np.testing.assert_allclose(wide_columns(one, motion)[1, :, 0], along, atol=1e-12)
     np.testing.assert_array_equal(one.outside(motion), (q < low) | (q > high))
     two = kind(
-        robot,
-        [1],
-        xn=3.0,
-        y=2.0,
-        yn=4.0,
-        ylow=dq.min(),
-        yhigh=dq.max(),
-        **table,
+        robot, [1], xn=3.0, y=2.0, yn=4.0, ylow=dq.min(), yhigh=dq.max(), **table
     )
     knots = np.linspace(low, high, 3), np.linspace(dq.min(), dq.max(), 4)
     both = interpolate.RegularGridInterpolator(knots, values.reshape(3, 4))
     expected = both(np.column_stack([np.clip(q, low, high), dq]))
-    np.testing.assert_allclose(
-        wide_columns(two, motion)[1, :, 0],
-        expected,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(wide_columns(two, motion)[1, :, 0], expected, atol=1e-12)
     for key, value, said in (
         ("xn", 12.5, "whole number"),
         ("xn", 0.0, "whole number"),
@@ -188,9 +156,7 @@ def test_what_is_no_variable_is_refused(text):
 @pytest.mark.parametrize("text", refusals("effects"))
 def test_an_effect_that_does_not_exist_is_refused(text):
     assert same_refusal(
-        "effects",
-        text,
-        refusal(lambda: parse_effects(text, robots()["tree"])),
+        "effects", text, refusal(lambda: parse_effects(text, robots()["tree"]))
     )
 
 
@@ -212,11 +178,7 @@ def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel(
         waves = np.array(
             [shape["k"] for shape in every if shape.get("waves", 1.0) == 1.0]
         )
-        np.testing.assert_allclose(
-            np.diff(waves),
-            np.pi / travel,
-            rtol=2e-3,
-        )
+        np.testing.assert_allclose(np.diff(waves), np.pi / travel, rtol=2e-3)
         assert waves[0] == pytest.approx(2.0 * np.pi / travel, rel=1e-4)
         assert waves[-1] <= 1.0001 * finest
         assert len(waves) == 200 or waves[-1] > 0.999 * finest - np.pi / travel
@@ -249,11 +211,7 @@ def test_a_stop_is_tried_where_the_joint_was_before_it_and_beyond_it(
 def test_torque_is_that_of_the_columns_over_the_models_own_width():
     """Stribeck friction turns over the width of the Coulomb friction beside it."""
     robot = robots()["arm"]
-    motion = sines(
-        np.random.default_rng(2),
-        robot.n,
-        np.arange(0.0, 4.0, 0.01),
-    )
+    motion = sines(np.random.default_rng(2), robot.n, np.arange(0.0, 4.0, 0.01))
     model = Model(
         robot, parse_effects("coulomb_friction@v_s=0.3,stribeck_friction", robot)
     )
@@ -263,16 +221,8 @@ def test_torque_is_that_of_the_columns_over_the_models_own_width():
     )
     sign = np.tanh(motion.dq / 0.3)
     dip = np.exp(-((motion.dq / 0.1) ** 2))
-    np.testing.assert_allclose(
-        torque,
-        sign * (theta[:3] + theta[3:] * dip),
-        atol=1e-12,
-    )
-    np.testing.assert_allclose(
-        model.torque(theta, motion),
-        torque,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(torque, sign * (theta[:3] + theta[3:] * dip), atol=1e-12)
+    np.testing.assert_allclose(model.torque(theta, motion), torque, atol=1e-12)
 
 
 def test_what_is_smoothed_is_the_motion_without_what_is_faster():

@@ -42,22 +42,11 @@ def at_rest(p: Plant, q: float = 0.3) -> State:
     n = p.robot.n
     zero = np.zeros((1, n))
     return State(
-        np.zeros(1),
-        np.full((1, n), q),
-        zero,
-        zero,
-        np.zeros((1, p.states)),
-        zero,
-        zero,
+        np.zeros(1), np.full((1, n), q), zero, zero, np.zeros((1, p.states)), zero, zero
     )
 
 
-def run(
-    p: Plant,
-    state: State,
-    torque: Array,
-    h: float,
-) -> State:
+def run(p: Plant, state: State, torque: Array, h: float) -> State:
     for row in torque:
         state = advance(p, state, row[None], h)
     return state
@@ -111,11 +100,7 @@ def test_as_mujoco_with_armature_and_damping(name):
         mujoco.mj_step(model, data)
     ours = run(p, at_rest(p), torque, h)
     travel = np.abs(data.qpos - 0.3).max()
-    np.testing.assert_allclose(
-        ours.q[0],
-        data.qpos,
-        atol=1e-4 * travel,
-    )
+    np.testing.assert_allclose(ours.q[0], data.qpos, atol=1e-4 * travel)
 
 
 @pytest.mark.parametrize("h", [pytest.param(1e-3, marks=pytest.mark.long), 1e-2])
@@ -123,27 +108,12 @@ def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h):
     p = plant("emps", "rigid_body,coulomb_friction@v_s=0.00002", coulomb_friction=20.0)
     mass = float(p.mass(np.zeros((1, 1)))[0, 0, 0])
     steps = round(1.0 / h)
-    held = run(
-        p,
-        at_rest(p),
-        np.full((steps, 1), 19.0),
-        h,
-    )
+    held = run(p, at_rest(p), np.full((steps, 1), 19.0), h)
     assert abs(held.q[0, 0] - 0.3) < 1e-3  # creeps below the width of the sign
-    slid = run(
-        p,
-        at_rest(p),
-        np.full((steps, 1), 30.0),
-        h,
-    )
+    slid = run(p, at_rest(p), np.full((steps, 1), 30.0), h)
     assert slid.q[0, 0] - 0.3 == pytest.approx(0.5 * 10.0 / mass, rel=0.02)
     # Braked, it comes to rest and does not go back.
-    still = run(
-        p,
-        slid,
-        np.zeros((steps, 1)),
-        h,
-    )
+    still = run(p, slid, np.zeros((steps, 1)), h)
     assert abs(still.dq[0, 0]) < 2e-5
     assert still.q[0, 0] - slid.q[0, 0] == pytest.approx(
         0.5 * mass * slid.dq[0, 0] ** 2 / 20.0, rel=0.03
@@ -158,10 +128,7 @@ def test_a_motor_that_two_joints_share_holds_both_until_it_is_overcome():
     )
     rest = at_rest(p)
     weight = p.robot.inverse_dynamics(
-        p.theta[0, p.model.rigid_indices],
-        rest.q,
-        rest.dq,
-        rest.ddq,
+        p.theta[0, p.model.rigid_indices], rest.q, rest.dq, rest.ddq
     )
     for share, holds in (
         (0.8, True),
@@ -219,13 +186,7 @@ def test_impulses_of_dry_friction_solve_their_law(width):
     G = np.einsum("kij,klj->kil", A, A) + 0.05 * np.eye(m)
     y0 = 3.0 * rng.normal(size=(count, m))
     p = rng.uniform(0.1, 2.0, (count, m))
-    f = _solve_friction_impulses(
-        y0,
-        G,
-        p,
-        np.zeros((count, m)),
-        np.full(m, width),
-    )
+    f = _solve_friction_impulses(y0, G, p, np.zeros((count, m)), np.full(m, width))
     y = y0 - np.einsum("kij,kj->ki", G, f)
     left = f - p * np.tanh(y / width)
     stuck = np.abs(y) < 3.0 * width  # there the law is steep, and y is what is found

@@ -22,13 +22,7 @@ def to_and_fro(period: float = 4.0) -> Motion:
     s = np.sin(np.outer(t, w))
     c = np.cos(np.outer(t, w))
     size = np.outer([1.0, 0.3], [0.004, 0.02, 0.3])
-    return Motion(
-        t,
-        s @ size,
-        (c * w) @ size,
-        -(s * w**2) @ size,
-        sign_width=1e-4,
-    )
+    return Motion(t, s @ size, (c * w) @ size, -(s * w**2) @ size, sign_width=1e-4)
 
 
 MEMORY = [
@@ -78,11 +72,7 @@ def test_states_that_are_advanced_step_by_step_are_those_along_the_motion(text):
     z = along[:1]
     for k in range(1, len(q)):
         z = made.bristles.advanced(z, q[k : k + 1] - q[k - 1 : k])
-        np.testing.assert_allclose(
-            z[0],
-            along[k],
-            atol=1e-9,
-        )
+        np.testing.assert_allclose(z[0], along[k], atol=1e-9)
 
 
 @pytest.mark.parametrize("waves", [1, 2])

@@ -28,9 +28,7 @@ def test_errors_are_of_unseen_motion(two_link):
     assert f"worst fold {result.worst}: {worst:.3g} %" in result.verdict
     rows = sum(f.rows for f in result.folds)
     np.testing.assert_allclose(
-        result.rmse**2,
-        sum(f.losses for f in result.folds) / rows,
-        rtol=1e-12,
+        result.rmse**2, sum(f.losses for f in result.folds) / rows, rtol=1e-12
     )
     assert [f.start for f in result.folds] == pytest.approx(
         [0.0, 2.5, 5.0, 7.5], abs=0.02
@@ -54,26 +52,13 @@ def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
     effects = ["rigid_body", "viscous_friction", "torque_gain"]
     for names in (None, effects):
         before = cross_validate(
-            two_link,
-            run,
-            "ols",
-            effects=names,
-            folds=4,
-            weighting="none",
+            two_link, run, "ols", effects=names, folds=4, weighting="none"
         )
         after = cross_validate(
-            two_link,
-            changed,
-            "ols",
-            effects=names,
-            folds=4,
-            weighting="none",
+            two_link, changed, "ols", effects=names, folds=4, weighting="none"
         )
         np.testing.assert_allclose(
-            after.folds[1].theta,
-            before.folds[1].theta,
-            rtol=1e-7,
-            atol=1e-9,
+            after.folds[1].theta, before.folds[1].theta, rtol=1e-7, atol=1e-9
         )
         assert np.abs(after.folds[0].theta - before.folds[0].theta).max() > 1e-3
 
@@ -89,25 +74,13 @@ def test_shape_constants_are_each_folds_own(two_link):
     )
     effects = "rigid_body,viscous_friction,torque_offset,coulomb_friction"
     found = cross_validate(
-        two_link,
-        replace(run, tau=tau),
-        "ols",
-        effects=effects + "",
-        folds=4,
+        two_link, replace(run, tau=tau), "ols", effects=effects + "", folds=4
     ).rmse
     told = cross_validate(
-        two_link,
-        replace(run, tau=tau),
-        "ols",
-        effects=effects + "@v_s=0.025",
-        folds=4,
+        two_link, replace(run, tau=tau), "ols", effects=effects + "@v_s=0.025", folds=4
     ).rmse
     declared = cross_validate(
-        two_link,
-        replace(run, tau=tau),
-        "ols",
-        effects=effects + "@v_s=0.01",
-        folds=4,
+        two_link, replace(run, tau=tau), "ols", effects=effects + "@v_s=0.01", folds=4
     ).rmse
     assert np.all(found < 1.05 * told)
     assert np.all(declared > 1.1 * told)

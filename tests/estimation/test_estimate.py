@@ -28,13 +28,7 @@ from sdp_vs_penalty.estimation import is_data_determined
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.regression import LeastSquares
 
-noisy_run = partial(
-    repeating_run,
-    noise=0.2,
-    base=0.15,
-    motion_seed=3,
-    seconds=8.0,
-)
+noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=8.0)
 
 
 def strict(text: str) -> Any:
@@ -66,26 +60,13 @@ def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
 def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method, seed):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 5))
-    nominal = np.array(
-        [
-            link_parameters(
-                rng,
-                0.5,
-                thickness=0.05,
-            )
-            for _ in range(n)
-        ]
-    )
+    nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
     problem = open_problem(tree(rng, n, link_frames=bool(rng.integers(2))), nominal)
     estimate = identify(problem, noisy_run(problem, seed % 1000), method, check=False)
     path = tmp_path_factory.mktemp("m") / "model.json"
     estimate.save(path)
     again = load_estimate(path)
-    motion = sines(
-        rng,
-        problem.robot.n,
-        np.arange(0.0, 1.0, 0.01),
-    )
+    motion = sines(rng, problem.robot.n, np.arange(0.0, 1.0, 0.01))
     assert_same_estimate(estimate, again, motion)
     again.save(path.with_name("again.json"))
     assert path.read_bytes() == path.with_name("again.json").read_bytes()
@@ -108,15 +89,9 @@ def test_a_model_with_every_effect_survives(two_link, tmp_path):
     assert list(dict.fromkeys(e.name for e in estimate.model.effects)) == every
     estimate.save(tmp_path / "model.json")
     again = load_estimate(tmp_path / "model.json")
-    motion = sines(
-        np.random.default_rng(1),
-        2,
-        np.arange(0.0, 3.0, 0.01),
-    )
+    motion = sines(np.random.default_rng(1), 2, np.arange(0.0, 3.0, 0.01))
     motion = replace(
-        motion,
-        temperature=np.full_like(motion.q, 25.0),
-        motors=1.1 * motion.ddq,
+        motion, temperature=np.full_like(motion.q, 25.0), motors=1.1 * motion.ddq
     )
     assert_same_estimate(estimate, again, motion)
     hysteresis = next(
@@ -216,11 +191,7 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_
     # One sentence names the links that are not weighed, and a mass that is far from its
     # nominal value.
     assert "link" in made.unweighed
-    heavy = np.where(
-        [name == "m1" for name in names],
-        40.0,
-        made.theta,
-    )
+    heavy = np.where([name == "m1" for name in names], 40.0, made.theta)
     assert (
         "far from nominal: 40 kg for 8 (link 1)" in replace(made, theta=heavy).unweighed
     )

@@ -28,33 +28,15 @@ positive = st.floats(0.05, 3.0)
     seed=st.integers(0, 1000),
 )
 def test_an_optimised_trajectory_keeps_any_limits(
-    low,
-    span,
-    velocity,
-    acceleration,
-    duration,
-    seed,
+    low, span, velocity, acceleration, duration, seed
 ):
     problem = load_problem("two_link")
     lower = np.array(low)
-    limits = Limits(
-        lower,
-        lower + span,
-        np.array(velocity),
-        np.array(acceleration),
-    )
+    limits = Limits(lower, lower + span, np.array(velocity), np.array(acceleration))
     found = excitation.excite(
-        problem,
-        limits=limits,
-        duration=duration,
-        seed=seed,
-        iterations=2,
+        problem, limits=limits, duration=duration, seed=seed, iterations=2
     )
-    t = np.linspace(
-        0.0,
-        duration,
-        2 * round(1000 * duration) + 1,
-    )
+    t = np.linspace(0.0, duration, 2 * round(1000 * duration) + 1)
     q, dq, ddq = found.trajectory.states(t)
     assert np.all(q >= limits.lower - 1e-6)
     assert np.all(q <= limits.upper + 1e-6)
@@ -71,12 +53,7 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda
     assert (
         105.0 < before < 125.0
     )  # the paper's own figure is 109 to 122, depending on the basis
-    found = excitation.excite(
-        panda,
-        limits=limits,
-        start=paper,
-        iterations=8,
-    )
+    found = excitation.excite(panda, limits=limits, start=paper, iterations=8)
     assert found.condition < 0.75 * before
     assert limits.excess(found.trajectory) <= 1.0
     assert found.trajectory.duration == paper.duration
@@ -112,13 +89,7 @@ def test_only_the_wrist_moves_within_its_limits_and_weighs_better_than_at_random
     estimate, run
 ):
     assert run.trajectory.duration == 2.0
-    q, dq, _ = run.trajectory.states(
-        np.linspace(
-            0.0,
-            2.0,
-            401,
-        )
-    )
+    q, dq, _ = run.trajectory.states(np.linspace(0.0, 2.0, 401))
     assert np.ptp(q[:, :4], axis=0).max() == 0.0
     assert np.ptp(q[:, 4:], axis=0).min() > 0.1
     assert np.abs(dq).max() > 0.5
@@ -148,21 +119,9 @@ def small(two_link: Problem) -> Estimate:
 
 
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):
-    found = separation.separate(
-        small,
-        PAIR,
-        duration=10.0,
-        level=0.5,
-        iterations=30,
-    )
+    found = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
     limits = Limits.of_robot(small.robot)
-    q, dq, ddq = found.trajectory.states(
-        np.linspace(
-            0.0,
-            10.0,
-            4001,
-        )
-    )
+    q, dq, ddq = found.trajectory.states(np.linspace(0.0, 10.0, 4001))
     assert np.all((q >= limits.lower) & (q <= limits.upper))
     assert np.all(np.abs(dq) <= limits.velocity)
     assert np.all(np.abs(ddq) <= limits.acceleration)
@@ -171,11 +130,7 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small
     content = json.loads(joint_trajectory(small.robot.joint_names, found.trajectory))
     assert content["joint_names"] == list(small.robot.joint_names)
     assert len(content["points"]) == 501
-    np.testing.assert_allclose(
-        content["points"][-1]["positions"],
-        q[-1],
-        atol=1e-3,
-    )
+    np.testing.assert_allclose(content["points"][-1]["positions"], q[-1], atol=1e-3)
 
 
 def test_the_stated_length_decides_rightly_as_often_as_stated(small):
@@ -183,18 +138,10 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     distance by QR."""
     hypotheses = separation.Hypotheses(small, PAIR, 0.5)
     trajectory = separation.separate(
-        small,
-        PAIR,
-        duration=10.0,
-        level=0.5,
-        iterations=5,
+        small, PAIR, duration=10.0, level=0.5, iterations=5
     ).trajectory
     motion = hypotheses.motion(trajectory.states, 10.0)
-    columns = zip(
-        small.model.columns(motion),
-        hypotheses.noise,
-        strict=True,
-    )
+    columns = zip(small.model.columns(motion), hypotheses.noise, strict=True)
     X = np.vstack([c.dense_columns(len(small.theta)) / noise for c, noise in columns])
     A, B = (
         hypotheses._columns_over_noise(e, motion).reshape(len(X), -1) * s
@@ -207,10 +154,7 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
         u, values, _ = np.linalg.svd(columns, full_matrices=False)
         return u[:, values > 1e-6 * values[0]]
 
-    Q = {
-        "A": basis(np.hstack([X, A])),
-        "B": basis(np.hstack([X, B])),
-    }
+    Q = {"A": basis(np.hstack([X, A])), "B": basis(np.hstack([X, B]))}
     left = A - Q["B"] @ (Q["B"].T @ A)
     value, direction = (x[..., 0] for x in np.linalg.eigh(left.T @ left))
     rows = hypotheses.row_rate / 20.0

@@ -30,10 +30,7 @@ def arm() -> Problem:
 
 
 def measured(
-    arm: Problem,
-    seed: int,
-    load: float,
-    gain: np.ndarray = GAIN,
+    arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN
 ) -> Measurements:
     """Torque channels that read ``gain`` times the truth, with ``load`` times LOAD on
     the flange."""
@@ -49,10 +46,7 @@ def measured(
     )
     noise = np.random.default_rng(seed).normal(size=tau.shape)
     return Measurements(
-        t,
-        q,
-        gain * (tau + 0.02 * tau.std(axis=0) * noise),
-        names=(f"run {seed}",),
+        t, q, gain * (tau + 0.02 * tau.std(axis=0) * noise), names=(f"run {seed}",)
     )
 
 
@@ -134,20 +128,14 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     friction = [
         i for i, p in enumerate(estimate.model.parameters) if p.name.startswith("f_")
     ]
-    np.testing.assert_allclose(
-        together[friction],
-        estimate.theta[friction],
-        rtol=1e-6,
-    )
+    np.testing.assert_allclose(together[friction], estimate.theta[friction], rtol=1e-6)
     # The parameters that are kept know it as well, and so does whoever reads the file.
     assert np.all(wide.uncertainty.std[friction] > plain.uncertainty.std[friction])
     wide.save(tmp_path / "wide.json")
     again = load_estimate(tmp_path / "wide.json")
     np.testing.assert_array_equal(again.covariance, wide.covariance)
     np.testing.assert_allclose(
-        np.sqrt(np.diagonal(wide.covariance)),
-        wide.uncertainty.std,
-        rtol=1e-9,
+        np.sqrt(np.diagonal(wide.covariance)), wide.uncertainty.std, rtol=1e-9
     )
 
 

@@ -23,19 +23,13 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     )
     trajectory = random_trajectory(problem.robot, 3, 2.5)
     late = Sensor(1000.0, np.zeros(1))
-    clean = simulate(
-        trajectory,
-        lambda motion: model.torque(theta, motion),
-        late,
-    )
+    clean = simulate(trajectory, lambda motion: model.torque(theta, motion), late)
 
     def spiky(m):
         return 15.0 * np.exp(-((m.dq / 0.01) ** 2)) * np.sin(400.0 * m.t)[:, None]
 
     run = simulate(
-        trajectory,
-        lambda motion: model.torque(theta, motion) + spiky(motion),
-        late,
+        trajectory, lambda motion: model.torque(theta, motion) + spiky(motion), late
     )
     start = identify(problem, run, effects=EFFECTS, check=False)
     made = identify(problem, run, "output-error", effects=EFFECTS, check=False)

@@ -41,9 +41,7 @@ def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:
     problem = load_problem(folder / "ur10_salerno" / "robot.urdf")
     names = problem.robot.joint_names
     return problem, load_measurements(
-        folder / "ur10_salerno" / "train.csv",
-        joints=6,
-        names=names,
+        folder / "ur10_salerno" / "train.csv", joints=6, names=names
     )
 
 
@@ -62,9 +60,7 @@ def _same(
     assert about["method"] == SDPA_METHOD
     assert about["effects"] == [effect.text for effect in estimate.model.effects]
     np.testing.assert_allclose(
-        (about["lower"], about["upper"]),
-        (lower, upper),
-        rtol=1e-7,
+        (about["lower"], about["upper"]), (lower, upper), rtol=1e-7
     )
     programs = [p for p in ("csdp", "sdpa") if shutil.which(p)] or ["csdp"]
     losses = [
@@ -99,8 +95,4 @@ def test_a_default_file_for_cbf_is_the_default_method(two_link, tmp_path):
     assert about["method"] == "lmi-sdp"
     estimate = identify(two_link, run, check=False)
     found = (estimate.certificate.lower, estimate.certificate.upper)
-    np.testing.assert_allclose(
-        (about["lower"], about["upper"]),
-        found,
-        rtol=1e-7,
-    )
+    np.testing.assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)

@@ -78,11 +78,7 @@ def test_what_sets_the_scale(arm, known, load, times, said):
     assert gain / mass == pytest.approx(KP / MASS, rel=0.02)
     assert times is None or mass == pytest.approx(times * MASS, rel=0.03)
     sources = dict(
-        zip(
-            [p.name for p in found.model.parameters],
-            found.sources,
-            strict=True,
-        )
+        zip([p.name for p in found.model.parameters], found.sources, strict=True)
     )
     assert all((sources[k], value(found, k)) == ("given", v) for k, v in known.items())
     assert not load or found.certificate.gap < 1e-7
@@ -90,11 +86,7 @@ def test_what_sets_the_scale(arm, known, load, times, said):
 
 def test_a_motor_constant_sets_the_scale(arm):
     run = log(torque=True)
-    groups = {
-        "q": run.q,
-        "qcmd": run.commanded["qcmd"],
-        "current": run.tau / 2.5,
-    }
+    groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
     found = sdp.identify(
         arm,
         sdp.Measurements.of(run.t, groups, ("run",)),
@@ -125,9 +117,7 @@ def test_the_law_is_chosen_and_its_delay_found(arm):
     assert pid.details["servo"]["delay"] == pytest.approx(0.03, abs=2e-3)
     assert value(pid, "ki1") == pytest.approx(700.0, rel=0.05)
     ahead = sdp.follow(
-        pid,
-        log(ki=700.0, delay=0.03, seed=3).window(0.0, 4.0),
-        drive="servo",
+        pid, log(ki=700.0, delay=0.03, seed=3).window(0.0, 4.0), drive="servo"
     )
     assert float(ahead.free[0].rms[0]) < 3e-3
 
@@ -173,10 +163,7 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
     what it is with instruments."""
     wide = Preprocessing(6.0, 8.0) if torque else Preprocessing(state_cutoff=5.2)
     known = {} if torque else {"kp1": KP}
-    errors: dict[str, list[float]] = {
-        "command": [],
-        "none": [],
-    }
+    errors: dict[str, list[float]] = {"command": [], "none": []}
     for how, own in errors.items():
         for s in (1, 2, 3) if torque else (1, 2):
             run = log(3e-3 if torque else 2e-3, seed=s, torque=torque)
@@ -193,20 +180,12 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
 
 def test_neither_torque_nor_command_is_refused(arm):
     run = log()
-    silent = sdp.Measurements.of(
-        run.t,
-        {"q": run.q, "current": run.q},
-        ("run",),
-    )
+    silent = sdp.Measurements.of(run.t, {"q": run.q, "current": run.q}, ("run",))
     refusal(
         lambda: sdp.identify(arm, silent, effects=EFFECTS, check=False),
         "neither torque nor commands",
     )
-    with_torque = sdp.Measurements.of(
-        run.t,
-        {"q": run.q, "tau": run.q},
-        ("run",),
-    )
+    with_torque = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
     plain = sdp.identify(arm, with_torque, effects=EFFECTS, check=False)
     refusal(
         lambda: sdp.cross_validate(arm, silent, effects=EFFECTS),
@@ -236,11 +215,7 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
         for x in (loop, EFFECTS)
     ]
     assert folds[0] == folds[1]
-    silent = sdp.Measurements.of(
-        run.t,
-        {"q": run.q, "tau": run.tau},
-        ("run",),
-    )
+    silent = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.tau}, ("run",))
     refusal(
         lambda: sdp.identify(arm, silent, effects=loop, check=False),
         "needs the command",
@@ -311,12 +286,7 @@ def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
 @pytest.mark.long
 def test_folds_judge_the_links_by_the_drives(arm):
     """Friction that is left out of the model is the error that unseen motion shows."""
-    whole = sdp.cross_validate(
-        arm,
-        log(),
-        effects=EFFECTS,
-        folds=3,
-    )
+    whole = sdp.cross_validate(arm, log(), effects=EFFECTS, folds=3)
     assert whole.relative_error_percent < 3.0
     bare = EFFECTS.replace("coulomb_friction@v_s=0.05,", "")
     assert (

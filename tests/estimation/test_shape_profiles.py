@@ -53,24 +53,12 @@ def settled_from(two_link, start, truth, stribeck=0.5):
     theta = two_link.nominal(model)
     theta[len(model.rigid_indices) :] = 0.5
     theta[model.indices[-1]] = stribeck
-    motion = sines(
-        np.random.default_rng(5),
-        2,
-        np.arange(0.0, 10.0, 4e-3),
-        0.1,
-        5,
-    )
-    data = Measurements(
-        motion.t,
-        motion.q,
-        model.torque(theta, motion),
-    )
+    motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3), 0.1, 5)
+    data = Measurements(motion.t, motion.q, model.torque(theta, motion))
     begin = two_link.model(texts(*start))
     settings = two_link.preprocessing.resolve(data)
     return fit_constants_jointly(
-        begin,
-        WANTED,
-        lambda m: compress(FilteredRuns.of(data, settings), m),
+        begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m)
     )
 
 
@@ -95,12 +83,7 @@ def test_exact_data_give_exact_constants(two_link, truth, start):
 
 
 def test_a_constant_of_an_effect_that_is_not_there_is_not_known(two_link):
-    found = settled_from(
-        two_link,
-        (0.025, 0.07, 1.0),
-        (0.025, 0.07, 1.0),
-        stribeck=0.0,
-    )
+    found = settled_from(two_link, (0.025, 0.07, 1.0), (0.025, 0.07, 1.0), stribeck=0.0)
     assert found.std[WANTED[1]] > 0.1 > 1e-3 > found.std[WANTED[0]]
 
 
@@ -125,11 +108,7 @@ def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link, nam
             if relative
             else effect.shape[key] + change
         )
-        other = kind(
-            two_link.robot,
-            joints,
-            **{**effect.shape, key: moved},
-        )
+        other = kind(two_link.robot, joints, **{**effect.shape, key: moved})
         truly = (wide_columns(other, motion) - wide_columns(effect, motion)) @ theta
         unit = np.zeros(len(sensitive.parameters))
         unit[k] = change / prior_deviation(effect, key)

@@ -43,29 +43,17 @@ def test_normal_quantile() -> None:
 def truth_of(problem: Problem, model: Model) -> np.ndarray:
     theta = problem.nominal(model)
     links = len(model.rigid_indices)
-    theta[links:] = np.linspace(
-        0.4,
-        1.1,
-        len(theta) - links,
-    )
+    theta[links:] = np.linspace(0.4, 1.1, len(theta) - links)
     return theta
 
 
-def measured(
-    problem: Problem,
-    model: Model,
-    seed: int,
-    seconds: float,
-) -> Measurements:
+def measured(problem: Problem, model: Model, seed: int, seconds: float) -> Measurements:
     """A run of exactly this model with white torque noise."""
     theta = truth_of(problem, model)
     trajectory = random_trajectory(problem.robot, seed=3, duration=seconds)
     ideal = Sensor(200.0, np.zeros(problem.robot.n))
     clean = simulate(
-        trajectory,
-        lambda motion: model.torque(theta, motion),
-        ideal,
-        seed,
+        trajectory, lambda motion: model.torque(theta, motion), ideal, seed
     )
     noise = (
         np.random.default_rng(seed).normal(size=clean.tau.shape)
@@ -78,9 +66,7 @@ def measured(
 def told(problem: Problem, model: Model, run: Measurements) -> Uncertainty:
     data = compress(FilteredRuns.of(run, problem.preprocessing), model)
     return of_regression(
-        make_task(problem, model, data),
-        data,
-        base_rows(problem, model),
+        make_task(problem, model, data), data, base_rows(problem, model)
     )
 
 
@@ -104,12 +90,7 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     again = Objective(rows, objective.entropy)
     best = PosedSdp(task, again, constraints).fit(again)
     base = base_rows(two_link, task.model).rows
-    np.testing.assert_allclose(
-        base @ theta[0],
-        base @ best.theta,
-        rtol=1e-4,
-        atol=1e-4,
-    )
+    np.testing.assert_allclose(base @ theta[0], base @ best.theta, rtol=1e-4, atol=1e-4)
     with pytest.raises(InputError, match="not drawn anew"):
         bootstrap(two_link, run, 1, "ols")
 
@@ -148,9 +129,7 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
     weights = make_task(two_link, model, data).weights
     scale = np.where(
-        np.isin(np.arange(len(model.parameters)), model.rigid_indices),
-        np.inf,
-        0.02,
+        np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02
     )
     found = Sandwich(data, weights, scale, taken_white=True)
     R = data.least_squares(weights).R

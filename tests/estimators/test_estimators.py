@@ -122,13 +122,7 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     assert all(said)
     assert estimate.method == method
     json.dumps(estimate.to_dict(), allow_nan=False)
-    motion = sines(
-        np.random.default_rng(8),
-        2,
-        np.arange(0.0, 5.0, 0.01),
-        0.13,
-        5,
-    )
+    motion = sines(np.random.default_rng(8), 2, np.arange(0.0, 5.0, 0.01), 0.13, 5)
     truth = two_link.nominal(two_link.model())
     truth[20:] = 0.4
     torque = two_link.model().torque(truth, motion)
@@ -143,27 +137,12 @@ def test_weights_make_the_residuals_of_all_joints_equal():
     rows = 50
     for joint, sigma in enumerate(sigmas):
         triangle = np.sqrt(rows) * np.array([[3.0, 3.0], [0.0, sigma]])
-        factors.append(
-            Factor(
-                joint,
-                0,
-                np.array([0]),
-                triangle,
-                rows,
-            )
-        )
+        factors.append(Factor(joint, 0, np.array([0]), triangle, rows))
     regression = Regression(
-        (Parameter("x", "-", "e", 0),),
-        len(sigmas),
-        (),
-        tuple(factors),
+        (Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors)
     )
     weights = joint_weights(regression, np.array([1.0]))
-    np.testing.assert_allclose(
-        weights * sigmas,
-        (weights * sigmas)[0],
-        rtol=1e-9,
-    )
+    np.testing.assert_allclose(weights * sigmas, (weights * sigmas)[0], rtol=1e-9)
     # Their scale keeps the meaning of the loss: the sum of squares over all joints
     # stays.
     assert np.sum((weights * sigmas) ** 2) == pytest.approx(np.sum(np.square(sigmas)))
@@ -171,16 +150,8 @@ def test_weights_make_the_residuals_of_all_joints_equal():
 
 def test_ols_is_the_minimiser_nearest_to_the_nominal_robot(task):
     gradient = task.data.gradient(task.ols)
-    scale = np.where(
-        task.data.column_norms > 0.0,
-        task.data.column_norms,
-        1.0,
-    )
+    scale = np.where(task.data.column_norms > 0.0, task.data.column_norms, 1.0)
     assert np.abs(gradient / scale).max() < 1e-6 * np.sqrt(task.data.tau_squared)
     unseen = task.data.column_norms == 0.0
     assert unseen.any()
-    np.testing.assert_allclose(
-        task.ols[unseen],
-        task.nominal[unseen],
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(task.ols[unseen], task.nominal[unseen], atol=1e-9)

@@ -46,9 +46,7 @@ METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
 
 def with_friction(
-    problem: Problem,
-    links: np.ndarray,
-    level: float = 0.3,
+    problem: Problem, links: np.ndarray, level: float = 0.3
 ) -> np.ndarray:
     theta = np.full(len(problem.model().parameters), level)
     theta[: len(links)] = links
@@ -59,12 +57,7 @@ def with_friction(
 def toy_task(two_link: Problem) -> Task:
     """The 2R with noise of a few percent: constraints bind."""
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
-    run = simulated(
-        two_link.model(),
-        truth,
-        noise=5.0,
-        seconds=6.0,
-    )
+    run = simulated(two_link.model(), truth, noise=5.0, seconds=6.0)
     return posed_task(two_link, run)
 
 
@@ -72,19 +65,10 @@ def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
     """It crashed: the prior knows the robot's links alone. A load moves with the last
     link: their sum is told, and the pull is that link's."""
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
-    run = simulated(
-        two_link.model(),
-        truth,
-        noise=0.1,
-        seconds=6.0,
-    )
+    run = simulated(two_link.model(), truth, noise=0.1, seconds=6.0)
     own = [effect.name for effect in two_link.model().effects]
     plain = identify(two_link, run, effects=[*own, *[]])
-    carried = identify(
-        two_link,
-        run,
-        effects=[*own, *["payload"]],
-    )
+    carried = identify(two_link, run, effects=[*own, *["payload"]])
     assert carried.certificate.worst == 0.0
     assert carried.certificate.gap < 1e-6
     assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01
@@ -152,17 +136,11 @@ def test_the_default_objective_is_the_torque_and_three_priors(toy_task):
 
 
 def relative_torque_error(
-    problem: Problem,
-    theta: np.ndarray,
-    truth: np.ndarray,
+    problem: Problem, theta: np.ndarray, truth: np.ndarray
 ) -> float:
     model = problem.model()
     motion = sines(
-        np.random.default_rng(99),
-        problem.robot.n,
-        np.arange(0.0, 10.0, 0.01),
-        0.13,
-        5,
+        np.random.default_rng(99), problem.robot.n, np.arange(0.0, 10.0, 0.01), 0.13, 5
     )
     torque = model.torque(truth, motion)
     return float(
@@ -188,25 +166,11 @@ def assert_round_trip(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 6))
     robot = tree(rng, n)
-    nominal = np.array(
-        [
-            link_parameters(
-                rng,
-                0.5,
-                thickness=0.05,
-            )
-            for _ in range(n)
-        ]
-    )
+    nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
     problem = open_problem(robot, nominal)
     truth = np.concatenate([link_parameters(rng, 0.5) for _ in range(n)])
     theta = with_friction(problem, truth, 0.4)
-    run = simulated(
-        problem.model(),
-        theta,
-        seed % 1000,
-        seconds=12.0,
-    )
+    run = simulated(problem.model(), theta, seed % 1000, seconds=12.0)
     # A nominal robot drawn apart from the truth is no witness of the torque's unit.
     estimate = identify(problem, run, "lmi-sdp", check=False)
     free = identify(problem, run, "ols", check=False)
@@ -244,9 +208,7 @@ def test_the_two_step_chain_is_what_it_says(toy_task):
     distance = {k: np.linalg.norm(beta - target) for k, beta in chain.items()}
     assert distance["beta_prime"] <= min(distance.values()) + 1e-9
     np.testing.assert_allclose(
-        chain["beta_star_e"],
-        toy_task.base @ fit.theta,
-        atol=1e-12,
+        chain["beta_star_e"], toy_task.base @ fit.theta, atol=1e-12
     )
     # The torque SDP over fewer demands cannot lose more.
     w = toy_task.data.R @ np.linalg.pinv(toy_task.base)
@@ -306,19 +268,11 @@ def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
     real = Clarabel.run
     calls = iter(range(1000))
 
-    def run(
-        self: Clarabel,
-        problem: ConicProblem,
-        told: dict[str, Any],
-    ) -> Solution:
+    def run(self: Clarabel, problem: ConicProblem, told: dict[str, Any]) -> Solution:
         answer = real(self, problem, told)
         if next(calls) >= failures:
             return answer
-        return replace(
-            answer,
-            x=np.full_like(answer.x, np.nan),
-            claims="failed",
-        )
+        return replace(answer, x=np.full_like(answer.x, np.nan), claims="failed")
 
     monkeypatch.setattr(Clarabel, "run", run)
 
@@ -360,9 +314,7 @@ def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker, k
     one = real(name, data_folder)
     own = one.problem
     blank = replace(
-        bare(own.robot),
-        torque_side=own.torque_side,
-        preprocessing=own.preprocessing,
+        bare(own.robot), torque_side=own.torque_side, preprocessing=own.preprocessing
     )
     posed = build_problem(
         own if known else replace(blank, effects=own.effects), one.train
@@ -429,15 +381,7 @@ def test_fits_that_share_their_constraints_are_the_single_ones(two_link, method)
     estimator = make_estimator(method)
     single = [estimator.fit(make_task(two_link, model, x)) for x in regressions]
     first = make_task(two_link, model, regressions[0])
-    others = [
-        make_task(
-            two_link,
-            model,
-            x,
-            like=first,
-        )
-        for x in regressions[1:]
-    ]
+    others = [make_task(two_link, model, x, like=first) for x in regressions[1:]]
     shared = estimator.fit_each([first, *others])
     for one, other in zip(single, shared, strict=True):
         assert other.upper == pytest.approx(one.upper, rel=1e-8)

@@ -27,22 +27,14 @@ Array = NDArray[np.float64]
 
 
 def run_of(
-    problem: Problem,
-    links: Array,
-    seed: int = 0,
-    noise: float = 0.1,
+    problem: Problem, links: Array, seed: int = 0, noise: float = 0.1
 ) -> Measurements:
     """Inverse dynamics of given links with viscous and Coulomb friction and white
     noise."""
     rng = np.random.default_rng(seed)
     n = problem.robot.n
     motion = sines(rng, n, np.arange(0.0, 8.0, 0.01))
-    tau = problem.robot.inverse_dynamics(
-        links,
-        motion.q,
-        motion.dq,
-        motion.ddq,
-    )
+    tau = problem.robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq)
     tau += 0.3 * motion.dq + 0.2 * np.tanh(motion.dq / 0.01)
     tau += noise * rng.normal(size=tau.shape) * np.std(tau, axis=0)
     return Measurements(motion.t, motion.q, tau, motion.dq)
@@ -122,28 +114,17 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     ]  # some active, some not
 
     def along(s: float, k: int):
-        r, J = penalty.rows(
-            x + s * axes[:, k],
-            shifts,
-            weight,
-        )
+        r, J = penalty.rows(x + s * axes[:, k], shifts, weight)
         return r @ r, 2.0 * axes.T @ (J.T @ r)
 
     value, gradient = along(0.0, 0)
     ends = [(along(h, k), along(-h, k)) for k in range(len(x))]
     np.testing.assert_allclose(
-        gradient,
-        [(a[0] - b[0]) / (2 * h) for a, b in ends],
-        rtol=1e-4,
-        atol=1e-3,
+        gradient, [(a[0] - b[0]) / (2 * h) for a, b in ends], rtol=1e-4, atol=1e-3
     )
     numeric = np.array([(a[1] - b[1]) / (2 * h) for a, b in ends])
     J = penalty.rows(x, shifts, weight)[1] @ axes
-    np.testing.assert_allclose(
-        2.0 * J.T @ J,
-        numeric,
-        atol=1e-4,
-    )
+    np.testing.assert_allclose(2.0 * J.T @ J, numeric, atol=1e-4)
     beyond = sum(np.sum(z**2) for z in penalty.shifted(x, shifts, weight))
     loss = (task.data.loss(inside) - task.data.residual_norm**2) / penalty.loss_scale
     assert value == pytest.approx(loss + beyond / (2.0 * weight), rel=1e-9)
@@ -177,10 +158,7 @@ def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda):
 
 @pytest.mark.parametrize(
     "method",
-    [
-        "penalty-paper",
-        pytest.param("penalty-paper-two-step", marks=pytest.mark.long),
-    ],
+    ["penalty-paper", pytest.param("penalty-paper-two-step", marks=pytest.mark.long)],
 )
 def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     said: list[str] = []
@@ -188,11 +166,7 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
         posed_task(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)),
         progress=said.append,
     )
-    loss = PenalisedLoss(
-        task,
-        task.data,
-        np.arange(len(task.bound)),
-    )
+    loss = PenalisedLoss(task, task.data, np.arange(len(task.bound)))
     box = loss.box
     rng = np.random.default_rng(0)
     u = rng.uniform(0.2, 0.8, len(task.bound))
@@ -212,21 +186,14 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
         before = demand.margins(p - step)
         _, rows = demand.margins_and_slopes(p)
         slope = rows @ step[: rows.shape[1]]
-        np.testing.assert_allclose(
-            after - before,
-            2.0 * slope,
-            rtol=1e-3,
-            atol=1e-12,
-        )
+        np.testing.assert_allclose(after - before, 2.0 * slope, rtol=1e-3, atol=1e-12)
     of_family = [d.margins(p) for d in loss.demands if d.family == family]
     cones = [c for c in task.constraints.convex if c.family == family]
     margins = [
         c.margin(theta) / theta[c.indices[0]] for c in cones
     ]  # of the centre, not of m c
     np.testing.assert_allclose(
-        np.sort(np.concatenate(of_family)),
-        np.sort(margins),
-        rtol=1e-9,
+        np.sort(np.concatenate(of_family)), np.sort(margins), rtol=1e-9
     )
     worst = loss.violations(p)
     assert worst[family] == pytest.approx(max(0.0, -np.min(margins)))
@@ -238,10 +205,7 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     fit = estimator.fit(task)
     p = box.p(fit.theta)
     np.testing.assert_allclose(
-        box.theta(p),
-        fit.theta,
-        rtol=1e-9,
-        atol=1e-9,
+        box.theta(p), fit.theta, rtol=1e-9, atol=1e-9
     )  # nothing was clipped
     assert np.all(np.isfinite(box.lower))
     assert np.all(np.isfinite(box.upper))

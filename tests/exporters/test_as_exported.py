@@ -9,13 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import run_cli
-from dynamics_files import (
-    FULL,
-    READERS,
-    by_c,
-    by_mujoco,
-    estimate_of,
-)
+from dynamics_files import FULL, READERS, by_c, by_mujoco, estimate_of
 from random_robots import states
 from small_runs import write_run
 
@@ -47,19 +41,9 @@ WRITTEN.append("elastic_coupling:1+2")
 
 
 def torque(
-    estimate: Estimate,
-    q: np.ndarray,
-    dq: np.ndarray,
-    ddq: np.ndarray,
+    estimate: Estimate, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
 ) -> np.ndarray:
-    return estimate.torque(
-        Motion(
-            np.zeros(len(q)),
-            q,
-            dq,
-            ddq,
-        )
-    )
+    return estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
 
 
 @pytest.mark.parametrize("written", WRITTEN)
@@ -69,12 +53,7 @@ def test_the_header_makes_each_effects_torque(written, two_link, tmp_path):
     assert export(estimate, tmp_path / "model.h") == ()
     rows = states(robot, 50, 2)
     made = by_c(tmp_path / "model.h", robot, *rows)
-    np.testing.assert_allclose(
-        made,
-        torque(estimate, *rows),
-        rtol=0.0,
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("effects", ["joint_spring", "joint_spring,torque_offset"])
@@ -85,12 +64,7 @@ def test_mujoco_makes_the_torque_of_springs_and_offsets(name, effects, tmp_path)
     assert export(estimate, tmp_path / "robot.xml") == ()
     rows = states(robot, 30, 1)
     made = by_mujoco(tmp_path / "robot.xml", robot, *rows)
-    np.testing.assert_allclose(
-        made,
-        torque(estimate, *rows),
-        rtol=0.0,
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
 
 
 def exportable(ending: str) -> bool:
@@ -130,12 +104,7 @@ def check_that_file_is_what_is_judged(estimate: Estimate, out: Path) -> None:
     rows = states(estimate.robot, 20, 1)
     for read in READERS[ending_of(out)][0]:
         made = read(out, estimate.robot, *rows)
-        np.testing.assert_allclose(
-            made,
-            torque(judged, *rows),
-            rtol=0.0,
-            atol=1e-8,
-        )
+        np.testing.assert_allclose(made, torque(judged, *rows), rtol=0.0, atol=1e-8)
 
 
 def ending_of(out: Path) -> str:
@@ -174,11 +143,7 @@ def test_each_file_makes_the_torque_of_the_model_that_is_judged(
 def test_a_model_with_every_effect_is_what_its_file_holds(ending, tmp_path):
     robot = load_problem("two_link").robot
     more = [name for name in NAMES if name not in FULL.split(",")]
-    estimate = estimate_of(
-        robot,
-        ",".join([FULL, *more]),
-        5,
-    )
+    estimate = estimate_of(robot, ",".join([FULL, *more]), 5)
     estimate = with_payload_that_exists(estimate)
     check_that_file_is_what_is_judged(estimate, tmp_path / f"out{ending}")
 
@@ -187,20 +152,11 @@ def test_plain_json_holds_every_effect_with_its_values(tmp_path):
     """A model built anew from the JSON's words makes the same torque."""
     robot = load_problem("two_link").robot
     more = [name for name in NAMES if name not in FULL.split(",")]
-    estimate = estimate_of(
-        robot,
-        ",".join([FULL, *more]),
-        5,
-    )
+    estimate = estimate_of(robot, ",".join([FULL, *more]), 5)
     assert export(estimate, tmp_path / "effects.json") == ()
     content = json.loads((tmp_path / "effects.json").read_text())
     values = [p["value"] for e in content["effects"] for p in e["parameters"]]
-    np.testing.assert_allclose(
-        values,
-        estimate.theta,
-        rtol=0.0,
-        atol=0.0,
-    )
+    np.testing.assert_allclose(values, estimate.theta, rtol=0.0, atol=0.0)
     names = [e["effect"] for e in content["effects"]]
     assert names == [e.name for e in estimate.model.effects]
 

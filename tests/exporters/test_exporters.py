@@ -41,23 +41,12 @@ def robots() -> dict[str, Robot]:
     }
 
 
-def check_parity(
-    path: Path,
-    estimate: Estimate,
-    ending: str = ".urdf",
-) -> None:
+def check_parity(path: Path, estimate: Estimate, ending: str = ".urdf") -> None:
     """Torques of the reloaded file against the model's, without what the file has no
     place for."""
     robot, (readers, lost) = estimate.robot, READERS[ending]
     q, dq, ddq = random_robots.states(robot, 30, 1)
-    expected = estimate.torque(
-        Motion(
-            np.zeros(len(q)),
-            q,
-            dq,
-            ddq,
-        )
-    )
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
     for p, value in zip(estimate.model.parameters, estimate.theta, strict=True):
         if p.effect in lost:
             expected[:, p.joint - 1] -= value * (
@@ -151,12 +140,7 @@ def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path):
     export(estimate, out, urdf=theirs)
     q, dq, ddq = random_robots.states(robot, 30, 1)
     vendor, links = load_urdf(out, robot.gravity)
-    expected = robot.inverse_dynamics(
-        estimate.links.ravel(),
-        q,
-        dq,
-        ddq,
-    )
+    expected = robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
     assert (
         np.abs(vendor.inverse_dynamics(links.ravel(), q, dq, ddq) - expected).max()
         <= PARITY
@@ -189,13 +173,7 @@ def test_a_payload_for_the_makers_controllers(tmp_path):
     moments = tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     estimate = estimate_of(robot, "rigid_body,payload", 3)
     theta = estimate.theta.copy()
-    theta[-10:] = inertia.standard_from_barycentric(
-        [
-            mass,
-            *com,
-            *moments,
-        ]
-    )
+    theta[-10:] = inertia.standard_from_barycentric([mass, *com, *moments])
     estimate = replace(estimate, theta=theta)
     export(estimate, tmp_path / "endeffector-config.json", flange=(0.0, 0.0, 0.107))
     told = json.loads((tmp_path / "endeffector-config.json").read_text())
@@ -345,17 +323,10 @@ def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
     turned=st.booleans(),
 )
 @example(
-    seed=190,
-    joints=4,
-    frames=False,
-    turned=False,
+    seed=190, joints=4, frames=False, turned=False
 )  # joints a thousand kilometres apart
 def test_any_tree_survives_being_written_and_edited(
-    tmp_path,
-    seed,
-    joints,
-    frames,
-    turned,
+    tmp_path, seed, joints, frames, turned
 ):
     """A random tree of revolute and prismatic joints: made, reloaded, edited with
     another model.
@@ -403,11 +374,7 @@ def test_figures_are_what_they_were_in_every_export(ending, tmp_path):
     left_out = export(estimate_with_everything(), tmp_path / home.FILE)
     written = (tmp_path / home.FILE).read_text()
     lines = {f"line {k}": line for k, line in enumerate(written.splitlines(), start=1)}
-    found = {
-        "left out": left_out,
-        "words": said(written)["words"],
-        **lines,
-    }
+    found = {"left out": left_out, "words": said(written)["words"], **lines}
     assert not changed(f"export_{home.FILE.replace('.', '_')}", found)
 
 

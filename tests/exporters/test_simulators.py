@@ -15,10 +15,7 @@ ARMS = ("two_link", "panda")
 
 
 def torque_of_links_and_rotors(
-    estimate: Estimate,
-    q: np.ndarray,
-    dq: np.ndarray,
-    ddq: np.ndarray,
+    estimate: Estimate, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
 ) -> np.ndarray:
     """Without friction, which Pinocchio's inverse dynamics leave out."""
     held = ("rigid_body", "rotor_inertia")
@@ -26,9 +23,7 @@ def torque_of_links_and_rotors(
         [
             value if parameter.effect in held else 0.0
             for parameter, value in zip(
-                estimate.model.parameters,
-                estimate.theta,
-                strict=True,
+                estimate.model.parameters, estimate.theta, strict=True
             )
         ]
     )
@@ -43,21 +38,9 @@ def test_pinocchio_makes_the_torque_of_links_and_rotors(name):
     model = estimate.to_pinocchio()
     data = model.createData()
     q, dq, ddq = states(robot, 30, 1)
-    made = [
-        pin.rnea(
-            model,
-            data,
-            *row,
-        )
-        for row in zip(q, dq, ddq, strict=True)
-    ]
+    made = [pin.rnea(model, data, *row) for row in zip(q, dq, ddq, strict=True)]
     expected = torque_of_links_and_rotors(estimate, q, dq, ddq)
-    np.testing.assert_allclose(
-        np.array(made),
-        expected,
-        rtol=0.0,
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(np.array(made), expected, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -82,14 +65,7 @@ def test_mujoco_makes_the_whole_torque(name, tmp_path):
     (tmp_path / "robot.xml").write_text(estimate.to_mjspec().to_xml())
     q, dq, ddq = states(robot, 30, 1)
     made = by_mujoco(tmp_path / "robot.xml", robot, q, dq, ddq)
-    expected = estimate.torque(
-        Motion(
-            np.zeros(len(q)),
-            q,
-            dq,
-            ddq,
-        )
-    )
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
     np.testing.assert_allclose(made, expected, rtol=0.0, atol=1e-4)
 
 

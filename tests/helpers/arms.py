@@ -48,12 +48,7 @@ SCARA = (
     Axis("revolute", _UP, "0.325 0 0", 5.0, "0.12 0 0.02", (0.02, 0, 0.06, 0, 0, 0.06)),
     Axis("prismatic", _UP, "0.225 0 0", 1.2, "0 0 -0.05", (8e-3, 0, 8e-3, 0, 0, 4e-4)),
     Axis(
-        "revolute",
-        _UP,
-        "0 0 -0.1",
-        0.3,
-        "0.002 0 -0.02",
-        (3e-4, 0, 3e-4, 0, 0, 1e-4),
+        "revolute", _UP, "0 0 -0.1", 0.3, "0.002 0 -0.02", (3e-4, 0, 3e-4, 0, 0, 1e-4)
     ),
 )
 #: Viscous friction [N m s/rad, N s/m], Coulomb friction and offset [N m, N], noise of
@@ -159,17 +154,7 @@ def random_arm(folder: Path, seed: int) -> Path:
         turn = rng.normal(size=3) if square is None else square
         origin = reach * rng.normal(size=3)
         axis = axis / np.linalg.norm(axis)
-        axes.append(
-            Axis(
-                kind,
-                axis,
-                origin,
-                mass,
-                body[1:4],
-                tuple(body[4:]),
-                turn,
-            )
-        )
+        axes.append(Axis(kind, axis, origin, mass, body[1:4], tuple(body[4:]), turn))
     return write_urdf(folder / f"arm{seed}.urdf", f"arm{seed}", axes, LIMITS)
 
 
@@ -197,38 +182,20 @@ def run_of(
     model = problem.model(names)
     theta = np.concatenate([problem.nominal_links.ravel(), *friction])
     tau = model.torque(theta, Motion(t, q, dq, ddq))
-    return Measurements(
-        t,
-        q,
-        tau + noise * rng.normal(size=tau.shape),
-        dq,
-    )
+    return Measurements(t, q, tau + noise * rng.normal(size=tau.shape), dq)
 
 
 def run_of_widths(
-    arm: Problem,
-    widths: tuple[float, ...],
-    seconds: float,
+    arm: Problem, widths: tuple[float, ...], seconds: float
 ) -> Measurements:
     """The SCARA; Coulomb friction written out, over another velocity on each joint."""
     viscous, coulomb, offset = SCARA_FRICTION
-    bare = run_of(
-        arm,
-        (np.zeros(4),) * 3,
-        np.zeros(4),
-        seconds=seconds,
-        rate=500.0,
-    )
+    bare = run_of(arm, (np.zeros(4),) * 3, np.zeros(4), seconds=seconds, rate=500.0)
     friction = (
         viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(widths)) + offset
     )
     noise = np.random.default_rng(0).normal(size=friction.shape) * 0.02 * coulomb
-    return Measurements(
-        bare.t,
-        bare.q,
-        bare.tau + friction + noise,
-        bare.dq,
-    )
+    return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
 
 
 def random_run(problem: Problem, seed: int) -> Measurements:
@@ -238,21 +205,10 @@ def random_run(problem: Problem, seed: int) -> Measurements:
     n = problem.robot.n
     viscous, coulomb = 10.0 ** rng.uniform(-2.0, 1.5, (2, n))
     noise = 10.0 ** rng.uniform(-3.0, 0.0, n)
-    return run_of(
-        problem,
-        (viscous, coulomb, rng.normal(size=n)),
-        noise,
-        seed,
-    )
+    return run_of(problem, (viscous, coulomb, rng.normal(size=n)), noise, seed)
 
 
-def urdfdom_torque(
-    path: Path,
-    robot: Robot,
-    q: Array,
-    dq: Array,
-    ddq: Array,
-) -> Array:
+def urdfdom_torque(path: Path, robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
     """Inverse dynamics (N, n) of a file as Pinocchio's own reader (urdfdom) builds it,
     not ours."""
     model = pin.buildModelFromUrdf(str(path))

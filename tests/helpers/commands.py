@@ -33,12 +33,7 @@ def python(
     environment = {**os.environ, "PYTHONPATH": path}
     command = [sys.executable, *map(str, words)]
     return subprocess.run(
-        command,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        **options,
+        command, env=environment, capture_output=True, text=True, timeout=300, **options
     )
 
 

@@ -81,12 +81,7 @@ def differences(table: Table, folder: Path) -> list[tuple[Any, ...]]:
     return out
 
 
-def close(
-    old: str,
-    new: str,
-    relative: float,
-    absolute: float,
-) -> bool:
+def close(old: str, new: str, relative: float, absolute: float) -> bool:
     """Equal text, or two numbers within the tolerance."""
     if new == old:
         return True
@@ -156,11 +151,7 @@ def free(name: str, column: str, row: Row) -> bool:
     )
 
 
-def tolerance(
-    name: str,
-    column: str,
-    row: Row,
-) -> tuple[float, float]:
+def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
     if name in ("III", "IV") and "penalty_paper" in column + row.get("estimate", ""):
         return 0.05, 0.02 if name == "III" else 1e-3
     special = {

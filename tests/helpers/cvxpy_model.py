@@ -93,27 +93,13 @@ class Link:
         self.mass = theta[0]
         self.h = theta[1:4]
         xx, xy, yy, xz, yz, zz = (theta[k] for k in range(4, 10))
-        self.J = cp.bmat(
-            [
-                [xx, xy, xz],
-                [xy, yy, yz],
-                [xz, yz, zz],
-            ]
-        )
+        self.J = cp.bmat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         self.sigma = 0.5 * cp.trace(self.J) * np.eye(3) - self.J
 
     def pseudo_inertia(self, thickness: float = 0.0) -> Any:
         """Of a link whose gyration is less by a thickness in every direction (4, 4)."""
-        column = cp.reshape(
-            self.h,
-            (3, 1),
-            order="F",
-        )
-        mass = cp.reshape(
-            self.mass,
-            (1, 1),
-            order="F",
-        )
+        column = cp.reshape(self.h, (3, 1), order="F")
+        mass = cp.reshape(self.mass, (1, 1), order="F")
         return cp.bmat(
             [
                 [self.sigma - self.mass * thickness**2 * np.eye(3), column],
@@ -123,11 +109,7 @@ class Link:
 
 
 def _link(
-    problem: Problem,
-    number: int,
-    link: Link,
-    thickness: float,
-    bodily: bool,
+    problem: Problem, number: int, link: Link, thickness: float, bodily: bool
 ) -> list[Any]:
     box = problem.box[number]
     mass = link.mass
@@ -138,11 +120,7 @@ def _link(
         np.linalg.cholesky(inertia.pseudo_inertia(problem.nominal_links[number]))
     )
     out = [t @ link.pseudo_inertia(thickness) @ t.T >> 0]
-    out += _between(
-        mass,
-        max(box[0, 0], 0.0),
-        largest,
-    )
+    out += _between(mass, max(box[0, 0], 0.0), largest)
     for axis, (lower, upper) in enumerate(box[1:4]):
         out += [link.h[axis] >= lower * mass] if np.isfinite(lower) else []
         out += [link.h[axis] <= upper * mass] if np.isfinite(upper) else []
@@ -172,11 +150,7 @@ def _link(
     return out
 
 
-def _between(
-    x: Any,
-    lower: float,
-    upper: float,
-) -> list[Any]:
+def _between(x: Any, lower: float, upper: float) -> list[Any]:
     return ([x >= lower] if np.isfinite(lower) else []) + (
         [x <= upper] if np.isfinite(upper) else []
     )

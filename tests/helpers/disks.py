@@ -12,21 +12,13 @@ def mount_small_disk(folder: Path, kibibytes: int) -> bool:
     if os.getuid() != 0:
         return False
     options = ["-t", "tmpfs", "-o", f"size={kibibytes}k", "tmpfs", folder]
-    done = subprocess.run(
-        ["mount", *options],
-        capture_output=True,
-        check=False,
-    )
+    done = subprocess.run(["mount", *options], capture_output=True, check=False)
     return done.returncode == 0
 
 
 def unmount(folder: Path) -> None:
     """Take a file system away; it may still be in use."""
-    subprocess.run(
-        ["umount", "-l", folder],
-        capture_output=True,
-        check=False,
-    )
+    subprocess.run(["umount", "-l", folder], capture_output=True, check=False)
 
 
 @contextmanager

@@ -25,12 +25,7 @@ Rows = np.ndarray
 Torques = Callable[[Path, Robot, Rows, Rows, Rows], Rows]
 
 
-def of_the_file(
-    path: Path,
-    robot: Robot,
-    dq: Rows,
-    ddq: Rows,
-) -> Rows:
+def of_the_file(path: Path, robot: Robot, dq: Rows, ddq: Rows) -> Rows:
     """Damping, dry friction and (Drake's) rotors that a URDF writes."""
     root = etree.parse(str(path)).getroot()
     joints = root.findall("joint")
@@ -49,42 +44,19 @@ def of_the_file(
     return damping * dq + friction * np.tanh(dq / 0.01) + rotors * ddq
 
 
-def by_urdfdom(
-    path: Path,
-    robot: Robot,
-    q: Rows,
-    dq: Rows,
-    ddq: Rows,
-) -> Rows:
+def by_urdfdom(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     return urdfdom_torque(path, robot, q, dq, ddq) + of_the_file(path, robot, dq, ddq)
 
 
-def by_our_reader(
-    path: Path,
-    robot: Robot,
-    q: Rows,
-    dq: Rows,
-    ddq: Rows,
-) -> Rows:
+def by_our_reader(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     ours, links = load_urdf(path, robot.gravity)
     order = [[j.name for j in ours.joints].index(j.name) for j in robot.joints]
     back = np.argsort(order)
-    made = ours.inverse_dynamics(
-        links.ravel(),
-        q[:, back],
-        dq[:, back],
-        ddq[:, back],
-    )
+    made = ours.inverse_dynamics(links.ravel(), q[:, back], dq[:, back], ddq[:, back])
     return made[:, order] + of_the_file(path, robot, dq, ddq)
 
 
-def by_mujoco(
-    path: Path,
-    robot: Robot,
-    q: Rows,
-    dq: Rows,
-    ddq: Rows,
-) -> Rows:
+def by_mujoco(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     """MuJoCo's own inverse dynamics: links, armature and damping; dry friction is a
     soft constraint there, so that only its size is taken."""
     mujoco = pytest.importorskip("mujoco", minversion="3.0")
@@ -103,13 +75,7 @@ def by_mujoco(
     return made + model.dof_frictionloss[at] * np.tanh(dq / 0.01)
 
 
-def by_c(
-    path: Path,
-    robot: Robot,
-    q: Rows,
-    dq: Rows,
-    ddq: Rows,
-) -> Rows:
+def by_c(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler")
     (function,) = re.findall(r"static inline void (\w+_torque)\(", path.read_text())
@@ -132,13 +98,7 @@ def by_c(
     return out
 
 
-def by_sdf(
-    path: Path,
-    robot: Robot,
-    q: Rows,
-    dq: Rows,
-    ddq: Rows,
-) -> Rows:
+def by_sdf(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     """The links that SDF states, as a Pinocchio model built from its elements; damping
     and dry friction as it writes them."""
     pin = pytest.importorskip("pinocchio")
@@ -168,18 +128,10 @@ def by_sdf(
         xx, xy, xz, yy, yz, zz = (
             float(link.findtext(f"inertial/inertia/{e}")) for e in entries
         )
-        about_com = np.array(
-            [
-                [xx, xy, xz],
-                [xy, yy, yz],
-                [xz, yz, zz],
-            ]
-        )
+        about_com = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         centre = pose_of(link.findtext("inertial/pose")).translation
         model.appendBodyToJoint(
-            k,
-            pin.Inertia(mass, centre, about_com),
-            pin.SE3.Identity(),
+            k, pin.Inertia(mass, centre, about_com), pin.SE3.Identity()
         )
         at = robot.joint_names.index(joint.get("name"))
         order.append(at)
@@ -188,13 +140,7 @@ def by_sdf(
     data = model.createData()
     made = np.empty_like(q)
     for k in range(len(q)):
-        made[k, order] = pin.rnea(
-            model,
-            data,
-            q[k, order],
-            dq[k, order],
-            ddq[k, order],
-        )
+        made[k, order] = pin.rnea(model, data, q[k, order], dq[k, order], ddq[k, order])
     return made + damping * dq + friction * np.tanh(dq / 0.01)
 
 
@@ -225,10 +171,7 @@ FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
 
 
 def estimate_of(
-    robot: Robot,
-    effects: str,
-    seed: int,
-    links: np.ndarray | None = None,
+    robot: Robot, effects: str, seed: int, links: np.ndarray | None = None
 ) -> Estimate:
     """An estimate with random consistent links and random positive other parameters."""
     rng = np.random.default_rng(seed)
@@ -244,26 +187,13 @@ def estimate_of(
     p = len(theta)
     n = robot.n
     pairs = zip(model.parameters, theta.tolist(), strict=True)
-    intervals = tuple(
-        Interval(
-            q.name,
-            q.unit,
-            x,
-        )
-        for q, x in pairs
-    )
+    intervals = tuple(Interval(q.name, q.unit, x) for q, x in pairs)
     nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
     unknown = Uncertainty(intervals, (), *nothing)
     made = Certificate({}, 0.0)
     settings = (Preprocessing(), {}, {}, {})
     return Estimate(
-        random_robots.bare(robot),
-        model,
-        theta,
-        unknown,
-        "by hand",
-        made,
-        *settings,
+        random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings
     )
 
 

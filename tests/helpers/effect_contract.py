@@ -52,12 +52,7 @@ def robots() -> dict[str, Robot]:
     def all_of(kind: str, robot: Robot) -> Robot:
         return replace(robot, joints=tuple(replace(j, kind=kind) for j in robot.joints))
 
-    chain = tree(
-        np.random.default_rng(1),
-        3,
-        branched=False,
-        link_frames=True,
-    )
+    chain = tree(np.random.default_rng(1), 3, branched=False, link_frames=True)
     one = tree(np.random.default_rng(5), 1)
     return {
         "tree": tree(np.random.default_rng(5), 5),
@@ -68,11 +63,7 @@ def robots() -> dict[str, Robot]:
     }
 
 
-def steady_motion(
-    robot: Robot,
-    rows: int = 60,
-    seed: int = 0,
-) -> Motion:
+def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     """A motion without reversals and far from standstill, with a current model.
 
     |dq| stays beyond 0.3 rad/s, where every smoothed sign is one, so that nothing but the declared
@@ -104,13 +95,7 @@ def steady_motion(
 
 def to_and_fro(robot: Robot) -> Motion:
     """Six seconds of sines with reversals, and a current model."""
-    moved = sines(
-        np.random.default_rng(3),
-        robot.n,
-        np.arange(0.0, 6.0, 0.01),
-        0.1,
-        5,
-    )
+    moved = sines(np.random.default_rng(3), robot.n, np.arange(0.0, 6.0, 0.01), 0.1, 5)
     current = steady_motion(robot).current
     torque = (
         robot.inverse_dynamics(current.links, moved.q, moved.dq, moved.ddq)
@@ -184,11 +169,7 @@ def variants(name: str, robot: Robot) -> list[Effect]:
     return [kind(robot), *searched]
 
 
-def unit_scale(
-    unit: str,
-    base: dict[str, float],
-    constants: dict[str, float],
-) -> float:
+def unit_scale(unit: str, base: dict[str, float], constants: dict[str, float]) -> float:
     """By what a number in this unit is multiplied if the base units are."""
     if unit == "-":
         return 1.0
@@ -203,11 +184,7 @@ def unit_scale(
         **constants,
     }
     return float(
-        eval(
-            unit.replace("^", "**"),
-            {"__builtins__": {}},
-            known,
-        )
+        eval(unit.replace("^", "**"), {"__builtins__": {}}, known)
     )  # units are our own words
 
 
@@ -220,18 +197,10 @@ def in_other_units(robot: Robot, base: dict[str, float]) -> Robot:
         return out
 
     def joint(j: Joint) -> Joint:
-        return replace(
-            j,
-            placement=moved(j.placement),
-            link_frame=moved(j.link_frame),
-        )
+        return replace(j, placement=moved(j.placement), link_frame=moved(j.link_frame))
 
     x, y, z = np.array(robot.gravity) * base["m"] / base["s"] ** 2
-    return Robot(
-        robot.name,
-        tuple(joint(j) for j in robot.joints),
-        (x, y, z),
-    )
+    return Robot(robot.name, tuple(joint(j) for j in robot.joints), (x, y, z))
 
 
 def check_units_are_those_of_the_columns(name: str) -> None:
@@ -240,33 +209,11 @@ def check_units_are_those_of_the_columns(name: str) -> None:
     converted by their own unit."""
     for base in ({"kg": 1.0, "m": 1.0, "s": 0.7}, {"kg": 1.9, "m": 1.6, "s": 1.3}):
         for which, robot in robots().items():
-            position = np.array(
-                [
-                    unit_scale(
-                        u,
-                        base,
-                        {},
-                    )
-                    for u in robot.position_units
-                ]
-            )
-            torque = np.array(
-                [
-                    unit_scale(
-                        u,
-                        base,
-                        {},
-                    )
-                    for u in robot.torque_units
-                ]
-            )
+            position = np.array([unit_scale(u, base, {}) for u in robot.position_units])
+            torque = np.array([unit_scale(u, base, {}) for u in robot.torque_units])
             motion = steady_motion(robot)
             new = _rewritten(
-                motion,
-                in_other_units(robot, base),
-                base,
-                position,
-                torque,
+                motion, in_other_units(robot, base), base, position, torque
             )
             for effect in variants(name, robot):
                 if not effect.parameters or (which == "tree" and effect.shapes):
@@ -295,10 +242,7 @@ def check_units_are_those_of_the_columns(name: str) -> None:
                 wrong = [
                     f"{p.name} [{p.unit}]"
                     for p, a, b in zip(
-                        effect.parameters,
-                        expected.T,
-                        found.T,
-                        strict=True,
+                        effect.parameters, expected.T, found.T, strict=True
                     )
                     if not np.allclose(b, a, 1e-7, atol)
                 ]
@@ -310,11 +254,7 @@ def check_units_are_those_of_the_columns(name: str) -> None:
 
 
 def _rewritten(
-    motion: Motion,
-    robot: Robot,
-    base: dict[str, float],
-    position: Array,
-    torque: Array,
+    motion: Motion, robot: Robot, base: dict[str, float], position: Array, torque: Array
 ) -> Motion:
     s = base["s"]
     m = base["m"]
@@ -386,11 +326,7 @@ class SharedWorld(World):
 
 @cache
 def setting(
-    which: str,
-    width: float,
-    fine: float,
-    rate: float,
-    has_torque: bool,
+    which: str, width: float, fine: float, rate: float, has_torque: bool
 ) -> tuple[SharedWorld, TrueMotion, Motion]:
     """A robot whose dry friction turns over a width [rad/s, m/s], 17 s of its motion at
     the rate ``fine`` [1/s], and every so many of its samples as columns see them, at
@@ -455,11 +391,7 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
             continue  # worlds hide it where neighbours turn
         for joint in [0] if kind.whole_robot else (robot.n // 2, robot.n - 1):
             drawn = [
-                MAKERS[name](
-                    sharp,
-                    joint,
-                    np.random.default_rng([k, joint]),
-                )
+                MAKERS[name](sharp, joint, np.random.default_rng([k, joint]))
                 for k in range(DRAWS)
             ]
             drawn = [
@@ -498,10 +430,7 @@ def _case(where: str, which: str, hidden: Hidden) -> Case:
             {kind.sized_shape: hidden.size} if kind.sized_shape in kind.shapes else {}
         )
         effect = kind(
-            robot,
-            list(hidden.joints) or None,
-            **convention,
-            **{**sized, **shape},
+            robot, list(hidden.joints) or None, **convention, **{**sized, **shape}
         )
         return effect, wide_columns(effect, motion)[:, seen]
 
@@ -509,12 +438,7 @@ def _case(where: str, which: str, hidden: Hidden) -> Case:
     plain = [columns(effect_types()[r])[1] for r in kind.refines if kind.follows_clock]
     none = np.zeros((*own.shape[:2], 0))
     return Case(
-        where,
-        hidden,
-        effect,
-        torque.T,
-        own,
-        np.concatenate([none, *plain], axis=2),
+        where, hidden, effect, torque.T, own, np.concatenate([none, *plain], axis=2)
     )
 
 
@@ -537,20 +461,13 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
         )
         met |= {case.effect.robot.joints[j].kind for j in case.hidden.joints}
         if case.hidden.number is not None and kind.sized_by == slice(None):
-            size, _ = size_of(
-                case.effect,
-                theta,
-                np.zeros((len(theta),) * 2),
-            )
+            size, _ = size_of(case.effect, theta, np.zeros((len(theta),) * 2))
             true = case.hidden.number * case.hidden.size
             size = (
                 size if len(theta) == 1 else np.copysign(size, true)
             )  # a wave has no sign
             np.testing.assert_allclose(
-                size,
-                true,
-                rtol=max(allowed, 3.0 * ACCURACY),
-                err_msg=case.where,
+                size, true, rtol=max(allowed, 3.0 * ACCURACY), err_msg=case.where
             )
             if len(theta) == 1:
                 demands = case.effect.constraints(np.arange(len(theta)))
@@ -574,12 +491,7 @@ def _laws(
 
     def made(w: World, j: int) -> list[Hidden]:
         return [
-            at_joint(
-                j,
-                lambda w, m, x=law: x(m, j),
-                number,
-                **shape,
-            )
+            at_joint(j, lambda w, m, x=law: x(m, j), number, **shape)
             for law, number, shape in forms
         ]
 
@@ -605,13 +517,7 @@ def _transmission(w: World, j: int) -> list[Hidden]:
     ratios = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio}
     both = (first, first + 1)
     return [
-        Hidden(
-            both,
-            change(law),
-            1.0,
-            {**ratios, "law": law},
-            0.5,
-        )
+        Hidden(both, change(law), 1.0, {**ratios, "law": law}, 0.5)
         for law in (1.0, 5.0)
     ]
 
@@ -623,17 +529,11 @@ def _both_ways(w: World, j: int) -> list[Hidden]:
     def change(w: World, m: TrueMotion, size: float) -> Array:
         tau = w.torque(m) - w.rigid(m)
         wide = np.concatenate(
-            [
-                np.repeat(tau[:1], 4000, 0),
-                tau,
-                np.repeat(tau[-1:], 4000, 0),
-            ]
+            [np.repeat(tau[:1], 4000, 0), tau, np.repeat(tau[-1:], 4000, 0)]
         )
         s = 2.0 * np.pi * np.fft.rfftfreq(len(wide), float(m.t[1] - m.t[0]))[:, None]
         passed = np.fft.irfft(
-            np.fft.rfft(wide, axis=0) / (1.0 + (0.01 * s) ** 2),
-            len(wide),
-            axis=0,
+            np.fft.rfft(wide, axis=0) / (1.0 + (0.01 * s) ** 2), len(wide), axis=0
         )
         return np.asarray(size / 0.01 * (passed[4000:-4000] - tau))
 
@@ -647,22 +547,13 @@ def _sharp_flanks(w: World, j: int) -> list[Hidden]:
         return np.asarray(w.rigid(replace(m, q=q)) - w.rigid(m))
 
     def shift(w: World, m: TrueMotion, b: float) -> Array:
-        step = butter(
-            4,
-            8.0 * (m.t[1] - m.t[0]),
-            output="sos",
-        )  # below 4 Hz
+        step = butter(4, 8.0 * (m.t[1] - m.t[0]), output="sos")  # below 4 Hz
         return np.asarray(-b * sosfiltfilt(step, np.sign(w.rigid(m)[:, j])))
 
     slow = replace(
-        shifted(j, shift, 1.0, 2e-4),
-        shape={"law": 2.0},
-        details={"allowed": STEPS},
+        shifted(j, shift, 1.0, 2e-4), shape={"law": 2.0}, details={"allowed": STEPS}
     )
-    return [
-        Hidden((j,), change, 1.0, size=5e-4, details={"allowed": ACCURACY}),
-        slow,
-    ]
+    return [Hidden((j,), change, 1.0, size=5e-4, details={"allowed": ACCURACY}), slow]
 
 
 def _wave(m: TrueMotion, j: int) -> Array:
@@ -673,9 +564,7 @@ def _wave(m: TrueMotion, j: int) -> Array:
 
 
 def _dip(
-    share: Callable[[Array], Array],
-    law: float,
-    delta: float,
+    share: Callable[[Array], Array], law: float, delta: float
 ) -> tuple[Any, float, dict[str, float]]:
     def torque(m: TrueMotion, j: int) -> Array:
         return np.asarray(np.sign(m.dq[:, j]) * share(np.abs(m.dq[:, j]) / 0.1))
@@ -696,11 +585,7 @@ def _even_slip(m: TrueMotion, j: int) -> Array:
     out = np.zeros(len(m.t))
     z = np.zeros(3)
     for k, step in enumerate(np.diff(m.q[:, j]), start=1):
-        z = np.clip(
-            z + step / (0.002 * np.array([1.0, 4.0, 16.0])),
-            -1.0,
-            1.0,
-        )
+        z = np.clip(z + step / (0.002 * np.array([1.0, 4.0, 16.0])), -1.0, 1.0)
         out[k] = z.mean()
     return out
 

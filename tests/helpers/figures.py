@@ -59,12 +59,7 @@ def model(estimate: sdp.Estimate) -> dict[str, Any]:
 def two_link_with(
     tau: Callable[[sdp.Measurements], Any], seconds: float = 24.0
 ) -> sdp.Measurements:
-    run = repeating_run(
-        sdp.load_problem("two_link"),
-        0,
-        noise=0.05,
-        seconds=seconds,
-    )
+    run = repeating_run(sdp.load_problem("two_link"), 0, noise=0.05, seconds=seconds)
     return replace(run, tau=run.tau + tau(run))
 
 
@@ -104,9 +99,7 @@ def effects_of(which: str) -> dict[str, Any]:
             ]
             + [first.looks_like(size, s) for size in (0.01, 2.0) for s in seen],
             "undone": first.invert_channel(
-                np.full(len(first.nominal), 0.02),
-                moved.t,
-                moved.torque,
+                np.full(len(first.nominal), 0.02), moved.t, moved.torque
             )[[50, 300]],
         }
     return out
@@ -126,11 +119,7 @@ def identified(folder: Path) -> dict[str, Any]:
         "widths": model(sdp.identify(problem, widths, "ols", check=False)),
         "drawn": bootstrap(two, run, 2).to_numpy(),
         "folds": sdp.cross_validate(
-            two,
-            run,
-            "ols",
-            folds=3,
-            progress=heard.append,
+            two, run, "ols", folds=3, progress=heard.append
         ).to_dict(),
         "simulated": model(
             sdp.identify(two, run.window(0.0, 4.0), "output-error", **told, check=False)
@@ -148,30 +137,17 @@ def of_servos(folder: Path) -> dict[str, Any]:
     )  # a part that no loop makes
     noisy = replace(run, tau=run.tau + noise)
     beside = sdp.identify(
-        arm,
-        noisy,
-        effects=f"{LOOP},servo_position,servo_integral",
-        check=False,
+        arm, noisy, effects=f"{LOOP},servo_position,servo_integral", check=False
     )
     silent = sdp.Measurements.of(
-        run.t,
-        {"q": run.q, "qcmd": run.commanded["qcmd"]},
-        ("run",),
+        run.t, {"q": run.q, "qcmd": run.commanded["qcmd"]}, ("run",)
     )
     found = sdp.identify(
-        arm,
-        silent,
-        effects=LOOP,
-        known={"m1": 3.0},
-        progress=heard.append,
+        arm, silent, effects=LOOP, known={"m1": 3.0}, progress=heard.append
     )
     loads = [(log(1e-4, seed=5, load=1.5), 1.5)]
     loaded = sdp.identify(
-        arm,
-        log(1e-4),
-        effects=LOOP,
-        known_loads=loads,
-        instruments="none",
+        arm, log(1e-4), effects=LOOP, known_loads=loads, instruments="none"
     )
     open_ = sdp.identify(arm, log(1e-4, kh=50.0, ki=500.0))
     return {
@@ -214,26 +190,16 @@ def motions() -> dict[str, Any]:
     two = sdp.load_problem("two_link")
     heard = list[str]()
     estimate = sdp.identify(two, two_link_with(lambda r: 0.0), "ols")
-    known: dict[str, Any] = {
-        "duration": 6.0,
-        "progress": heard.append,
-    }
+    known: dict[str, Any] = {"duration": 6.0, "progress": heard.append}
     found = [
         excitation.excite(two, iterations=3, objective=x, **known)
         for x in excitation.OBJECTIVES
     ]
     told = separation.separate(
-        estimate,
-        "torque_ripple:2@k=2,joint_spring:2",
-        iterations=10,
-        **known,
+        estimate, "torque_ripple:2@k=2,joint_spring:2", iterations=10, **known
     )
     alone = separation.separate(
-        estimate,
-        "stribeck_friction:1",
-        duration=6.0,
-        level=0.3,
-        iterations=5,
+        estimate, "stribeck_friction:1", duration=6.0, level=0.3, iterations=5
     )
     kept = (
         "delta2",
@@ -246,13 +212,7 @@ def motions() -> dict[str, Any]:
     )
     return {
         "excited": [
-            [
-                e.history,
-                e.trajectory.a,
-                e.trajectory.b,
-                e.trajectory.q_0,
-            ]
-            for e in found
+            [e.history, e.trajectory.a, e.trajectory.b, e.trajectory.q_0] for e in found
         ],
         "separated": [{k: getattr(x, k) for k in kept} for x in (told, alone)],
         "heard": heard,
@@ -273,9 +233,7 @@ def failures() -> dict[str, Any]:
 
     run = two_link_with(missing)
     estimate = sdp.identify(
-        sdp.load_problem("two_link"),
-        two_link_with(lambda r: 0.0),
-        "ols",
+        sdp.load_problem("two_link"), two_link_with(lambda r: 0.0), "ols"
     )
     shown = sdp.compare(estimate, run)
     bump = two_link_with(lambda r: [[0.0, 0.5]] * np.exp(-(((r.q - 0.1) / 0.15) ** 2)))
@@ -290,12 +248,7 @@ def failures() -> dict[str, Any]:
 
 
 def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, Any]:
-    made = hidden_runs(
-        sdp.load_problem("two_link"),
-        list(named),
-        "strong",
-        seed=24,
-    )
+    made = hidden_runs(sdp.load_problem("two_link"), list(named), "strong", seed=24)
     data = concatenate(made.runs[:2])
     tau = data.tau.copy()
     tau[1200:1240, 1] += told.get("knock", 0.0)
@@ -304,11 +257,7 @@ def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, 
     )
     data = replace(data, tau=tau)
     estimate = sdp.identify(
-        made.problem,
-        data,
-        "ols",
-        effects=made.truth["model_effects"],
-        check=False,
+        made.problem, data, "ols", effects=made.truth["model_effects"], check=False
     )
     heard = list[str]()
     found = sdp.diagnose(
@@ -325,23 +274,11 @@ def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, 
     rows = diagnosis_rows(data, estimate, estimate.preprocessing.resolve(data))
     every = list_candidates(whiten_rows(rows, estimate)).batches
     out["searched"] = [
-        [
-            f.effect.text,
-            f.replaces_own_constant,
-        ]
-        for b in every
-        for f in b.forms
+        [f.effect.text, f.replaces_own_constant] for b in every for f in b.forms
     ]
     out["white"] = [np.linalg.norm(b.whitened_columns) for b in every]
     if found.effects or found.retuned:
-        out["added"] = model(
-            sdp.add(
-                estimate,
-                found,
-                data,
-                progress=heard.append,
-            )
-        )
+        out["added"] = model(sdp.add(estimate, found, data, progress=heard.append))
     return out | {"heard": heard}
 
 
@@ -367,10 +304,7 @@ def in_a_curve() -> dict[str, Any]:
         data,
         check=False,
     )
-    return {
-        "found": found.to_dict(),
-        "said": [found.headline, found.advice],
-    }
+    return {"found": found.to_dict(), "said": [found.headline, found.advice]}
 
 
 CASES: Mapping[str, Callable[[Path], Any]] = {
@@ -382,15 +316,10 @@ CASES: Mapping[str, Callable[[Path], Any]] = {
     "motions": lambda _: motions(),
     "failures": lambda _: failures(),
     "hysteresis": lambda _: hidden(
-        ("presliding_hysteresis", [0]),
-        test=False,
-        knock=3.0,
+        ("presliding_hysteresis", [0]), test=False, knock=3.0
     ),
     "pair": lambda _: hidden(
-        ("stribeck_friction", [0]),
-        ("joint_spring", [1]),
-        test=True,
-        hum=0.5,
+        ("stribeck_friction", [0]), ("joint_spring", [1]), test=True, hum=0.5
     ),
     "curve": lambda _: in_a_curve(),
 }

@@ -93,26 +93,10 @@ def differences(
         value, unit = quantities.get(name, ("missing", ""))
         if unit != expected.get("unit", ""):
             reason = f"the unit is {expected.get('unit', '')!r}"
-            found.append(
-                Difference(
-                    name,
-                    unit,
-                    expected.get("value"),
-                    value,
-                    reason,
-                )
-            )
+            found.append(Difference(name, unit, expected.get("value"), value, reason))
         elif not agrees(expected, value):
             limit = expected.get("value", expected.get("at_most"))
-            found.append(
-                Difference(
-                    name,
-                    unit,
-                    limit,
-                    value,
-                    tolerance(expected),
-                )
-            )
+            found.append(Difference(name, unit, limit, value, tolerance(expected)))
     return found
 
 

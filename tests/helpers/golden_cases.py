@@ -151,10 +151,7 @@ def identifiability(inputs: Inputs) -> Quantities:
         "base parameters with friction": (len(everything.columns), "1"),
         "condition of the paper's motion (links)": (links.condition(trajectory), "1"),
         "condition of the paper's motion": (everything.condition(trajectory), "1"),
-        "condition of the black box": (
-            black_box.details["condition_number"],
-            "1",
-        ),
+        "condition of the black box": (black_box.details["condition_number"], "1"),
     }
 
 
@@ -164,10 +161,7 @@ def without_torque(inputs: Inputs) -> Quantities:
         slide = write_slide(Path(folder))
         run = servo_log(1e-4, ki=700.0, delay=0.02)
         estimate = sdp.identify(
-            slide,
-            run,
-            effects=SERVO_EFFECTS,
-            known={"m1": inputs["mass"]},
+            slide, run, effects=SERVO_EFFECTS, known={"m1": inputs["mass"]}
         )
     servo = estimate.details["servo"]
     quantities = parameters(estimate) | certificate(estimate.certificate)
@@ -182,38 +176,20 @@ def load_of(mass: float) -> np.ndarray:
     return mass * np.array(per_mass)
 
 
-def with_load(
-    problem: sdp.Problem,
-    run: sdp.Measurements,
-    mass: float,
-) -> Any:
+def with_load(problem: sdp.Problem, run: sdp.Measurements, mass: float) -> Any:
     """The run as it would be with a load on the last link."""
     links = np.zeros((problem.robot.n, 10))
     links[-1] = load_of(mass)
     ddq = np.gradient(run.dq, run.t, axis=0)
-    torque = problem.robot.inverse_dynamics(
-        links,
-        run.q,
-        run.dq,
-        ddq,
-    )
+    torque = problem.robot.inverse_dynamics(links, run.q, run.dq, ddq)
     return replace(run, tau=run.tau + torque)
 
 
 def payload(inputs: Inputs) -> Quantities:
     """A load is found in a run, and added to the model of the bare arm."""
     problem = problem_of(inputs)
-    bare = sdp.identify(
-        problem,
-        small_run(problem, 16.0, 0),
-        "ols",
-        check=False,
-    )
-    loaded = with_load(
-        problem,
-        small_run(problem, 16.0, 1),
-        inputs["load"],
-    )
+    bare = sdp.identify(problem, small_run(problem, 16.0, 0), "ols", check=False)
+    loaded = with_load(problem, small_run(problem, 16.0, 1), inputs["load"])
     findings = sdp.diagnose(bare, loaded, frozen=True, check=False)
     extended = sdp.add(bare, "payload", loaded)
     mass = extended.uncertainty.standard[len(bare.theta)]
@@ -231,21 +207,12 @@ def diagnosed(inputs: Inputs) -> Quantities:
     errors before and after they are added."""
     hidden = [(name, joints) for name, joints in inputs["hidden"].items()]
     made = hidden_runs(
-        sdp.load_problem("two_link"),
-        hidden,
-        "strong",
-        seed=inputs["seed"],
+        sdp.load_problem("two_link"), hidden, "strong", seed=inputs["seed"]
     )
     train = concatenate(made.runs[:2])
     test = made.runs[3]
     effects = made.truth["model_effects"]
-    before = sdp.identify(
-        made.problem,
-        train,
-        "ols",
-        effects=effects,
-        check=False,
-    )
+    before = sdp.identify(made.problem, train, "ols", effects=effects, check=False)
     findings = sdp.diagnose(before, train, test, check=False)
     after = sdp.add(before, findings, train)
     first, second = sdp.compare([before, after], test)
@@ -318,12 +285,7 @@ def exported(inputs: Inputs) -> Quantities:
 def noise(inputs: Inputs) -> Quantities:
     """The noise floor where a motion repeats itself, and where it does not."""
     problem = problem_of(inputs)
-    run = repeating_run(
-        problem,
-        inputs["seed"],
-        noise=inputs["noise"],
-        seconds=40.0,
-    )
+    run = repeating_run(problem, inputs["seed"], noise=inputs["noise"], seconds=40.0)
     estimate = sdp.identify(problem, run, "ols", check=False)
     whole = sdp.compare(estimate, run)[0]
     window = run.window(0.0, 8.0)
@@ -398,13 +360,7 @@ def proved(inputs: Inputs) -> Quantities:
     for method in inputs["methods"]:
         fit = make_estimator(method).fit(task)
         theta, _ = certify(task, fit)
-        made = proof.optimum_proof(
-            replace(
-                fit,
-                theta=theta,
-                bound=task.bound,
-            )
-        )
+        made = proof.optimum_proof(replace(fit, theta=theta, bound=task.bound))
         lower, upper = verify_proof.check(made)
         quantities[f"{method}: proved lower bound"] = (float(lower), "1")
         quantities[f"{method}: proved upper bound"] = (float(upper), "1")
@@ -429,10 +385,7 @@ def panda_measured(inputs: Inputs) -> Quantities:
             quantities[f"{method}: {name}"] = quantity
     folds = sdp.cross_validate(problem, run, "lmi-sdp", folds=inputs["folds"])
     quantities["error on unseen motion"] = (folds.rmse, TORQUE)
-    quantities["relative error on unseen motion"] = (
-        folds.relative_error_percent,
-        "%",
-    )
+    quantities["relative error on unseen motion"] = (folds.relative_error_percent, "%")
     return quantities
 
 

@@ -39,12 +39,7 @@ FRAGMENTS = (
 NO_TEXT = ("\udcff\udcfe", "\udc80")
 
 
-def hostile_names(
-    count: int,
-    *,
-    of_files: bool,
-    seed: int = 0,
-) -> Iterator[str]:
+def hostile_names(count: int, *, of_files: bool, seed: int = 0) -> Iterator[str]:
     """Names of one to four fragments. of_files : names that a folder can hold."""
     rng = np.random.default_rng(seed)
     fragments = (*FRAGMENTS, *NO_TEXT) if of_files else FRAGMENTS

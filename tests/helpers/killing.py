@@ -68,11 +68,7 @@ def _exit_code(action: Callable[[], object], folder: Path) -> int:
 
 def _be_silent(printed: Path) -> None:
     """Send what this process prints to a file."""
-    handle = os.open(
-        printed,
-        os.O_CREAT | os.O_WRONLY | os.O_TRUNC,
-        0o600,
-    )
+    handle = os.open(printed, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600)
     for stream in (1, 2):
         os.dup2(handle, stream)
     sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
@@ -98,10 +94,7 @@ def run_to_end(action: Callable[[], object], folder: Path) -> tuple[int, float]:
 
 
 def kill_after(
-    action: Callable[[], object],
-    folder: Path,
-    seconds: float,
-    number: signal.Signals,
+    action: Callable[[], object], folder: Path, seconds: float, number: signal.Signals
 ) -> int:
     """Exit code of an action that gets a signal after some seconds."""
     process = fork_command(action, folder)

@@ -24,19 +24,11 @@ def sample_run() -> Measurements:
     """Eight seconds of the two-link arm at 50 Hz, of five decimals."""
     run = small_run(load_problem("two_link"), seconds=8.0, rate=50.0)
     q, dq, tau = (np.round(x, 5) for x in (run.q, run.dq, run.tau))
-    return Measurements(
-        np.round(run.t, 6),
-        q,
-        tau,
-        dq,
-    )
+    return Measurements(np.round(run.t, 6), q, tau, dq)
 
 
 def _write(
-    path: Path,
-    head: Sequence[str] | None,
-    columns: Sequence[object],
-    mark: str = ",",
+    path: Path, head: Sequence[str] | None, columns: Sequence[object], mark: str = ","
 ) -> None:
     """Columns of texts or numbers as one text table."""
     rows = zip(*(map(_cell, column) for column in columns), strict=True)  # type: ignore[call-overload]
@@ -59,29 +51,20 @@ def _blocks(*blocks: np.ndarray) -> list[np.ndarray]:
 
 def rtde(path: Path, run: Measurements) -> None:
     names = _numbered("actual_q_{}", "actual_qd_{}", "actual_current_{}", "target_q_{}")
-    columns = [
-        1234.5 + run.t,
-        *_blocks(run.q, run.dq, run.tau, run.q + 1e-4),
-    ]
+    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau, run.q + 1e-4)]
     _write(path, ["timestamp", *names], columns, " ")
 
 
 def rtde_torque(path: Path, run: Measurements) -> None:
     """As the controller makes torques of currents."""
     fields = ("actual_q_{}", "actual_qd_{}", "actual_current_as_torque_{}")
-    columns = [
-        1234.5 + run.t,
-        *_blocks(run.q, run.dq, run.tau),
-    ]
+    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau)]
     _write(path, ["timestamp", *_numbered(*fields)], columns, " ")
 
 
 def rtde_controller(path: Path, run: Measurements) -> None:
     names = _numbered("actual_q_{}", "actual_qd_{}", "target_moment_{}")
-    columns = [
-        1234.5 + run.t,
-        *_blocks(run.q, run.dq, run.tau),
-    ]
+    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau)]
     _write(path, ["timestamp", *names], columns, " ")
 
 
@@ -99,11 +82,7 @@ def ros2_echo(path: Path, run: Measurements) -> None:
     seconds, nanoseconds = _two_parts(run)
     names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
     blocks = _blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))
-    _write(
-        path,
-        None,
-        [seconds, nanoseconds, [""] * len(run.t), *names, *blocks],
-    )
+    _write(path, None, [seconds, nanoseconds, [""] * len(run.t), *names, *blocks])
 
 
 def bagpy(path: Path, run: Measurements) -> None:
@@ -114,79 +93,40 @@ def bagpy(path: Path, run: Measurements) -> None:
     late = [f"{START + t + 0.001:.4f}" for t in run.t]
     blocks = _blocks(run.q, run.dq, run.tau)
     count = list(range(len(run.t)))
-    _write(
-        path,
-        head,
-        [late, count, seconds, nanoseconds, *names, *blocks],
-    )
+    _write(path, head, [late, count, seconds, nanoseconds, *names, *blocks])
 
 
 def flattened(path: Path, run: Measurements) -> None:
     seconds, nanoseconds = _two_parts(run)
     fields = [f"{joint}_{x}" for x in ("position", "effort") for joint in JOINTS]
     head = ["header.stamp.sec", "header.stamp.nanosec", *fields]
-    _write(
-        path,
-        head,
-        [seconds, nanoseconds, *_blocks(run.q, run.tau)],
-    )
+    _write(path, head, [seconds, nanoseconds, *_blocks(run.q, run.tau)])
 
 
 def mujoco(path: Path, run: Measurements) -> None:
     head = ["time", *_numbered("qpos_{}", "qvel_{}", "qfrc_actuator_{}")]
-    _write(
-        path,
-        head,
-        [run.t, *_blocks(run.q, run.dq, run.tau)],
-    )
+    _write(path, head, [run.t, *_blocks(run.q, run.dq, run.tau)])
 
 
 def franka(path: Path, run: Measurements) -> None:
     fields = ("state.q[{}]", "state.q_d[{}]", "state.dq[{}]", "state.tau_J[{}]")
     head = ["time", "success_rate", *_numbered(*fields)]
-    blocks = _blocks(
-        run.q,
-        run.q + 1e-4,
-        run.dq,
-        run.tau,
-    )
-    _write(
-        path,
-        head,
-        [1e3 * run.t, np.ones(len(run.t)), *blocks],
-    )
+    blocks = _blocks(run.q, run.q + 1e-4, run.dq, run.tau)
+    _write(path, head, [1e3 * run.t, np.ones(len(run.t)), *blocks])
 
 
 def franka_old(path: Path, run: Measurements) -> None:
     fields = ("q[{}]", "q_d[{}]", "dq[{}]", "tau_J[{}]", "tau_ext_hat_filtered[{}]")
     head = ["duration", " success rate", *_numbered(*fields)]
-    blocks = _blocks(
-        run.q,
-        run.q + 1e-4,
-        run.dq,
-        run.tau,
-        0.1 * run.tau,
-    )
-    _write(
-        path,
-        head,
-        [1e3 * run.t, np.ones(len(run.t)), *blocks],
-        ", ",
-    )
+    blocks = _blocks(run.q, run.q + 1e-4, run.dq, run.tau, 0.1 * run.tau)
+    _write(path, head, [1e3 * run.t, np.ones(len(run.t)), *blocks], ", ")
 
 
 def kuka_rsi(path: Path, run: Measurements) -> None:
     """Degrees, a clock in milliseconds, and currents in per cent."""
     names = ("AIPos.A{}", "ASPos.A{}", "MACur.A{}")
-    head = [
-        "IPOC",
-        *(name.format(k) for name in names for k in (1, 2)),
-    ]
-    blocks = _blocks(
-        np.degrees(run.q),
-        np.degrees(run.q) + 0.01,
-        run.tau,
-    )
+    head = ["IPOC", *(name.format(k) for name in names for k in (1, 2))]
+    blocks = _blocks(np.degrees(run.q), np.degrees(run.q) + 0.01, run.tau)
     _write(path, head, [1e3 * run.t, *blocks])
 
 
@@ -218,13 +158,7 @@ def plotjuggler(path: Path, run: Measurements) -> None:
     rows = [",".join([*head, "/battery/voltage"])]
     for k, t in enumerate(run.t):
         q, tau = run.q[k], run.tau[k]
-        cells = [
-            f"{START + t:.6f}",
-            q[0],
-            tau[0],
-            q[1],
-            tau[1],
-        ]
+        cells = [f"{START + t:.6f}", q[0], tau[0], q[1], tau[1]]
         rows.append(",".join(map(str, cells)) + ",")
         rows.append(f"{START + t + 0.004:.6f},,,,,{24.0 + 0.01 * k:.2f}")
     path.write_text("\n".join(rows) + "\n")
@@ -278,11 +212,7 @@ def lerobot(path: Path, run: Measurements, word: str = "effort") -> None:
 
 def zero_based(path: Path, run: Measurements) -> None:
     head = ["t", *_numbered("q{}", "tau{}")]
-    _write(
-        path,
-        head,
-        [run.t, *_blocks(run.q, run.tau)],
-    )
+    _write(path, head, [run.t, *_blocks(run.q, run.tau)])
 
 
 def iso(path: Path, run: Measurements) -> None:
@@ -292,11 +222,7 @@ def iso(path: Path, run: Measurements) -> None:
         for t in run.t
     ]
     head = ["time", "q1", "q2", "tau1", "tau2"]
-    _write(
-        path,
-        head,
-        [stamps, *_blocks(run.q, run.tau)],
-    )
+    _write(path, head, [stamps, *_blocks(run.q, run.tau)])
 
 
 def lists(path: Path, run: Measurements) -> None:
@@ -314,11 +240,7 @@ def decimal_comma(path: Path, run: Measurements) -> None:
     """As a German spreadsheet writes it, with a row of units."""
     rows = ["t;q1;q2;tau1;tau2", "s;deg;deg;Nm;Nm"]
     for k, t in enumerate(run.t):
-        cells = [
-            t,
-            *np.degrees(run.q[k]),
-            *run.tau[k],
-        ]
+        cells = [t, *np.degrees(run.q[k]), *run.tau[k]]
         rows.append(";".join(f"{x:.8g}".replace(".", ",") for x in cells))
     path.write_text("\n".join(rows) + "\n")
 
@@ -326,14 +248,7 @@ def decimal_comma(path: Path, run: Measurements) -> None:
 def commented(path: Path, run: Measurements) -> None:
     """As numpy.savetxt writes a header."""
     head = "# " + " ".join(["t", *_numbered("q_{}", "dq_{}", "tau_{}")])
-    values = np.column_stack(
-        [
-            run.t,
-            run.q,
-            run.dq,
-            run.tau,
-        ]
-    )
+    values = np.column_stack([run.t, run.q, run.dq, run.tau])
     np.savetxt(path, values, "%.10g", header=head[2:])
 
 

@@ -80,13 +80,7 @@ def pick(items: Any, rng: Rng) -> Any:
 
 def odd_name(rng: Rng) -> str:
     """A hostile name that a column, a field or a link may have."""
-    return next(
-        hostile_names(
-            1,
-            of_files=False,
-            seed=int(rng.integers(10**6)),
-        )
-    )
+    return next(hostile_names(1, of_files=False, seed=int(rng.integers(10**6))))
 
 
 def _change_xml(content: bytes, rng: Rng) -> bytes:
@@ -164,13 +158,7 @@ def _change_csv(content: bytes, rng: Rng) -> bytes:
     elif way == 2:
         rows = [cells[:k] + cells[k + 1 :] for cells in rows]
     elif way == 3:
-        rows = [
-            [
-                *cells,
-                cells[min(k, len(cells) - 1)],
-            ]
-            for cells in rows
-        ]
+        rows = [[*cells, cells[min(k, len(cells) - 1)]] for cells in rows]
     elif way == 4:
         rows.insert(row, rows[0])
     elif way == 5:
@@ -228,11 +216,7 @@ def _random_place(document: Any, rng: Rng) -> tuple[Any, Any]:
         inner = inner[place]
 
 
-def _double_field(
-    document: Any,
-    inner: dict[str, Any],
-    place: str,
-) -> bytes:
+def _double_field(document: Any, inner: dict[str, Any], place: str) -> bytes:
     """The text of a document in which a field comes twice, with two values."""
     mark = "doubled-field"
     inner[mark] = inner[place]

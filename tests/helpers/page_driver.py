@@ -66,11 +66,7 @@ def started(folder: Path, *options: str) -> Server:
     command = [sys.executable, *PROGRAM, "page", "--no-browser", *options]
     environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": HOME}
     process = subprocess.Popen(
-        command,
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        text=True,
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True
     )
     printed = re.search(
         r"http://127\.0\.0\.1:(\d+)/\?key=(\S+)", process.stdout.readline()
@@ -117,11 +113,7 @@ def key(name: str) -> str:
     return f'[data-key="{name}"]'
 
 
-def open_page(
-    context: BrowserContext,
-    server: Server,
-    path: str = "new",
-) -> Page:
+def open_page(context: BrowserContext, server: Server, path: str = "new") -> Page:
     """A page whose faults fail the test, and whose every request stays on this
     computer."""
     page = context.new_page()
@@ -164,11 +156,7 @@ def pick(page: Page, robot: str) -> None:
     page.wait_for_selector(key("drop-runs"), state="attached")
 
 
-def choose(
-    page: Page,
-    robot: str,
-    data: list[Path],
-) -> None:
+def choose(page: Page, robot: str, data: list[Path]) -> None:
     """A robot and files with its runs, and on to Identify."""
     pick(page, robot)
     page.set_input_files(key("drop-runs"), [str(path) for path in data])

@@ -113,11 +113,7 @@ class Screen:
     """The page of a session, drawn without a browser; its controls are found by their
     keys."""
 
-    def __init__(
-        self,
-        session: Session,
-        folder: Path | None = None,
-    ) -> None:
+    def __init__(self, session: Session, folder: Path | None = None) -> None:
         from nicegui import Client, core
         from nicegui.page import page
 
@@ -162,10 +158,7 @@ class Screen:
             for child in slot.children
             if child.visible
         ]
-        return [
-            top,
-            *(e for child in children for e in self.under(child)),
-        ]
+        return [top, *(e for child in children for e in self.under(child))]
 
     def part(self, name: str) -> list[Any]:
         """All of a part, or of a stage."""
@@ -183,9 +176,7 @@ class Screen:
         ]
         return " ".join(
             re.sub(
-                r"<[^>]+>",
-                " ",
-                " ".join(x for x in told if isinstance(x, str)),
+                r"<[^>]+>", " ", " ".join(x for x in told if isinstance(x, str))
             ).split()
         )
 
@@ -201,15 +192,7 @@ class Screen:
         }
         out = {}
         for top, own in inside.items():
-            texts = [
-                getattr(
-                    e,
-                    kind,
-                    "",
-                )
-                for e in own
-                for kind in ("text", "content")
-            ]
+            texts = [getattr(e, kind, "") for e in own for kind in ("text", "content")]
             props = [
                 f"{k}={v}" for e in own for k, v in e.props.items() if k not in _PASSING
             ]
@@ -226,21 +209,14 @@ class Screen:
         """The figures of a part."""
         return [e.figure for e in self.part(name) if hasattr(e, "figure")]
 
-    def hear(
-        self,
-        element: Any,
-        kind: str,
-        args: Any = None,
-    ) -> None:
+    def hear(self, element: Any, kind: str, args: Any = None) -> None:
         """An event of an element."""
         from nicegui.events import GenericEventArguments
 
         for listener in list(element._event_listeners.values()):
             if listener.type == kind:
                 event = GenericEventArguments(
-                    sender=element,
-                    client=self.client,
-                    args=args,
+                    sender=element, client=self.client, args=args
                 )
                 self.do(listener.handler, event)
 

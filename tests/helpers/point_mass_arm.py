@@ -87,11 +87,7 @@ class Kinematics:
             [first[:, :, 2], second[:, :, 1], third[:, :, 1]],
         )
 
-    def place(
-        self,
-        link: int,
-        offset: tuple[float, float, float],
-    ) -> Array:
+    def place(self, link: int, offset: tuple[float, float, float]) -> Array:
         """(N, 3) where a point of a link is."""
         return self.origin[link] + self.rotation[link] @ np.array(offset)
 
@@ -110,11 +106,7 @@ class Trajectory:
         harmonics = np.array([1, 2, 3, 5])
         amplitude = rng.uniform(0.3, 1.0, (4, 3)) / harmonics[:, None]
         amplitude *= np.array([1.0, 0.6, 0.9]) / amplitude.sum(axis=0)
-        return cls(
-            harmonics,
-            amplitude,
-            rng.uniform(0.0, 2.0 * np.pi, (4, 3)),
-        )
+        return cls(harmonics, amplitude, rng.uniform(0.0, 2.0 * np.pi, (4, 3)))
 
     def at(self, t: Array) -> Array:
         """(N, 3) positions."""

@@ -170,13 +170,7 @@ def genuine(rng: np.random.Generator) -> Proof:
             "constant": texts(F0),
             "coefficients": texts(coefficients) if len(indices) else [],
         }
-        constraints.append(
-            {
-                **about,
-                "dual": texts(dual),
-                "entropy": entropy,
-            }
-        )
+        constraints.append({**about, "dual": texts(dual), "entropy": entropy})
     p = {
         "format": verify_proof.FORMAT,
         "kind": "optimum",
@@ -291,21 +285,13 @@ def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
         return with_entropy(p, v @ v.T, definite(rng, d)) | {"upper": repr(1e300)}
     v = v * float(rng.choice([0.0, 1.0]))
     dual = v @ v.T * float(rng.choice([1.0, -1.0])) * 2.0**-40
-    p = with_entropy(
-        p,
-        2.0 ** float(rng.integers(8, 40)) * np.eye(d),
-        dual,
-    )
+    p = with_entropy(p, 2.0 ** float(rng.integers(8, 40)) * np.eye(d), dual)
     best = value(p, number(p["theta"]))
     size = 1.0 + abs(best)
     return p | {"lower": repr(best + _CLEARLY * 2 * size), "upper": repr(best + size)}
 
 
-def with_entropy(
-    p: Proof,
-    F: np.ndarray,
-    dual: np.ndarray,
-) -> Proof:
+def with_entropy(p: Proof, F: np.ndarray, dual: np.ndarray) -> Proof:
     """The same with one more constraint, of a constant matrix that has an entropy."""
     e = {
         "weight": "1",
@@ -342,18 +328,7 @@ _NUMBERS = (
     " |{}_0|+{}|0x10|1/0|nan|inf||.5|--1|1e400|1e9999|\uff11|-|{}/1/2|{} /1|1/-2|1/3"
 )
 _NUMBERS += "|{}" + 5000 * "0" + "|1/" + 5000 * "2"
-_OTHERS: list[Any] = [
-    1,
-    0.5,
-    None,
-    True,
-    [],
-    {},
-    ["1"],
-    "one",
-    -1,
-    10**30,
-]
+_OTHERS: list[Any] = [1, 0.5, None, True, [], {}, ["1"], "one", -1, 10**30]
 
 
 def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
@@ -364,12 +339,7 @@ def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
     parent = pick.choice([p, p, *p["constraints"]])
     key = pick.choice([k for k in parent if k != "format"])
     indices = pick.choice([c["indices"] for c in p["constraints"]])
-    place = pick.choice(
-        [
-            "floor",
-            *(f for f in ("bound", "y", "rho") if p[f]),
-        ]
-    )
+    place = pick.choice(["floor", *(f for f in ("bound", "y", "rho") if p[f])])
     numbers = [p["floor"]] if place == "floor" else p[place]
     odd = pick.choice(_NUMBERS.split("|")).replace("{}", numbers[0])
     other = pick.choice(_OTHERS)
@@ -379,15 +349,7 @@ def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
     elif what == 1:
         parent["more"] = "1"
     elif what == 2 and indices:
-        indices[0] = pick.choice(
-            [
-                -1,
-                len(p["bound"]),
-                *indices[1:],
-                True,
-                "0",
-            ]
-        )
+        indices[0] = pick.choice([-1, len(p["bound"]), *indices[1:], True, "0"])
     elif what == 3:
         longer = [*numbers, "1"] if pick.random() < 0.5 else [odd, *numbers[1:]]
         p[place] = odd if place == "floor" else longer

@@ -44,11 +44,7 @@ def link_parameters(
     Its radius of gyration is at least ``thickness`` in every direction.
     """
     mass = float(rng.uniform(0.5, 5.0)) if mass is None else mass
-    gyration = rng.uniform(
-        thickness,
-        max(thickness, 0.25 * reach),
-        size=3,
-    )
+    gyration = rng.uniform(thickness, max(thickness, 0.25 * reach), size=3)
     r = rotation(rng)
     direction = rng.normal(size=3)
     centre = direction / np.linalg.norm(direction) * reach * rng.uniform(0.05, 0.3)
@@ -85,29 +81,17 @@ def tree(
                 pose(rng, 0.2) if link_frames else np.eye(4),
             )
         )
-    return Robot(
-        "random",
-        tuple(joints),
-        tuple(rng.normal(size=3) * 6.0),
-    )
+    return Robot("random", tuple(joints), tuple(rng.normal(size=3) * 6.0))
 
 
-def states(
-    robot: Robot,
-    count: int,
-    seed: int = 0,
-) -> tuple[Array, Array, Array]:
+def states(robot: Robot, count: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Random configurations, velocities and accelerations, each (count, n)."""
     dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n)) * 2.0
     return robot.random_configurations(count, seed), dq, ddq
 
 
 def sines(
-    rng: np.random.Generator,
-    n: int,
-    t: Array,
-    base_hz: float = 0.1,
-    harmonics: int = 5,
+    rng: np.random.Generator, n: int, t: Array, base_hz: float = 0.1, harmonics: int = 5
 ) -> Motion:
     """Sums of sines with exact derivatives: q, dq, ddq (N, n), speeds of about 1 rad/s
     or m/s."""
@@ -117,12 +101,7 @@ def sines(
     s = np.sin(wt)
     c = np.cos(wt)
     q = s @ (a / w).T - c @ (b / w).T + rng.uniform(-1, 1, n)
-    return Motion(
-        t,
-        q,
-        c @ a.T + s @ b.T,
-        -s @ (a * w).T + c @ (b * w).T,
-    )
+    return Motion(t, q, c @ a.T + s @ b.T, -s @ (a * w).T + c @ (b * w).T)
 
 
 def simulated(
@@ -135,17 +114,9 @@ def simulated(
 ) -> Measurements:
     """A run of this model along sums of sines, with white noise."""
     rng = np.random.default_rng(seed)
-    motion = sines(
-        rng,
-        model.robot.n,
-        np.arange(0.0, seconds, dt),
-    )
+    motion = sines(rng, model.robot.n, np.arange(0.0, seconds, dt))
     tau = model.torque(theta, motion)
-    return Measurements(
-        motion.t,
-        motion.q,
-        tau + noise * rng.normal(size=tau.shape),
-    )
+    return Measurements(motion.t, motion.q, tau + noise * rng.normal(size=tau.shape))
 
 
 def driven(
@@ -161,33 +132,19 @@ def driven(
     robot = tree(rng, 3)
     model = Model(robot, parse_effects(effects, robot))
     links = [link_parameters(rng, 0.4) for _ in robot.joints]
-    theta = np.concatenate(
-        [
-            *links,
-            rng.uniform(0.1, 1.0, len(model.parameters) - 30),
-        ]
-    )
+    theta = np.concatenate([*links, rng.uniform(0.1, 1.0, len(model.parameters) - 30)])
     return model, theta, simulated(model, theta, rng, noise, seconds, dt)
 
 
 def open_problem(robot: Robot, nominal: Array) -> Problem:
     """A robot without bounds, and its nominal links (n, 10)."""
     return Problem(
-        "random",
-        "random",
-        robot,
-        open_box(robot.n, 0.01),
-        nominal,
-        torque_side="link",
+        "random", "random", robot, open_box(robot.n, 0.01), nominal, torque_side="link"
     )
 
 
 def with_box(
-    problem: Problem,
-    link: int,
-    entry: int,
-    low: float,
-    high: float,
+    problem: Problem, link: int, entry: int, low: float, high: float
 ) -> Problem:
     """A problem with other bounds on one parameter of a link."""
     box = problem.box.copy()
@@ -222,10 +179,7 @@ def task_of(problem: Problem) -> Task:
 
 
 def posed_task(
-    problem: Problem,
-    run: Measurements,
-    effects: str | None = None,
-    seed: int = 0,
+    problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0
 ) -> Task:
     """What estimators are given of a run, under the problem's own filters."""
     model = problem.model(effects)
@@ -252,19 +206,8 @@ def repeating_run(
     theta = problem.nominal(model)
     theta[len(model.rigid_indices) :] = 0.4
     t = np.arange(0.0, seconds, 4e-3)
-    motion = sines(
-        np.random.default_rng(motion_seed),
-        problem.robot.n,
-        t,
-        base,
-        5,
-    )
+    motion = sines(np.random.default_rng(motion_seed), problem.robot.n, t, base, 5)
     tau = model.torque(theta, motion)
     return Measurements(
-        t,
-        motion.q,
-        tau + noise * rng.normal(size=tau.shape),
-        None,
-        None,
-        (f"r{seed}",),
+        t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, (f"r{seed}",)
     )

@@ -65,11 +65,7 @@ def same_refusal(kind: str, name: str, sentence: str) -> bool:
     about, what is wrong, and words of the remedy. It is one sentence."""
     a_sentence(sentence)
     asked = refusals(kind)[name][-1]
-    words = [
-        asked.get("file", ""),
-        *asked["words"],
-        *asked["remedy"],
-    ]
+    words = [asked.get("file", ""), *asked["words"], *asked["remedy"]]
     missing = [word for word in words if word not in sentence]
     assert not missing, f"{missing} not in: {sentence}"
     return True
@@ -80,9 +76,7 @@ def said(text: str) -> dict[str, Any]:
     what differs from day to day or is rounding: seconds of work, names of copies, gaps.
     """
     text = re.sub(
-        rf"{_NUMBER}e-\d+|file-[0-9a-f]{{16}}|identified in {_NUMBER} s",
-        "~",
-        text,
+        rf"{_NUMBER}e-\d+|file-[0-9a-f]{{16}}|identified in {_NUMBER} s", "~", text
     )
     words = "_".join(re.sub(_NUMBER, "#", text).split())
     words = (
@@ -117,12 +111,7 @@ def brief(value: Any) -> Any:
         else {}
     )
     found = [y for x in leaves for y in (_numbers(x) if isinstance(x, str) else [x])]
-    x = np.nan_to_num(
-        np.array(found, float),
-        nan=-1.0,
-        posinf=1e9,
-        neginf=-1e9,
-    )
+    x = np.nan_to_num(np.array(found, float), nan=-1.0, posinf=1e9, neginf=-1e9)
     sizes = (
         [np.sqrt(np.mean(y**2)) for y in (x, x * np.linspace(1.0, 2.0, len(x)))]
         if found
@@ -145,10 +134,7 @@ def _leaves(value: Any) -> Iterator[Any]:
 
 
 def differences(
-    kept: Any,
-    found: Any,
-    where: str = "",
-    least: float = 1e-7,
+    kept: Any, found: Any, where: str = "", least: float = 1e-7
 ) -> list[str]:
     """Where two of them differ: numbers by more than processors round."""
     if (

@@ -56,11 +56,7 @@ def read_cbf(path: str | Path) -> ConicProblem:
         at, weight = _psd_row(int(i), int(j))
         b[int(starts[int(block)]) + at] = float(value) * weight
     return ConicProblem(
-        sparse.csc_matrix((m, m)),
-        q,
-        sparse.csc_matrix(A),
-        b,
-        (*cones, *psd),
+        sparse.csc_matrix((m, m)), q, sparse.csc_matrix(A), b, (*cones, *psd)
     )
 
 
@@ -77,11 +73,7 @@ def outside_optimum(program: str, folder: Path) -> float:
         pytest.skip(f"the program {program} is not installed")
     command, printed = PROGRAMS[program]
     done = subprocess.run(
-        command.split(),
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
+        command.split(), cwd=folder, capture_output=True, text=True, check=False
     )
     text = done.stdout + "".join(p.read_text() for p in folder.glob("answer"))
     return float(re.findall(printed, text)[-1])

@@ -68,10 +68,7 @@ def log(
     q, tau = np.array(positions), np.array(drives)
     rng = np.random.default_rng(seed + 1)
     logged = q[::20] + noise * rng.normal(size=len(t[::20]))
-    groups = {
-        "q": logged[:, None],
-        "qcmd": told[::20, None],
-    }
+    groups = {"q": logged[:, None], "qcmd": told[::20, None]}
     groups |= {"tau": tau[::20, None]} if torque else {}
     return Measurements.of(t[::20], groups, (f"run{seed}",))
 

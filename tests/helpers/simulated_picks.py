@@ -15,10 +15,7 @@ def thinned(run: Measurements, rate: float) -> Measurements:
     """A run at a lower rate, its clock from zero."""
     step = round(1.0 / (rate * float(np.median(np.diff(run.t)))))
     return Measurements(
-        run.t[::step] - run.t[0],
-        run.q[::step],
-        run.tau[::step],
-        names=run.names,
+        run.t[::step] - run.t[0], run.q[::step], run.tau[::step], names=run.names
     )
 
 
@@ -39,19 +36,12 @@ class SimulatedPicks:
         """The motion, its load changed at these instants [s], bare at first."""
         t = self.bare.t
         is_loaded = np.searchsorted(changes, t, side="right") % 2 == 1
-        tau = np.where(
-            is_loaded[:, None],
-            self.loaded.tau,
-            self.bare.tau,
-        )
+        tau = np.where(is_loaded[:, None], self.loaded.tau, self.bare.tau)
         return replace(self.bare, tau=tau)
 
 
 def simulated_picks(
-    name: str,
-    mass: float,
-    seed: int,
-    rate: float = 200.0,
+    name: str, mass: float, seed: int, rate: float = 200.0
 ) -> SimulatedPicks:
     """Of a built-in arm, at a rate [1/s], with friction and noise of the simulator's
     own."""

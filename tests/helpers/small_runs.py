@@ -15,10 +15,7 @@ from sdp_vs_penalty.signals import Preprocessing
 
 
 def small_run(
-    problem: Problem,
-    seconds: float = 6.0,
-    seed: int = 0,
-    rate: float = 100.0,
+    problem: Problem, seconds: float = 6.0, seed: int = 0, rate: float = 100.0
 ) -> Measurements:
     """A run of sums of sines by the problem's nominal robot with some friction and
     noise."""
@@ -37,19 +34,11 @@ def small_run(
     theta = problem.nominal(model)
     theta[len(model.rigid_indices) :] = 0.5
     tau = model.torque(theta, Motion(t, q, dq, ddq))
-    return Measurements(
-        t,
-        q,
-        tau + 0.05 * rng.normal(size=tau.shape),
-        dq,
-    )
+    return Measurements(t, q, tau + 0.05 * rng.normal(size=tau.shape), dq)
 
 
 def write_run(
-    path: Path,
-    problem: Problem,
-    seconds: float = 6.0,
-    seed: int = 0,
+    path: Path, problem: Problem, seconds: float = 6.0, seed: int = 0
 ) -> Path:
     save(small_run(problem, seconds, seed), path)
     return path
@@ -86,11 +75,7 @@ def write_bag(
             effort = np.zeros(0) if change.get("no_effort") else run.tau[k, order]
             velocity = run.dq[k, order] if run.dq is not None else np.zeros(0)
             gripper = state(
-                header(at, ""),
-                ["finger"],
-                np.zeros(1),
-                np.zeros(1),
-                np.zeros(1),
+                header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1)
             )
             for number, connection in enumerate(connections):
                 position = run.q[k, order] + number
@@ -128,9 +113,7 @@ def hostile_log(seed: int) -> Measurements:
     constant channels."""
     rng = np.random.default_rng(seed)
     run = small_run(
-        load_problem("two_link"),
-        seconds=float(rng.uniform(1.0, 6.0)),
-        seed=seed % 7,
+        load_problem("two_link"), seconds=float(rng.uniform(1.0, 6.0)), seed=seed % 7
     )
     wild = rng.random() < 0.5
     for _ in range(int(rng.integers(1, 5))):
@@ -168,10 +151,7 @@ JOINTS = 4
 
 
 def periodic(
-    rng: np.random.Generator,
-    t: np.ndarray,
-    period: float,
-    joints: int = 3,
+    rng: np.random.Generator, t: np.ndarray, period: float, joints: int = 3
 ) -> np.ndarray:
     """Five harmonics a joint (N, joints)."""
     w = 2.0 * np.pi / period * np.arange(1, 6)
@@ -195,20 +175,10 @@ def run_of(
     """
     t = np.arange(0.0, still + seconds, dt)
     clock = np.maximum(t - still, 0.0) + first
-    q = periodic(
-        np.random.default_rng(seed // 10),
-        clock,
-        period,
-        JOINTS,
-    )
+    q = periodic(np.random.default_rng(seed // 10), clock, period, JOINTS)
     q = q * [1.0, 0.3, 2.0, 0.0] + [0.0, 1.0, -3.0, 0.7]
     q += 1e-4 * np.random.default_rng(seed).normal(size=q.shape)
-    return Measurements(
-        t,
-        q,
-        np.ones_like(q),
-        names=(f"run {seed}",),
-    )
+    return Measurements(t, q, np.ones_like(q), names=(f"run {seed}",))
 
 
 def write_joint_states(path: Path, messages: Any) -> None:
@@ -230,13 +200,5 @@ def write_joint_states(path: Path, messages: Any) -> None:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
             at = round(t * 1e9) + 1_700_000_000 * 10**9
             head = header(stamp(sec=at // 10**9, nanosec=at % 10**9), "")
-            message = state(
-                head,
-                list(names),
-                *(np.array(x, float) for x in fields),
-            )
-            writer.write(
-                connections[topic],
-                at,
-                store.serialize_cdr(message, kind),
-            )
+            message = state(head, list(names), *(np.array(x, float) for x in fields))
+            writer.write(connections[topic], at, store.serialize_cdr(message, kind))

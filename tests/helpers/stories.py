@@ -78,8 +78,7 @@ def plain(text: str) -> str:
 
 
 def _simulated(
-    problem: str,
-    effects: list[tuple[str, list[int]]],
+    problem: str, effects: list[tuple[str, list[int]]]
 ) -> list[Measurements]:
     """Runs with effects hidden; joints from 0."""
     if not effects:
@@ -153,11 +152,7 @@ def bad_data() -> tuple[str, list[Measurements]]:
     runs = _simulated("two_link", [])
 
     def spikes(run: Measurements) -> np.ndarray:
-        return np.where(
-            np.arange(len(run.t)) % 900 == 500,
-            1e4,
-            0.0,
-        )
+        return np.where(np.arange(len(run.t)) % 900 == 500, 1e4, 0.0)
 
     return "two_link", _with_torque(runs, spikes)
 
@@ -193,11 +188,7 @@ def panda() -> tuple[str, list[Measurements]]:
 
     run = load_measurements(Path(os.environ["SDP_VS_PENALTY_DATA"]) / "panda", joints=7)
     end = float(run.t[-1])
-    parts = [
-        (0.0, 0.35 * end),
-        (0.36 * end, 0.7 * end),
-        (0.71 * end, end),
-    ]
+    parts = [(0.0, 0.35 * end), (0.36 * end, 0.7 * end), (0.71 * end, end)]
     return "panda", [run.window(start, stop) for start, stop in parts]
 
 
@@ -241,23 +232,9 @@ def by_commands(story: Story) -> None:
             run("both", "compare", model, better, *compared, folder / "both.json")
             models.append(better)
     findings = ["--findings", found] if found.exists() else []
-    run(
-        "report",
-        "report",
-        *models,
-        "--data",
-        test,
-        *findings,
-        "--out",
-        report,
-    )
+    run("report", "report", *models, "--data", test, *findings, "--out", report)
     assert report.exists(), story.said["report"]
-    text = re.sub(
-        r"<(script|style).*?</\1>",
-        "",
-        report.read_text(),
-        flags=re.DOTALL,
-    )
+    text = re.sub(r"<(script|style).*?</\1>", "", report.read_text(), flags=re.DOTALL)
     story.said["html"] = plain(text)
 
 
@@ -266,12 +243,7 @@ def by_page(story: Story) -> None:
     session = Sessions(Here()).new()
     story.screen = Screen(session)
     name = Path(story.problem).name if ".urdf" in story.problem else None
-    story.screen.do(
-        session.start,
-        session.choose_robot,
-        story.problem,
-        name,
-    )
+    story.screen.do(session.start, session.choose_robot, story.problem, name)
     session.arrived |= {name: story.folder / name for name in story.names}
     story.screen.do(session.read_arrived)
     if session.meaningless:

@@ -13,11 +13,7 @@ EFFECTS = (
 )
 
 
-def arm(
-    name: str,
-    effects: str,
-    gains: tuple[float, ...] | None = None,
-) -> ArmModel:
+def arm(name: str, effects: str, gains: tuple[float, ...] | None = None) -> ArmModel:
     robot = load_problem(name).robot
     model = Model(robot, parse_effects(effects, robot), gains=gains)
     theta = np.random.default_rng(0).normal(size=len(model.parameters))
@@ -31,19 +27,9 @@ def test_the_torque_is_the_models(name):
     for scale in (1e-4, 1e-2, 1.0):
         q, dq, ddq = rng.normal(size=(3, one.n)) * [[1.0], [scale], [1.0]]
         one.update(q, dq, ddq)
-        motion = Motion(
-            np.zeros(1),
-            q[None],
-            dq[None],
-            ddq[None],
-        )
+        motion = Motion(np.zeros(1), q[None], dq[None], ddq[None])
         torque = one.model.torque(one.theta, motion)[0]
-        np.testing.assert_allclose(
-            one.torque,
-            torque,
-            atol=1e-4,
-            rtol=1e-4,
-        )
+        np.testing.assert_allclose(one.torque, torque, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur10e", "dvrk_psm"])
@@ -82,16 +68,9 @@ def test_a_cubic_comes_out_exactly_and_late_by_the_delay(rate):
         is_full = one.push(np.array([1.0 + t - t**2 + t**3]), out)
     then = t - one.delay
     assert is_full
-    expected = [
-        1.0 + then - then**2 + then**3,
-        1 - 2 * then + 3 * then**2,
-    ]
+    expected = [1.0 + then - then**2 + then**3, 1 - 2 * then + 3 * then**2]
     np.testing.assert_allclose(out[:2, 0], expected)
-    np.testing.assert_allclose(
-        out[2, 0],
-        -2.0 + 6.0 * then,
-        atol=1e-6,
-    )
+    np.testing.assert_allclose(out[2, 0], -2.0 + 6.0 * then, atol=1e-6)
 
 
 def test_a_delay_beyond_fifty_milliseconds_is_refused():

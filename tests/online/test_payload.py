@@ -23,12 +23,7 @@ from sdp_vs_penalty import (
     identify,
 )
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.online import (
-    Payload,
-    PayloadChange,
-    PayloadPrior,
-    ResidualNoise,
-)
+from sdp_vs_penalty.online import Payload, PayloadChange, PayloadPrior, ResidualNoise
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 
@@ -36,11 +31,7 @@ RATE = 200.0
 
 
 @cache
-def carried(
-    name: str,
-    mass: float,
-    seed: int = 5,
-) -> SimulatedPicks:
+def carried(name: str, mass: float, seed: int = 5) -> SimulatedPicks:
     """A robot that picks up a mass [kg]."""
     return simulated_picks(name, mass, seed)
 
@@ -76,11 +67,7 @@ class Replay:
 
 
 #: Instants at which a payload is looked at, by the instant of its pick [s].
-INSTANTS = {
-    4.0: (4.5, 6.0, 8.0, 14.0),
-    9.5: (10.0,),
-    13.2: (13.7,),
-}
+INSTANTS = {4.0: (4.5, 6.0, 8.0, 14.0), 9.5: (10.0,), 13.2: (13.7,)}
 #: A stream begins so long before its first pick [s]: filters and offsets have settled.
 LEAD = 3.0
 
@@ -238,12 +225,7 @@ def test_a_light_pick_while_friction_drifts_is_weighed(arm, estimator):
 @pytest.mark.long
 def test_an_estimator_that_holds_friction_takes_its_drift_for_a_payload(arm, noise):
     """What the drift's columns prevent: the streams above are no easy ones."""
-    estimator = PayloadEstimator(
-        arm.estimate,
-        noise,
-        RATE,
-        drift=0.0,
-    )
+    estimator = PayloadEstimator(arm.estimate, noise, RATE, drift=0.0)
     run = arm.training[0].window(0.0, 10.0)
     assert play(estimator, drifting(arm, run, friction_falls)) != []
 
@@ -256,16 +238,7 @@ def test_late_and_missing_samples_change_little(arm, estimator, picked):
     rows = np.flatnonzero(rng.random(len(run.t)) > 0.1)
     late = run.t + 0.1 / RATE * rng.random(len(run.t))
     q, tau = [
-        np.column_stack(
-            [
-                np.interp(
-                    late,
-                    run.t,
-                    x,
-                )
-                for x in signal.T
-            ]
-        )
+        np.column_stack([np.interp(late, run.t, x) for x in signal.T])
         for signal in (run.q, run.tau)
     ]
     loose = Measurements(late[rows], q[rows], tau[rows])
@@ -277,11 +250,7 @@ def test_late_and_missing_samples_change_little(arm, estimator, picked):
 def test_a_gap_starts_the_filters_anew(arm, estimator):
     run = arm.stream(4.0).window(4.0 - LEAD, 8.5)
     lost = (run.t > 6.0) & (run.t < 7.0)
-    rest = Measurements(
-        run.t[~lost],
-        run.q[~lost],
-        run.tau[~lost],
-    )
+    rest = Measurements(run.t[~lost], run.q[~lost], run.tau[~lost])
     assert [x.kind for x in play(estimator, rest)] == ["picked up"]
 
 
@@ -295,27 +264,14 @@ BAD = {
 @pytest.mark.parametrize("what", BAD)
 def test_a_sample_that_cannot_be_used_is_refused(arm, estimator, what):
     run = arm.bare
-    estimator.update(
-        run.t[0],
-        run.q[0],
-        run.tau[0],
-    )
+    estimator.update(run.t[0], run.q[0], run.tau[0])
     with pytest.raises(InputError, match=what):
-        BAD[what](
-            estimator,
-            run.t[0],
-            run.q[0],
-            run.tau[0],
-        )
+        BAD[what](estimator, run.t[0], run.q[0], run.tau[0])
 
 
 def test_a_calibration_that_is_too_short_is_refused(arm):
     with pytest.raises(InputError, match="too short"):
-        PayloadEstimator.calibrated(
-            arm.estimate,
-            arm.bare.window(0.0, 0.5),
-            RATE,
-        )
+        PayloadEstimator.calibrated(arm.estimate, arm.bare.window(0.0, 0.5), RATE)
 
 
 def test_a_calibration_in_which_a_joint_hardly_moves_is_refused(arm):
@@ -334,14 +290,7 @@ def test_an_update_keeps_no_memory(arm, estimator):
     import tracemalloc
 
     run = arm.stream(4.0).window(4.0 - LEAD, 8.0)
-    rows = list(
-        zip(
-            run.t.tolist(),
-            run.q,
-            run.tau,
-            strict=True,
-        )
-    )
+    rows = list(zip(run.t.tolist(), run.q, run.tau, strict=True))
     for row in rows[:1000]:
         estimator.update(*row)
     tracemalloc.start()
@@ -355,12 +304,7 @@ def test_an_update_keeps_no_memory(arm, estimator):
     assert peak - before < 16384
 
 
-def with_ball(
-    path,
-    mass: float,
-    com: np.ndarray,
-    radius: float,
-) -> None:
+def with_ball(path, mass: float, com: np.ndarray, radius: float) -> None:
     """Hang a ball on the last body of a MuJoCo file."""
     tree = ElementTree.parse(path)
     *_, last = tree.getroot().iter("body")
@@ -384,9 +328,7 @@ def exact() -> Estimate:
 
 
 def mujoco_torque(
-    path,
-    estimate: Estimate,
-    states: tuple[np.ndarray, np.ndarray, np.ndarray],
+    path, estimate: Estimate, states: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> np.ndarray:
     from dynamics_files import by_mujoco
 
@@ -407,10 +349,7 @@ def test_torques_of_mujoco_are_weighed_as_well(exact: Estimate, tmp_path):
     with_ball(path, mass, com, 0.05)
     added = mujoco_torque(path, exact, states) - bare
     noise = ResidualNoise(
-        0.01 * np.abs(bare).max(axis=0),
-        0.1,
-        1.0,
-        np.abs(states[2]).max(axis=0),
+        0.01 * np.abs(bare).max(axis=0), 0.1, 1.0, np.abs(states[2]).max(axis=0)
     )
     own = exact.predict(*states, t)
     rng = np.random.default_rng(0)
@@ -436,9 +375,7 @@ def ur10e(ur10e_runs) -> Callable[[], PayloadEstimator]:
     run = ur10e_runs["19_14harm50sec"]
     estimate = identify("ur10e", run, known_loads=loads, check=False)
     noise = PayloadEstimator.calibrated(
-        estimate,
-        ur10e_runs["12-50sec_12harm"],
-        100.0,
+        estimate, ur10e_runs["12-50sec_12harm"], 100.0
     ).noise
     return lambda: PayloadEstimator(estimate, noise, 100.0)
 

@@ -20,10 +20,7 @@ from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page import JobRequest, chosen_effects
 
-STORIES = {
-    "spring": stories.spring,
-    "bad data": stories.bad_data,
-}
+STORIES = {"spring": stories.spring, "bad data": stories.bad_data}
 LONGER = {
     "hum": stories.hum,
     "own arm": stories.own_arm,
@@ -40,11 +37,7 @@ CASES = [
         for name, make in LONGER.items()
     ),
     *(
-        pytest.param(
-            make,
-            id=name,
-            marks=[pytest.mark.long, pytest.mark.real_data],
-        )
+        pytest.param(make, id=name, marks=[pytest.mark.long, pytest.mark.real_data])
         for name, make in REAL.items()
     ),
 ]
@@ -95,9 +88,7 @@ def test_page_and_terminal_refuse_the_same_runs(story):
 
 def test_page_and_terminal_name_the_same_issues(story):
     for checked, run in zip(
-        story.json("check.json")["runs"],
-        story.session.runs,
-        strict=True,
+        story.json("check.json")["runs"], story.session.runs, strict=True
     ):
         named = [
             (issue["kind"], issue["where"])
@@ -276,11 +267,7 @@ def test_an_extended_model_is_the_same_on_the_page(extended):
     sure = [f.text for f in extended.session.findings.sure]
     if len(sure) != 1:
         pytest.skip("the page adds several findings one by one")
-    extended.screen.do(
-        extended.session.start,
-        extended.session.add,
-        sure,
-    )
+    extended.screen.do(extended.session.start, extended.session.add, sure)
     written = extended.json("both.json")["models"][1]["facts"]
     shown = extended.session.current.comparison["facts"]
     assert texts(shown) == texts(written)

@@ -141,16 +141,10 @@ def test_the_page_is_accessible_and_what_is_taken_away_works(story, files):
     folder = story["folder"]
     robot, links = load_urdf(folder / "robot.urdf", (0.0, 0.0, -9.81))
     model = load_estimate(folder / "model.json")
-    states = np.random.default_rng(0).uniform(
-        -2.0,
-        2.0,
-        (3, 50, 2),
-    )
+    states = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 50, 2))
     wanted = model.robot.inverse_dynamics(model.links.ravel(), *states)
     np.testing.assert_allclose(
-        robot.inverse_dynamics(links.ravel(), *states),
-        wanted,
-        atol=1e-9,
+        robot.inverse_dynamics(links.ravel(), *states), wanted, atol=1e-9
     )
     assert "<mujoco" in (folder / "robot.xml").read_text()
     address = story["page"].url.partition("#")[0]
@@ -202,15 +196,10 @@ def test_the_report_draws_and_is_accessible(story, browser):
 
 @pytest.mark.long
 def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
-    story,
-    browser,
-    server,
+    story, browser, server
 ):
     with driver.a_context(
-        browser,
-        viewport=driver.PHONE,
-        color_scheme="dark",
-        has_touch=True,
+        browser, viewport=driver.PHONE, color_scheme="dark", has_touch=True
     ) as context:
         without_stage = story["page"].url.partition("#")[0]
         page = open_page(context, server, without_stage.removeprefix(server.address))
@@ -262,13 +251,7 @@ def test_with_the_keyboard_alone(context, server, files):
     page.wait_for_selector(key("drop-runs"))
     with page.expect_file_chooser() as chooser:
         press("drop-runs")
-    chooser.value.set_files(
-        [
-            str(files[0]),
-            str(files[1]),
-            str(files[2]),
-        ]
-    )
+    chooser.value.set_files([str(files[0]), str(files[1]), str(files[2])])
     page.wait_for_selector("table.runs")
     idle(page)
     for step in ("measure", "check"):
@@ -332,11 +315,7 @@ def test_files_can_be_dragged_onto_the_page(context, server, two_link):
 
 
 def test_other_sites_and_names_get_nothing(server):
-    def status(
-        method: str,
-        path: str,
-        headers: dict[str, str],
-    ) -> int:
+    def status(method: str, path: str, headers: dict[str, str]) -> int:
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
         connection.request(method, path, headers=headers)
         answer = connection.getresponse()

@@ -83,18 +83,14 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     tau = run.tau.copy()
     tau[[500, 900, 1300], 1] += 500.0
     s = opened(
-        here,
-        "two_link",
-        **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv"),
+        here, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv")
     )
     (before,) = s.runs
     assert [f["kind"] for f in before["findings"] if f["can_fix"]] == ["spikes"]
     drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"])
     (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
     np.testing.assert_allclose(
-        numbers(crosses["x"]),
-        run.t[[500, 900, 1300]] - run.t[0],
-        rtol=1e-4,
+        numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4
     )
     do(s, lambda: s.mend(before["file"]))
     (run,) = s.runs
@@ -256,14 +252,7 @@ def receive(folder: Path, name: str, *chunks: bytes) -> Path:
         for chunk in chunks:
             yield chunk
 
-    return asyncio.run(
-        tabs.receive(
-            folder,
-            name,
-            pieces(),
-            "runs",
-        )
-    )
+    return asyncio.run(tabs.receive(folder, name, pieces(), "runs"))
 
 
 def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
@@ -284,15 +273,7 @@ def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
             yield b"0" * 2**16
 
     async def all_at_once() -> list[Path | BaseException]:
-        sent = (
-            tabs.receive(
-                tmp_path,
-                f"{k}.csv",
-                slowly(),
-                "runs",
-            )
-            for k in range(8)
-        )
+        sent = (tabs.receive(tmp_path, f"{k}.csv", slowly(), "runs") for k in range(8))
         return await asyncio.gather(*sent, return_exceptions=True)
 
     kept = [path for path in asyncio.run(all_at_once()) if isinstance(path, Path)]
@@ -318,9 +299,7 @@ def test_silence_and_lost_connections_leave_nothing(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "shown",
-    [False, True],
-    ids=["not connected yet", "all lost at once"],
+    "shown", [False, True], ids=["not connected yet", "all lost at once"]
 )
 def test_tabs_without_a_connection_are_kept_a_while(shown, sessions, monkeypatch):
     """None of twenty that are opened at once, or lose their connections at once, is
@@ -356,21 +335,9 @@ def answer(
     async def send(message: Any) -> None:
         sent.append(message)
 
-    scope = {
-        "type": kind,
-        "method": "GET",
-        "path": "/",
-        "query_string": b"",
-        **scope,
-    }
+    scope = {"type": kind, "method": "GET", "path": "/", "query_string": b"", **scope}
     scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
-    asyncio.run(
-        guarded(app, 99, "secret")(
-            scope,
-            None,
-            send,
-        )
-    )
+    asyncio.run(guarded(app, 99, "secret")(scope, None, send))
     return bool(reached), sent
 
 
@@ -425,11 +392,7 @@ def test_an_error_of_a_request_is_one_line(capsys):
 def test_the_printed_address_lets_in_once(path, query, to):
     """The key leaves the address bar, and stays in a cookie that scripts and other
     sites do not get."""
-    reached, sent = answer(
-        {"host": "127.0.0.1:99"},
-        path=path,
-        query_string=query,
-    )
+    reached, sent = answer({"host": "127.0.0.1:99"}, path=path, query_string=query)
     assert not reached  # without the cookie
     headers = dict(sent[0]["headers"])
     if to is None:
@@ -526,13 +489,7 @@ def test_a_file_of_unknown_columns_offers_them_to_be_chosen(here, strange):
     s.arrived["strange.csv"] = strange
     refusal(lambda: do(s, s.read_files), "strange.csv")
     (mapping,) = s.mappings
-    chosen = dict(
-        zip(
-            mapping["ours"],
-            mapping["chosen"],
-            strict=True,
-        )
-    )
+    chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
     assert chosen["q2"] == "q2"
     assert chosen["tau1"] == ""
 
@@ -570,11 +527,7 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
 
 
 def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):
-    s = opened(
-        here,
-        "two_link",
-        **saved(tmp_path, hidden.runs[:1], "run.csv"),
-    )
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "run.csv"))
     before = s.runs[0]["split"]
     do(s, lambda: s.split(s.runs[0]["file"], 55))
     after = s.runs[0]["split"]
@@ -583,11 +536,7 @@ def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):
 
 
 def test_at_least_a_fifth_of_a_single_run_is_kept_for_testing(here, hidden, tmp_path):
-    s = opened(
-        here,
-        "two_link",
-        **saved(tmp_path, hidden.runs[:1], "run.csv"),
-    )
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "run.csv"))
     split = s.runs[0]["split"]
     assert split["test_seconds"] >= 0.2 * s.runs[0]["seconds"]
 

@@ -69,14 +69,7 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
         if not is_recorded:
             return
         passing = rf"{session.token}|[0-9a-f-]{{36}}|arms\[\d+|Arm\(\d+|[0-9.]+e-\d+"
-        scripts = [
-            re.sub(
-                passing,
-                "~",
-                code,
-            )
-            for code in screen.scripts
-        ]
+        scripts = [re.sub(passing, "~", code) for code in screen.scripts]
         drawn = screen.drawn() | {"scripts": scripts}
         figures[name] = {k: x for k, x in drawn.items() if shown.get(k) != brief(x)}
         shown.update({k: brief(x) for k, x in drawn.items()})
@@ -111,9 +104,7 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     look("joint 2")
     (chart, _) = (e for e in screen.part("fit") if hasattr(e, "figure"))
     screen.hear(
-        chart,
-        "plotly_relayout",
-        {"xaxis2.range[0]": 3, "xaxis2.range[1]": 5.0},
+        chart, "plotly_relayout", {"xaxis2.range[0]": 3, "xaxis2.range[1]": 5.0}
     )
     look("zoomed")
     screen.hear(chart, "plotly_relayout", {"xaxis.autorange": True})
@@ -181,11 +172,7 @@ def test_fit_is_that_of_the_models(story):
     t = signals.t - signals.t[0]
     labels = [step.label for step in story.session.history]
     modelled = dict(
-        zip(
-            labels,
-            (before.signals.modelled, signals.modelled),
-            strict=True,
-        )
+        zip(labels, (before.signals.modelled, signals.modelled), strict=True)
     )
     curves = {"measured": signals.measured, **modelled}
     curves |= {f"{k}-": signals.measured - x for k, x in modelled.items()}
@@ -193,23 +180,11 @@ def test_fit_is_that_of_the_models(story):
     points = traces(error)
     assert set(drawn) == set(curves)
     for name, (x, y) in drawn.items():
-        np.testing.assert_allclose(
-            y,
-            np.interp(x, t, curves[name][:, 1]),
-            atol=3e-3,
-        )
+        np.testing.assert_allclose(y, np.interp(x, t, curves[name][:, 1]), atol=3e-3)
     for name, x in (("error of the first model", before.signals), ("error", signals)):
         keep = np.unique(np.linspace(0, len(t) - 1, 800).astype(int))
-        np.testing.assert_allclose(
-            points[name][0],
-            x.q[keep, 1],
-            atol=1e-5,
-        )
-        np.testing.assert_allclose(
-            points[name][1],
-            x.residual[keep, 1],
-            atol=1e-4,
-        )
+        np.testing.assert_allclose(points[name][0], x.q[keep, 1], atol=1e-5)
+        np.testing.assert_allclose(points[name][1], x.residual[keep, 1], atol=1e-4)
 
 
 def test_what_was_answered_is_of_the_model_that_was_asked(story):
@@ -234,10 +209,7 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     (one,) = story.session.history[0].findings.effects
     doubt = (Doubt("small"),)
     weak = replace(one, confidence="weak", text="x", doubts=doubt)
-    found = replace(
-        story.session.history[0].findings,
-        effects=(one, weak),
-    )
+    found = replace(story.session.history[0].findings, effects=(one, weak))
     session = Sessions(Here()).new()
     called: list[tuple[Any, ...]] = []
     for name in ("choose_robot", "simulate", "identify", "diagnose", "add"):
@@ -276,22 +248,9 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
     if part != "forward":
         run = story.test if part == "fit" else story.runs.runs()[1]
         when = np.array(moves["t"]) + run.t[0]
-        q = np.column_stack(
-            [
-                np.interp(
-                    when,
-                    run.t,
-                    x,
-                )
-                for x in run.q.T
-            ]
-        )
+        q = np.column_stack([np.interp(when, run.t, x) for x in run.q.T])
         want = robot.poses(robot.tree_state(q)[0])
-        np.testing.assert_allclose(
-            poses[..., :3],
-            want[..., :3, 3],
-            atol=0.02,
-        )
+        np.testing.assert_allclose(poses[..., :3], want[..., :3, 3], atol=0.02)
     joints = SimpleNamespace(
         hits=[SimpleNamespace(object_name=x) for x in ("ground", "link-1")]
     )
@@ -350,12 +309,7 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     for key, value in fields.items():
         screen.set(key, value)
     screen.click(
-        "simulate",
-        "identify",
-        "compare",
-        "diagnose",
-        "add-by-hand",
-        "forward",
+        "simulate", "identify", "compare", "diagnose", "add-by-hand", "forward"
     )
     screen.click("take-robot.xml")
     asked = {"methods": ["lmi-sdp", "penalty"], "folds": True}
@@ -419,25 +373,9 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
         "doubts": (Doubt("small"),),
     }
     rival = replace(one, text="presliding_hysteresis:1@d=0.1", **weak)
-    sure = replace(
-        one,
-        effect="joint_spring",
-        text="joint_spring:2",
-        joints=(2,),
-    )
+    sure = replace(one, effect="joint_spring", text="joint_spring:2", joints=(2,))
     x = np.linspace(-1.0, 1.0, 9)
-    curve = Curve(
-        2,
-        ("q2",),
-        x,
-        x**2,
-        x**2 - 0.1,
-        x**2 + 0.1,
-        0.9,
-        None,
-        0.2,
-        0.1,
-    )
+    curve = Curve(2, ("q2",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, None, 0.2, 0.1)
     other = ShapeEstimate("coulomb_friction", 0, "v_s", 0.01, 0.03)
     own = {"retuned": (width := Retune(other, "confident", 0.2, 0.1, "another width"),)}
     own |= {"curves": (curve,), "noise_source": "residual"}
@@ -453,10 +391,7 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
         "can_fix": True,
         "gravity": [0.0, 0.0, 9.81],
     }
-    session.runs = [
-        {**runs[0], "findings": [problem]},
-        *runs[1:],
-    ]
+    session.runs = [{**runs[0], "findings": [problem]}, *runs[1:]]
     screen.do(session.changed)
     return SimpleNamespace(rival=rival, first=one, curve=curve, width=width)
 

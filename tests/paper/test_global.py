@@ -14,10 +14,7 @@ from sdp_vs_penalty.paper.annealing import SearchPlan, search_runs
 from sdp_vs_penalty.paper.penalised_box import BoxedProblem
 from sdp_vs_penalty.paper.penalised_optimum import PenalisedProblem, cvxpy_optima
 from sdp_vs_penalty.paper.tables import Study, build_tables
-from sdp_vs_penalty.paper.tables.global_optimum import (
-    penalised_optima,
-    search_table,
-)
+from sdp_vs_penalty.paper.tables.global_optimum import penalised_optima, search_table
 from sdp_vs_penalty.paper.tables.routes import SameConstraints
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
@@ -101,22 +98,13 @@ def test_the_box_is_certified_and_no_search_ends_below(one_step):
     assert all(bound.margin(boxed.best.theta) >= -1e-9 for bound in bounds)
     assert boxed.lower >= one_step.solve(40.0).lower - 1e-6
     plan = SearchPlan(runs=1, evaluations=100, annealing=False)
-    (point,) = search_runs(
-        one_step.published,
-        0,
-        (40.0,),
-        plan,
-    )
+    (point,) = search_runs(one_step.published, 0, (40.0,), plan)
     assert point.objective >= boxed.lower
 
 
 def test_smaller_cells_have_higher_bounds(one_step):
     boxed = BoxedProblem(one_step)
-    whole, found, _ = boxed.solve_cell(
-        40.0,
-        boxed.c_low,
-        boxed.c_high,
-    )
+    whole, found, _ = boxed.solve_cell(40.0, boxed.c_low, boxed.c_high)
     middle = 0.5 * (boxed.c_low + boxed.c_high)
     half, _, _ = boxed.solve_cell(40.0, middle, boxed.c_high)
     assert half >= whole - 1e-6 * whole
@@ -138,11 +126,7 @@ def test_the_published_weight_is_too_small_for_one_step(panda):
     """At 40, the largest published weight, the optimum has four impossible links."""
     study = Study(panda)
     problem = PenalisedProblem(study.task(study.measured), two_step=False)
-    expected = {
-        40.0: (-6.171, 4),
-        100.0: (-3.300, 3),
-        1000.0: (0.0, 0),
-    }
+    expected = {40.0: (-6.171, 4), 100.0: (-3.300, 3), 1000.0: (0.0, 0)}
     for weight, (excess, links) in expected.items():
         found = problem.solve(weight)
         loss = 100.0 * (found.loss / problem.feasible.upper - 1.0)
@@ -173,28 +157,13 @@ def test_the_table_has_its_columns(small_study):
 def test_a_run_with_fewer_weights_is_the_beginning_of_a_longer_one(one_step):
     plan = SearchPlan(runs=1, evaluations=100)
     short = search_runs(one_step.published, 0, (0.0, 40.0), plan)
-    longer = search_runs(
-        one_step.published,
-        0,
-        (0.0, 40.0, 100.0),
-        plan,
-    )
+    longer = search_runs(one_step.published, 0, (0.0, 40.0, 100.0), plan)
     assert longer[:2] == short
 
 
 def test_runs_are_independent_of_how_many_there_are(one_step):
-    one = search_runs(
-        one_step.published,
-        0,
-        (40.0,),
-        SearchPlan(1, 100),
-    )
-    two = search_runs(
-        one_step.published,
-        0,
-        (40.0,),
-        SearchPlan(2, 100),
-    )
+    one = search_runs(one_step.published, 0, (40.0,), SearchPlan(1, 100))
+    two = search_runs(one_step.published, 0, (40.0,), SearchPlan(2, 100))
     assert two[:1] == one
     assert two[1].objective != two[0].objective
 

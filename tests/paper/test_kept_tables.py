@@ -23,11 +23,7 @@ def out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def build(study):
         raise AssertionError("made again")
 
-    monkeypatch.setitem(
-        makers(),
-        "VI",
-        replace(makers()["VI"], build=build),
-    )
+    monkeypatch.setitem(makers(), "VI", replace(makers()["VI"], build=build))
     return tmp_path / "second"
 
 

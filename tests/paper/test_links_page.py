@@ -40,11 +40,7 @@ def test_nothing_is_loaded_from_elsewhere(page):
 
 
 def test_the_projection_keeps_lengths():
-    np.testing.assert_allclose(
-        view() @ view().T,
-        np.eye(2),
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(view() @ view().T, np.eye(2), atol=1e-12)
 
 
 def test_a_ball_is_a_circle_of_its_radius():
@@ -52,31 +48,12 @@ def test_a_ball_is_a_circle_of_its_radius():
     radius = 0.3
     mass = 2.0
     moment = 0.4 * mass * radius**2
-    barycentric = [
-        mass,
-        0.1,
-        0.0,
-        0.0,
-        moment,
-        0.0,
-        moment,
-        0.0,
-        0.0,
-        moment,
-    ]
+    barycentric = [mass, 0.1, 0.0, 0.0, moment, 0.0, moment, 0.0, 0.0, moment]
     ball = inertia.standard_from_barycentric(barycentric)
     centre, axes, exists = outline(ball, np.eye(4))
     assert exists
-    np.testing.assert_allclose(
-        np.linalg.norm(axes, axis=0),
-        radius,
-        rtol=1e-9,
-    )
-    np.testing.assert_allclose(
-        centre,
-        view() @ [0.1, 0.0, 0.0],
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(np.linalg.norm(axes, axis=0), radius, rtol=1e-9)
+    np.testing.assert_allclose(centre, view() @ [0.1, 0.0, 0.0], atol=1e-12)
 
 
 def test_an_impossible_link_is_drawn_and_marked(two_link):

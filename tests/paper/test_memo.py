@@ -36,11 +36,7 @@ def test_what_was_computed_is_read(folder):
 
 
 def test_other_content_is_computed(folder):
-    memo.remembered(
-        "x",
-        (np.zeros(2),),
-        lambda: 1,
-    )
+    memo.remembered("x", (np.zeros(2),), lambda: 1)
     assert memo.remembered("x", (np.zeros((2, 1)),), lambda: 2) == 2
 
 
@@ -107,10 +103,7 @@ def test_kept_steps_of_annealing_end_where_the_method_does(folder, task, monkeyp
 
 
 def test_arrays_that_were_computed_are_read(folder):
-    computed = {
-        "a": np.arange(6.0).reshape(2, 3),
-        "b": np.array([np.nan]),
-    }
+    computed = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([np.nan])}
     memo.remembered_arrays("x", (1,), lambda: computed)
     held = memo.remembered_arrays("x", (1,), never)
     assert list(held) == ["a", "b"]
@@ -119,16 +112,8 @@ def test_arrays_that_were_computed_are_read(folder):
 
 
 def test_a_damaged_archive_is_computed_again(folder):
-    memo.remembered_arrays(
-        "x",
-        (1,),
-        lambda: {"a": np.zeros(3)},
-    )
+    memo.remembered_arrays("x", (1,), lambda: {"a": np.zeros(3)})
     (path,) = folder.iterdir()
     path.write_bytes(path.read_bytes()[:40])
-    held = memo.remembered_arrays(
-        "x",
-        (1,),
-        lambda: {"a": np.ones(3)},
-    )
+    held = memo.remembered_arrays("x", (1,), lambda: {"a": np.ones(3)})
     np.testing.assert_array_equal(held["a"], np.ones(3))

@@ -164,13 +164,7 @@ def test_engines_follow_a_recorded_run(studies):
 
 
 def test_halves_are_before_the_cut_and_after_it():
-    first, second = study.halves(
-        repeating_run(
-            load_problem("two_link"),
-            0,
-            0.2,
-        )
-    )
+    first, second = study.halves(repeating_run(load_problem("two_link"), 0, 0.2))
     assert (first.t[0], first.t[-1], second.t[0]) == pytest.approx(
         (0.0, 14.0, 14.2), abs=0.011
     )
@@ -316,12 +310,7 @@ def test_all_three_forms_hold_the_same_cells(problem, name, made):
     table = made(problem, name)
     cells = table.cells().to_numpy().tolist()
     read = list(csv.reader(io.StringIO(table.csv())))
-    for row, exact, shown in zip(
-        table.frame.to_numpy(),
-        read[1:],
-        cells,
-        strict=True,
-    ):
+    for row, exact, shown in zip(table.frame.to_numpy(), read[1:], cells, strict=True):
         for cell, kept, rounded in zip(row, exact, shown, strict=True):
             if isinstance(cell, float) and np.isfinite(cell):
                 assert float(kept) == cell  # all digits: to compute with
@@ -338,11 +327,7 @@ def test_all_three_forms_hold_the_same_cells(problem, name, made):
 
 def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, studies):
     out = tmp_path / "new"
-    ((_, paths),) = make_tables(
-        ["viii"],
-        problem="two_link",
-        out=out,
-    )
+    ((_, paths),) = make_tables(["viii"], problem="two_link", out=out)
     assert [p.name for p in paths] == [
         "table_VIII.csv",
         "table_VIII.md",
@@ -376,11 +361,7 @@ def test_measured_tables_are_not_replaced_by_others(tmp_path, without_data):
     assert not table.measured
     assert len(table.lines()) == 3
     (tmp_path / "table_VI.csv").write_text("i,a\n1,0.1\n")
-    ((_, paths),) = make_tables(
-        ["VI"],
-        "two_link",
-        out=tmp_path,
-    )
+    ((_, paths),) = make_tables(["VI"], "two_link", out=tmp_path)
     assert {path.parent for path in paths} == {tmp_path}
 
 
@@ -411,12 +392,7 @@ def links_slice(problem: Problem, links: np.ndarray) -> Slice:
     model = problem.model("rigid_body")
     base, _ = base_parameters(model)
     bound = problem.parameter_bound(model)
-    return Slice(
-        problem.constraints(model),
-        base,
-        links.ravel(),
-        bound,
-    )
+    return Slice(problem.constraints(model), base, links.ravel(), bound)
 
 
 @pytest.mark.parametrize(
@@ -431,13 +407,7 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     model = robot._with_inertias(links)
     data = model.createData()
     for k in range(5):
-        pin.rnea(
-            model,
-            data,
-            q[k],
-            dq[k],
-            ddq[k],
-        )
+        pin.rnea(model, data, q[k], dq[k], ddq[k])
         reference = np.array([data.f[j + 1].vector for j in range(robot.n)])
         assert np.abs(made[k] - reference).max() < 1e-10
 
@@ -476,11 +446,7 @@ def test_a_slice_without_interior_is_refused(two_link):
 
 
 def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        figures,
-        "Study",
-        lambda problem, *_: studies[problem.name],
-    )
+    monkeypatch.setattr(figures, "Study", lambda problem, *_: studies[problem.name])
     paths = make_figures([9], out=tmp_path)
     assert [p.name for p in paths] == ["figure_9.png", "figure_9.pdf"]
     assert all(p.is_file() for p in paths)

@@ -36,35 +36,16 @@ def test_a_body_holds_its_points_and_little_else(seed):
     rng = np.random.default_rng(seed)
     half = rng.uniform(0.02, 0.5, 3)
     corners = (
-        np.array(
-            [
-                [
-                    x,
-                    y,
-                    z,
-                ]
-                for x in (-1, 1)
-                for y in (-1, 1)
-                for z in (-1, 1)
-            ]
-        )
-        * half
+        np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     )
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     shift = rng.normal(size=3)
     inner = rng.uniform(-1.0, 1.0, (200, 3)) * half
     body = around(np.concatenate([corners, inner]) @ turn.T + shift, "geometry")
-    ends = np.column_stack(
-        [
-            corners @ turn.T + shift,
-            np.ones(8),
-        ]
-    )
+    ends = np.column_stack([corners @ turn.T + shift, np.ones(8)])
     assert np.all(np.einsum("ki,ij,kj->k", ends, body.quadric, ends) >= -1e-9)
     np.testing.assert_allclose(
-        np.sort(body.half_axes),
-        np.sort(np.sqrt(3.0) * half),
-        rtol=0.03,
+        np.sort(body.half_axes), np.sort(np.sqrt(3.0) * half), rtol=0.03
     )
     back = Body.from_dict(body.to_dict())
     np.testing.assert_array_equal(back.quadric, body.quadric)
@@ -101,9 +82,7 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
         (body,) = link_bodies(robot, *given_ones)
         assert body.source == source
         np.testing.assert_allclose(
-            np.sort(body.half_axes),
-            np.sort(expected),
-            rtol=1e-6,
+            np.sort(body.half_axes), np.sort(expected), rtol=1e-6
         )
 
 
@@ -119,16 +98,10 @@ def test_the_body_of_a_cylinder_is_not_for_rounding_to_choose():
     quadrics = []
     for share in (-1e-12, 0.0, 1e-12):
         second[1, 2] = second[2, 1] = 4e-4 * share
-        (body,) = link_bodies(
-            robot,
-            nowhere,
-            inertia.from_pseudo_inertia(second)[None],
-        )
+        (body,) = link_bodies(robot, nowhere, inertia.from_pseudo_inertia(second)[None])
         quadrics.append(body.quadric)
     np.testing.assert_allclose(
-        quadrics,
-        quadrics[1:2] * 3,
-        atol=1e-6 * np.abs(quadrics).max(),
+        quadrics, quadrics[1:2] * 3, atol=1e-6 * np.abs(quadrics).max()
     )
 
 
@@ -147,10 +120,7 @@ def test_truthful_arms_fit_whatever_their_file_says(seed):
     for said in (wrong, np.zeros_like(truth)):
         for indices, body in zip(truth, link_bodies(robot, nowhere, said), strict=True):
             row = build.density_in_ellipsoid(
-                "body",
-                "link",
-                np.arange(10),
-                body.quadric,
+                "body", "link", np.arange(10), body.quadric
             )
             assert row.margin(indices) > 0.0
 
@@ -176,12 +146,7 @@ def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
     assert again.nominal_from == problem.nominal_from
 
 
-def arm(
-    folder: Path,
-    shape: str,
-    inertial: str = "",
-    fixed: str = "",
-) -> Problem:
+def arm(folder: Path, shape: str, inertial: str = "", fixed: str = "") -> Problem:
     """One moving link with a shape, another fixed to it 0.3 m out."""
     (folder / "arm.urdf").write_text(
         '<robot name="arm"><link name="base"/><link'
@@ -204,18 +169,12 @@ def test_the_nominal_link_fills_its_geometry(tmp_path):
     assert (body.source, problem.nominal_from) == ("geometry", ("geometry",))
     assert body.volume == pytest.approx(size.prod())
     np.testing.assert_allclose(
-        np.sort(body.half_axes),
-        1.2 * np.sqrt(0.75) * size + 0.03,
-        rtol=0.03,
+        np.sort(body.half_axes), 1.2 * np.sqrt(0.75) * size + 0.03, rtol=0.03
     )
     assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * size.prod())
     # Second moments between those of a ball and a box, of the bare ellipsoid around it.
     second = np.linalg.eigvalsh(inertia.second_moment(problem.nominal_links[0]))
-    np.testing.assert_allclose(
-        second,
-        0.75 * size**2 / 7.0,
-        rtol=0.06,
-    )
+    np.testing.assert_allclose(second, 0.75 * size**2 / 7.0, rtol=0.06)
 
 
 def visual(radius: float) -> str:

@@ -36,10 +36,7 @@ def test_held_joints_and_words_to_apply_are_carried():
 
 @pytest.mark.parametrize(
     ("gravity", "words"),
-    [
-        ("9.81,0,0", ["--gravity", "9.81,0,0"]),
-        ("-9.81,0,0", ["--gravity=-9.81,0,0"]),
-    ],
+    [("9.81,0,0", ["--gravity", "9.81,0,0"]), ("-9.81,0,0", ["--gravity=-9.81,0,0"])],
 )
 def test_a_gravity_that_begins_with_a_minus_is_one_word(gravity, words):
     command = CheckCommand(problem="panda", runs=["a.csv"], gravity=gravity)

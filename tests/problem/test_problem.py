@@ -53,12 +53,7 @@ def test_of_kinematics_alone_a_nominal_robot_is_plausible_and_has_room_inside(se
     one place."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)))
-    scale = np.diag(
-        [
-            *[rng.choice([0.0, 3e-3, 1.0, 20.0])] * 3,
-            1.0,
-        ]
-    )
+    scale = np.diag([*[rng.choice([0.0, 3e-3, 1.0, 20.0])] * 3, 1.0])
     rigid = np.diag([1.0, 1.0, 1.0, 0.0])
     joints = (
         replace(
@@ -140,18 +135,13 @@ def test_the_example_of_all_fields_is_one():
     [(True, True, set()), (True, False, {17}), (False, False, {17, 21, 25, 39})],
 )
 def test_with_the_corrections_every_printed_digit_of_table_three_follows(
-    made,
-    shown,
-    differ,
-    panda,
+    made, shown, differ, panda
 ):
     """And as printed the known rows do not; two are printed empty (erratum 8)."""
     found = set()
     empty = set()
     for row, value in zip(
-        panda.published["table_III"],
-        pi_p_hat(panda, made),
-        strict=False,
+        panda.published["table_III"], pi_p_hat(panda, made), strict=False
     ):
         text = published_cell(panda, "table_III", row, "pi_p_hat", shown)
         (found if text else empty).add(int(row["row"]))
@@ -179,15 +169,7 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
     apart[0, 3] = length
     places = zip((here, apart), efforts, strict=True)
     joints = tuple(
-        Joint(
-            f"j{k}",
-            "revolute",
-            k - 1,
-            place,
-            out,
-            here,
-            effort=effort,
-        )
+        Joint(f"j{k}", "revolute", k - 1, place, out, here, effort=effort)
         for k, (place, effort) in enumerate(places)
     )
     (first, last), sources = plausible_links(Robot("two", joints), np.zeros((2, 10)))
@@ -200,10 +182,7 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
         at = np.array([x, 0.0, 0.0, 1.0])
         expected += mass * np.outer(at, at)
     np.testing.assert_allclose(
-        inertia.pseudo_inertia(first),
-        expected,
-        rtol=1e-12,
-        atol=1e-12,
+        inertia.pseudo_inertia(first), expected, rtol=1e-12, atol=1e-12
     )
     # What it ends in is not known: all of it at its joint.
     assert last[0] == pytest.approx(tube + next_)
@@ -239,9 +218,7 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
         robot = Robot("one", joints)
         problem = open_problem(robot, np.array(links))
         np.testing.assert_allclose(
-            problem.link_defaults,
-            [[mass, radius]] * robot.n,
-            rtol=1e-12,
+            problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12
         )
         assert not problem.guessed_links.any()  # nothing says so
     problem = open_problem(Robot("one", (arm,)), np.zeros((1, 10)))
@@ -260,27 +237,15 @@ def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
     rows = "c1x,-0.3,0.1\nc1y,-0.1,0.1\nc1z,-0.02,0.02\nm2,0,1\nc2x,0,0.6\nc2y,-0.01,0.01\nc2z,0,0.1\n"
     (tmp_path / "bounds.csv").write_text(f"parameter,lower,upper\n{rows}")
     problem = load_problem(tmp_path)
-    size = np.array(
-        [
-            [0.2, 0.1, 0.06],
-            [0.3, 0.06, 0.06],
-        ]
-    )
+    size = np.array([[0.2, 0.1, 0.06], [0.3, 0.06, 0.06]])
     surface = (
         size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0]
     )
-    mass = np.array(
-        [
-            6.0 * surface[0] / surface.sum(),
-            0.9,
-        ]
-    )
+    mass = np.array([6.0 * surface[0] / surface.sum(), 0.9])
     found = inertia.barycentric_from_standard(problem.nominal_links)
     np.testing.assert_allclose(found[:, 0], mass)
     np.testing.assert_allclose(
-        found[:, 1:4],
-        [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]],
-        atol=1e-12,
+        found[:, 1:4], [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]], atol=1e-12
     )
     second = mass[:, None] * size**2 / 5.0
     np.testing.assert_allclose(
@@ -296,9 +261,7 @@ def test_the_exciting_trajectory_is_that_of_table_two(panda):
     printed = {row["coefficient"]: row for row in panda.published["table_II"]}
     assert set(names) == set(printed)
     for name, values in zip(
-        names,
-        np.column_stack([found.a, found.b, found.q_0]).T,
-        strict=True,
+        names, np.column_stack([found.a, found.b, found.q_0]).T, strict=True
     ):
         assert values.tolist() == [
             float(printed[name][f"joint_{j}"]) for j in range(1, 8)
@@ -337,14 +300,7 @@ def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
         Joint(f"j{k}", "revolute", k - 1, p, out, here)
         for k, p in enumerate((here, apart))
     )
-    moments = [
-        2.0 * thin**2,
-        0,
-        2.0 * thin**2,
-        0,
-        0,
-        2.0 * thin**2,
-    ]
+    moments = [2.0 * thin**2, 0, 2.0 * thin**2, 0, 0, 2.0 * thin**2]
     theirs = inertia.standard_from_barycentric([[1.5, 0, 0, 0, *moments]] * 2)
     found, sources = plausible_links(Robot("two", joints), theirs)
     assert sources == ("inertial",) * 2
@@ -357,14 +313,7 @@ def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
 )
 def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
     """|c across z| <= 0.1 + 0.3 c_z: as wide as at its wide end, or without bound."""
-    joint = Joint(
-        "j",
-        "revolute",
-        -1,
-        np.eye(4),
-        np.array([0.0, 0.0, 1.0]),
-        np.eye(4),
-    )
+    joint = Joint("j", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
     problem = open_problem(Robot("one", (joint,)), np.zeros((1, 10)))
     made = replace(
         with_box(problem, 0, 3, *ends), cones=(CentreOfMassCone(1, "z", 0.1, 0.3),)
@@ -393,12 +342,7 @@ def test_what_a_problem_leaves_out_is_open(tmp_path):
     assert problem.preprocessing == type(problem.preprocessing)()
     assert [j.lower for j in problem.robot.joints] + [
         j.effort for j in problem.robot.joints
-    ] == [
-        -np.inf,
-        -np.inf,
-        np.inf,
-        np.inf,
-    ]
+    ] == [-np.inf, -np.inf, np.inf, np.inf]
     assert problem.nominal_from == ("kinematics",) * 2
     assert problem.guessed_links.all()
     families = {

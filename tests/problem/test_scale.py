@@ -96,13 +96,7 @@ def judged(length: float) -> tuple[str, float, np.ndarray]:
     """The verdict on another run, its relative error, and masses over the true ones."""
     with TemporaryDirectory() as folder:
         axes = [scaled(axis, length) for axis in BASE]
-        problem = sdp.load_problem(
-            write_urdf(
-                Path(folder) / "arm.urdf",
-                "arm",
-                axes,
-            )
-        )
+        problem = sdp.load_problem(write_urdf(Path(folder) / "arm.urdf", "arm", axes))
         estimate = sdp.identify(problem, run_of(axes, 1), check=False)
         comparison = sdp.compare(estimate, run_of(axes, 2))[0]
     masses = estimate.links[:, 0] / problem.nominal_links[:, 0]
@@ -122,11 +116,7 @@ def test_the_relative_error_does_not_depend_on_the_size(length):
 
 @pytest.mark.parametrize("length", [0.1, 1.0, 10.0])
 def test_masses_are_right_at_any_size(length):
-    np.testing.assert_allclose(
-        judged(length)[2],
-        1.0,
-        atol=0.03,
-    )
+    np.testing.assert_allclose(judged(length)[2], 1.0, atol=0.03)
 
 
 def test_light_links_may_be_lighter_than_ten_grams(tmp_path):
@@ -161,13 +151,7 @@ def small_arm() -> tuple[str, np.ndarray]:
         for axis, x in zip(axes, (1.25, 0.8, 1.15, 0.9), strict=True)
     ]
     with TemporaryDirectory() as folder:
-        problem = sdp.load_problem(
-            write_urdf(
-                Path(folder) / "arm.urdf",
-                "arm",
-                wrong,
-            )
-        )
+        problem = sdp.load_problem(write_urdf(Path(folder) / "arm.urdf", "arm", wrong))
         estimate = sdp.identify(problem, run_of(axes, 1), check=False)
         comparison = sdp.compare(estimate, run_of(axes, 2))[0]
     return str(comparison.verdict).partition(".")[0], estimate.links[:, 0]
@@ -180,8 +164,4 @@ def test_an_arm_with_links_of_a_few_grams_is_good():
 def test_masses_of_a_few_grams_are_near_the_truth():
     """Those of the first link do not show in the torque."""
     true_masses = [axis.mass for axis in SMALL]
-    np.testing.assert_allclose(
-        small_arm()[1][1:],
-        true_masses[1:],
-        rtol=0.2,
-    )
+    np.testing.assert_allclose(small_arm()[1][1:], true_masses[1:], rtol=0.2)

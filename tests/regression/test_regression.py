@@ -91,10 +91,7 @@ def test_factors_answer_what_all_rows_would(seed):
     residual = stacked @ theta - measured
     assert data.loss(theta) == pytest.approx(residual @ residual, rel=1e-10)
     np.testing.assert_allclose(
-        data.gradient(theta),
-        2.0 * stacked.T @ residual,
-        rtol=1e-7,
-        atol=1e-6,
+        data.gradient(theta), 2.0 * stacked.T @ residual, rtol=1e-7, atol=1e-6
     )
     assert data.rows == stacked.shape[0]
     assert data.tau_squared == pytest.approx(measured @ measured)
@@ -113,22 +110,14 @@ def test_factors_answer_what_all_rows_would(seed):
 @given(seeds)
 def test_merging_blocks_equals_one_pass(seed):
     model, _, run = driven(
-        seed,
-        12.0,
-        4e-3,
-        "rigid_body,viscous_friction,torque_offset",
-        0.1,
+        seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1
     )
     whole = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=1)
     many = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=20)
     # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
     assert (len(whole.blocks), len(many.blocks)) == (1, 18)
     assert whole.blocks == ((0, run.t[0], run.t[-1]),)
-    edges = np.linspace(
-        run.t[0],
-        run.t[-1],
-        21,
-    )
+    edges = np.linspace(run.t[0], run.t[-1], 21)
     np.testing.assert_allclose(
         [span for _, *span in many.blocks], np.c_[edges[1:-2], edges[2:-1]]
     )
@@ -157,12 +146,7 @@ def test_columns_kept_from_one_model_are_those_that_the_next_would_make():
             for filtered in (kept, FilteredRun(run, FILTERS))
         )
         for old, new in zip(*pair, strict=True):
-            np.testing.assert_allclose(
-                old.columns,
-                new.columns,
-                rtol=1e-9,
-                atol=1e-12,
-            )
+            np.testing.assert_allclose(old.columns, new.columns, rtol=1e-9, atol=1e-12)
 
 
 @given(seeds)
@@ -173,18 +157,12 @@ def test_base_parameters_make_the_same_torque(seed):
     robot = tree(rng, int(rng.integers(1, 6)))
     model = Model(robot, parse_effects("rigid_body", robot))
     matrix, kept = base_parameters(model)
-    np.testing.assert_allclose(
-        matrix[:, kept],
-        np.eye(len(kept)),
-        atol=1e-9,
-    )
+    np.testing.assert_allclose(matrix[:, kept], np.eye(len(kept)), atol=1e-9)
     regressor = robot.regressor(*rng.normal(size=(3, 60, robot.n))).reshape(
         -1, 10 * robot.n
     )
     np.testing.assert_allclose(
-        regressor,
-        regressor[:, kept] @ matrix,
-        atol=1e-8 * np.abs(regressor).max(),
+        regressor, regressor[:, kept] @ matrix, atol=1e-8 * np.abs(regressor).max()
     )
     scaled = regressor / np.maximum(np.linalg.norm(regressor, axis=0), 1e-300)
     assert np.linalg.matrix_rank(scaled, tol=1e-8) == len(kept)
@@ -192,10 +170,7 @@ def test_base_parameters_make_the_same_torque(seed):
 
 #: Of links, rotors, viscous friction and offsets: how many parameters make torques of
 #: their own.
-SEEN = {
-    "scara": 8 + 3 + 4 + 3,
-    "panda": 43 + 5 + 7 + 7,
-}
+SEEN = {"scara": 8 + 3 + 4 + 3, "panda": 43 + 5 + 7 + 7}
 
 
 @pytest.mark.parametrize("which", SEEN)
@@ -205,11 +180,7 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     problem = load_problem(scara(tmp_path) if which == "scara" else which)
     model = problem.model("rigid_body,rotor_inertia,viscous_friction,torque_offset")
     rates = np.random.default_rng(1).normal(size=(2, 200, problem.robot.n))
-    motion = Motion(
-        np.zeros(200),
-        problem.robot.random_configurations(200, 1),
-        *rates,
-    )
+    motion = Motion(np.zeros(200), problem.robot.random_configurations(200, 1), *rates)
     columns = np.concatenate(model.dense_columns(motion))
     base = base_rows(problem, model)
     seen = np.linalg.norm(columns, axis=0)
@@ -217,9 +188,7 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     assert len(base.rows) == rank == SEEN[which]
     # The torque follows from them: their leading columns make every other one.
     np.testing.assert_allclose(
-        columns[:, base.leading] @ base.rows,
-        columns,
-        atol=1e-8 * seen.max(),
+        columns[:, base.leading] @ base.rows, columns, atol=1e-8 * seen.max()
     )
 
 
@@ -246,16 +215,10 @@ def test_independent_parameters_must_be_independent(panda):
     refusal(lambda: base_parameters(model, [*names[:-1], "bogus"]), "bogus")
 
 
-def answers(
-    problem: Problem,
-    count: int,
-    seed: int = 0,
-) -> BlackBox:
+def answers(problem: Problem, count: int, seed: int = 0) -> BlackBox:
     links = experiment(problem).links
     return BlackBox.of_links(
-        problem.robot,
-        links,
-        problem.robot.random_configurations(count, seed),
+        problem.robot, links, problem.robot.random_configurations(count, seed)
     )
 
 
@@ -341,12 +304,7 @@ def test_bad_files_are_named(tmp_path, change, message):
 def test_another_robots_file_and_several_files_are_refused(panda, tmp_path):
     box = answers(panda, 20)
     file = tmp_path / "box.npz"
-    np.savez(
-        file,
-        q=box.q,
-        gravity=box.gravity,
-        mass_matrix=box.mass_matrix,
-    )
+    np.savez(file, q=box.q, gravity=box.gravity, mass_matrix=box.mass_matrix)
     refusal(lambda: load_answers(file, joints=2), "7 joint")
     refusal(lambda: load_answers([file, file]), "from one file")
     assert load_answers([tmp_path / "run.csv"]) is None
@@ -364,10 +322,7 @@ def test_a_block_that_several_runs_show_comes_once():
     ]
     blocks = ((0, 0.0, 1.0), (0, 1.0, 2.0))
     ((joint, indices, found, rows),) = Regression(
-        (),
-        1,
-        blocks,
-        tuple(factors),
+        (), 1, blocks, tuple(factors)
     ).by_joint()
     assert (joint, indices.tolist(), found.tolist()) == (0, [0, 1], [0, 1])
     both = parts[0].T @ parts[0] + parts[2].T @ parts[2]

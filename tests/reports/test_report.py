@@ -139,10 +139,7 @@ def sections(html: str) -> dict[str, Any]:
         text = re.sub(r"<script.*?</script>", " ", section, flags=re.DOTALL)
         assert not re.search(r"(?<!=)\bNone\b(?! of)|\bnan\b", text)
         name = re.findall(r'id="(.*?)"', section)[0]
-        out[name] = {
-            "text": said(text),
-            "figures": [*map(unpacked, drawn)],
-        }
+        out[name] = {"text": said(text), "figures": [*map(unpacked, drawn)]}
     return out
 
 
@@ -153,29 +150,10 @@ def test_figures_are_what_they_were(made, two_link):
     models, run, html = made
     x = np.linspace(-1.0, 1.0, 9)
     one = Curve(
-        1,
-        ("q1",),
-        x,
-        x**2,
-        x**2 - 0.1,
-        x**2 + 0.1,
-        0.9,
-        "1 q1^2 N m",
-        0.2,
-        0.1,
+        1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1
     )
-    pairs = np.column_stack(
-        [
-            np.repeat(x[:3], 3),
-            np.tile(x[:3], 3),
-        ]
-    )
-    two = replace(
-        one,
-        of=("q1", "dq1"),
-        x=pairs,
-        formula=None,
-    )
+    pairs = np.column_stack([np.repeat(x[:3], 3), np.tile(x[:3], 3)])
+    two = replace(one, of=("q1", "dq1"), x=pairs, formula=None)
     names = ("noise_floor", "unexplained", "held_out_rmse", "held_out_rmse_before")
     told = {name: [] for name in ("effects", "invisible", "events")} | dict.fromkeys(
         names, [0.1] * 2
@@ -186,12 +164,7 @@ def test_figures_are_what_they_were(made, two_link):
         "held_out_source": "folds",
     }
     told |= {"band_hz": 9.0, "frozen": False, "remarks": ["Look here first."]}
-    curves = Diagnosis.from_dict(
-        {
-            **told,
-            "curves": [one.to_dict(), two.to_dict()],
-        }
-    )
+    curves = Diagnosis.from_dict({**told, "curves": [one.to_dict(), two.to_dict()]})
     brief = small_run(two_link)
     found = {
         "two": sections(html),
@@ -227,12 +200,7 @@ UNITS = ["N*m", "N*m"]
 
 
 def test_bars_are_errors_over_noise_cut_at_the_floor():
-    drawn = bars(
-        [0.1, 1.25],
-        [0.11, 0.46],
-        [0.1, 0.1],
-        UNITS,
-    )
+    drawn = bars([0.1, 1.25], [0.11, 0.46], [0.1, 0.1], UNITS)
     assert re.findall(r"<td class=\"number\">(.*?)</td>", drawn) == [
         "1 → 1.1<small>0.1 → 0.11 N m</small>",
         "12.5 → 4.6<small>1.25 → 0.46 N m</small>",

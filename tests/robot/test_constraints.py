@@ -46,19 +46,11 @@ def test_ellipsoid_is_the_mean_over_the_mass(seed):
     masses = rng.uniform(0.1, 1.0, 20)
     x = rng.normal(size=(20, 3))
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    body = Body(
-        0.3 * rng.normal(size=3),
-        rng.uniform(0.5, 3.0, 3),
-        axes,
-        "geometry",
-    )
+    body = Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
     homogeneous = np.column_stack([x, np.ones(20)])
     theta = inertia.from_pseudo_inertia((homogeneous.T * masses) @ homogeneous)
     constraint = build.density_in_ellipsoid(
-        "body",
-        "link 1",
-        np.arange(10),
-        body.quadric,
+        "body", "link 1", np.arange(10), body.quadric
     )
     inside = 1.0 - np.sum(((x - body.centre) @ body.axes / body.half_axes) ** 2, axis=1)
     expected = masses @ inside
@@ -97,31 +89,16 @@ def test_rows_have_the_gradient_and_hessian_of_half_the_projections_square(cone,
 
     def gradient(x: np.ndarray) -> np.ndarray:
         return np.tensordot(
-            A,
-            project(cone, values + A @ x),
-            [range(values.ndim), range(values.ndim)],
+            A, project(cone, values + A @ x), [range(values.ndim), range(values.ndim)]
         )
 
     h = 1e-6
     numeric = np.stack(
         [(gradient(h * e) - gradient(-h * e)) / (2.0 * h) for e in np.eye(2)]
     )
-    r, J = projected_rows(
-        cone,
-        values,
-        A.reshape(3, -1, 2),
-    )
-    np.testing.assert_allclose(
-        J.T @ J,
-        numeric,
-        rtol=1e-4,
-        atol=1e-5,
-    )
-    np.testing.assert_allclose(
-        J.T @ r,
-        gradient(np.zeros(2)),
-        atol=1e-12,
-    )
+    r, J = projected_rows(cone, values, A.reshape(3, -1, 2))
+    np.testing.assert_allclose(J.T @ J, numeric, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(J.T @ r, gradient(np.zeros(2)), atol=1e-12)
     assert r @ r == pytest.approx(np.sum(project(cone, values) ** 2))
 
 
@@ -158,15 +135,9 @@ def test_entries_are_the_constraints_and_the_size_of_what_is_summed(two_link):
     for group, values, sizes in zip(every.groups, found, size, strict=True):
         for place, value, most in zip(group.places, values, sizes, strict=True):
             c = every.convex[place]
-            terms = np.tensordot(
-                np.diag(theta[c.indices]),
-                c.coefficients,
-                axes=1,
-            )
+            terms = np.tensordot(np.diag(theta[c.indices]), c.coefficients, axes=1)
             np.testing.assert_allclose(
-                value,
-                c.constant + terms.sum(axis=0),
-                atol=1e-12,
+                value, c.constant + terms.sum(axis=0), atol=1e-12
             )
             np.testing.assert_allclose(
                 most, np.abs(c.constant) + np.abs(terms).sum(axis=0)
@@ -186,19 +157,10 @@ def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     theta = np.zeros(20)
     theta[[0, 10]] = 1.3
     c1 = np.array(
-        [
-            rng.uniform(-0.2, 0.2),
-            rng.uniform(-1.5, 0.0),
-            rng.uniform(-0.2, 0.2),
-        ]
+        [rng.uniform(-0.2, 0.2), rng.uniform(-1.5, 0.0), rng.uniform(-0.2, 0.2)]
     )
     x = rng.uniform(-0.8, 0.0)
-    c2 = np.array(
-        [
-            x,
-            *rng.uniform(-0.1, 0.1, 2),
-        ]
-    )
+    c2 = np.array([x, *rng.uniform(-0.1, 0.1, 2)])
     radius = 0.08 if x <= -0.2 else 0.02 + (0.08 - 0.02) * (-x) / 0.2
     theta[1:4], theta[11:14] = 1.3 * c1, 1.3 * c2
     first, *second = (c.margin(theta) >= 0.0 for c in cones.convex)
@@ -213,34 +175,16 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
 
     rng = np.random.default_rng(seed)
     robot = Robot.from_dh(
-        "r",
-        [0.0, 0.4, 0.3],
-        [0.0, 1.2, 0.0],
-        [0.2, 0.0, 0.1],
-        "modified",
+        "r", [0.0, 0.4, 0.3], [0.0, 1.2, 0.0], [0.2, 0.0, 0.1], "modified"
     )
     box = np.full((3, 10, 2), (-np.inf, np.inf))
     box[:, 0] = 0.0, 10.0 ** rng.uniform(-1, 2)
     # Any subset of the other bounds may be known.
     known = rng.random((3, 9)) < rng.choice([0.0, 0.5, 1.0])
     limits = np.array([0.2, 0.2, 0.2, 0.1, 0.02, 0.1, 0.02, 0.02, 0.1])
-    box[:, 1:, 0] = np.where(
-        known,
-        -limits,
-        -np.inf,
-    )
-    box[:, 1:, 1] = np.where(
-        known,
-        limits,
-        np.inf,
-    )
-    problem = Problem(
-        "r",
-        "r",
-        robot,
-        box,
-        np.zeros((3, 10)),
-    )
+    box[:, 1:, 0] = np.where(known, -limits, -np.inf)
+    box[:, 1:, 1] = np.where(known, limits, np.inf)
+    problem = Problem("r", "r", robot, box, np.zeros((3, 10)))
     model = problem.model(["rigid_body"])
     demands = problem.constraints(model)
     bound = problem.parameter_bound(model)
@@ -251,20 +195,13 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
 
 
 def extreme_point(
-    demands: ConstraintSet,
-    rng: np.random.Generator,
-    p: int,
+    demands: ConstraintSet, rng: np.random.Generator, p: int
 ) -> np.ndarray:
     """The feasible point farthest in a random direction among the parameters' axes."""
     from sdp_vs_penalty.solvers import conic_problem, scaled, solver
 
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
-    groups, _ = scaled(
-        demands.convex,
-        np.zeros(p),
-        np.ones(p),
-        inside,
-    )
+    groups, _ = scaled(demands.convex, np.zeros(p), np.ones(p), inside)
     direction = np.zeros(p)
     direction[rng.integers(p)] = rng.choice([-1.0, 1.0])
     problem = conic_problem(groups, None, direction)
@@ -300,47 +237,23 @@ def cloud(rng: np.random.Generator, count: int = 30) -> tuple[np.ndarray, np.nda
 def parameters_of(masses: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The ten parameters straight from their definition as integrals over the mass."""
     tensor = np.einsum(
-        "k,kij->ij",
-        masses,
-        [(p @ p) * np.eye(3) - np.outer(p, p) for p in x],
+        "k,kij->ij", masses, [(p @ p) * np.eye(3) - np.outer(p, p) for p in x]
     )
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
-    return np.array(
-        [
-            masses.sum(),
-            *(masses @ x),
-            xx,
-            xy,
-            yy,
-            xz,
-            yz,
-            zz,
-        ]
-    )
+    return np.array([masses.sum(), *(masses @ x), xx, xy, yy, xz, yz, zz])
 
 
 @given(seeds)
 def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed):
     masses, x = cloud(np.random.default_rng(seed))
-    homogeneous = np.column_stack(
-        [
-            x,
-            np.ones(len(x)),
-        ]
-    )
+    homogeneous = np.column_stack([x, np.ones(len(x))])
     second = np.einsum("k,ki,kj->ij", masses, homogeneous, homogeneous)
     theta = parameters_of(masses, x)
     np.testing.assert_allclose(
-        inertia.pseudo_inertia(theta),
-        second,
-        rtol=1e-12,
-        atol=1e-12,
+        inertia.pseudo_inertia(theta), second, rtol=1e-12, atol=1e-12
     )
     np.testing.assert_allclose(
-        inertia.from_pseudo_inertia(second),
-        theta,
-        rtol=1e-12,
-        atol=1e-12,
+        inertia.from_pseudo_inertia(second), theta, rtol=1e-12, atol=1e-12
     )
 
 
@@ -353,15 +266,9 @@ def test_barycentric_and_standard_invert_each_other(seed):
     centre = masses @ x / masses.sum()
     np.testing.assert_allclose(barycentric[1:4], centre, rtol=1e-12)
     np.testing.assert_allclose(
-        barycentric[4:],
-        parameters_of(masses, x - centre)[4:],
-        atol=1e-10,
+        barycentric[4:], parameters_of(masses, x - centre)[4:], atol=1e-10
     )
-    stack = np.stack([theta, 2.0 * theta]).reshape(
-        2,
-        1,
-        10,
-    )
+    stack = np.stack([theta, 2.0 * theta]).reshape(2, 1, 10)
     back = inertia.standard_from_barycentric(inertia.barycentric_from_standard(stack))
     np.testing.assert_allclose(back, stack, rtol=1e-9)
 
@@ -375,10 +282,7 @@ def test_transform_moves_the_mass(seed):
     theta = parameters_of(masses, x)
     expected = parameters_of(masses, moved)
     np.testing.assert_allclose(
-        inertia.transform(placement) @ theta,
-        expected,
-        rtol=1e-9,
-        atol=1e-9,
+        inertia.transform(placement) @ theta, expected, rtol=1e-9, atol=1e-9
     )
 
 
@@ -390,13 +294,7 @@ def test_consistent_means_positive_mass_definite_inertia_and_triangle(seed):
     moments = rng.uniform(-0.1, 1.0, 3)
     r = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     central = inertia.inertia_entries((r * moments) @ r.T)
-    theta = inertia.standard_from_barycentric(
-        [
-            mass,
-            *rng.normal(size=3),
-            *central,
-        ]
-    )
+    theta = inertia.standard_from_barycentric([mass, *rng.normal(size=3), *central])
     triangle = moments.sum() - 2.0 * moments.max()
     classical = mass > 0 and moments.min() > 0 and triangle > 0
     if min(abs(moments.min()), abs(triangle)) > 1e-6:
@@ -405,23 +303,11 @@ def test_consistent_means_positive_mass_definite_inertia_and_triangle(seed):
 
 def test_thickness_of_known_bodies():
     ball = inertia.standard_from_barycentric(
-        [
-            3.0,
-            1,
-            2,
-            3,
-            *(3.0 * 0.4 * np.array([1, 0, 1, 0, 0, 1])),
-        ]
+        [3.0, 1, 2, 3, *(3.0 * 0.4 * np.array([1, 0, 1, 0, 0, 1]))]
     )
     assert inertia.thickness(ball) == pytest.approx(1.0 / np.sqrt(5.0))  # R = 1 m
     rod = inertia.standard_from_barycentric(
-        [
-            2.0,
-            0,
-            0,
-            0,
-            *np.array([1, 0, 1, 0, 0, 0]) / 6.0,
-        ]
+        [2.0, 0, 0, 0, *np.array([1, 0, 1, 0, 0, 0]) / 6.0]
     )
     assert inertia.thickness(rod) == pytest.approx(0.0, abs=1e-9)
     # No mass distribution has Ixx + Iyy < Izz.

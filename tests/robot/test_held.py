@@ -69,11 +69,7 @@ def test_held_joints_travel_with_the_model(urdf):
 
 
 def test_a_name_of_no_joint_is_refused(urdf):
-    refusal(
-        lambda: load_problem(urdf, held={"thumb": 0.0}),
-        "--hold",
-        "'thumb'",
-    )
+    refusal(lambda: load_problem(urdf, held={"thumb": 0.0}), "--hold", "'thumb'")
     names = load_urdf(urdf)[0].joint_names
     refusal(lambda: load_problem(urdf, held=dict.fromkeys(names, 0.0)), "nothing moves")
 
@@ -106,23 +102,11 @@ def log(urdf: Path, joints: int) -> Path:
     save(run, path)
     if joints == 4:
         names, *rows = path.read_text().splitlines()
-        added = [
-            ("q4", "dq4", "tau4"),
-            *(["0.0"] * 3 for _ in rows),
-        ]
+        added = [("q4", "dq4", "tau4"), *(["0.0"] * 3 for _ in rows)]
         wide = [
-            [
-                *c[:4],
-                q,
-                *c[4:7],
-                dq,
-                *c[7:],
-                tau,
-            ]
+            [*c[:4], q, *c[4:7], dq, *c[7:], tau]
             for c, (q, dq, tau) in zip(
-                (row.split(",") for row in [names, *rows]),
-                added,
-                strict=True,
+                (row.split(",") for row in [names, *rows]), added, strict=True
             )
         ]
         path.write_text("\n".join(map(",".join, wide)) + "\n")

@@ -26,14 +26,7 @@ CUBE = "".join(
     f"v {x} {y} {z}\n" for x in (0, 1) for y in (0, 1) for z in (0, 1)
 ) + "".join(
     f"f {face}\n"
-    for face in (
-        "1 2 4 3",
-        "5 7 8 6",
-        "1 5 6 2",
-        "3 4 8 7",
-        "1 3 7 5",
-        "2 6 8 4",
-    )
+    for face in ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
 )
 
 
@@ -226,11 +219,7 @@ def test_the_buffer_of_a_gltf_is_read(tmp_path):
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
     (tmp_path / "corners.bin").write_bytes(corners.tobytes())
     (tmp_path / "part.gltf").write_text(gltf("corners.bin"))
-    mesh = read_mesh(
-        tmp_path / "part.gltf",
-        np.full(3, 2.0),
-        triangles=True,
-    )
+    mesh = read_mesh(tmp_path / "part.gltf", np.full(3, 2.0), triangles=True)
     assert mesh.vertices.tolist() == (2.0 * corners).tolist()
     assert mesh.triangles.shape == (1, 3)
 

@@ -49,9 +49,7 @@ def test_what_moves_and_what_has_parameters(urdf):
     q = np.array([[0.1, 0.5, 0.8]])
     (tree,) = robot.tree_state(q)  # depth first: the bar comes last
     np.testing.assert_allclose(
-        tree[0],
-        [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5],
-        atol=1e-15,
+        tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15
     )
     restored = Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
     links = some_links(robot)
@@ -75,9 +73,7 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
     assert model.neq == 4
     ours = heavy.inverse_dynamics(links, *states(heavy, 20))
     for row, expected in zip(
-        np.stack(heavy.tree_state(*states(heavy, 20)), axis=1),
-        ours,
-        strict=True,
+        np.stack(heavy.tree_state(*states(heavy, 20)), axis=1), ours, strict=True
     ):
         data.qpos, data.qvel, data.qacc = row
         mujoco.mj_inverse(model, data)
@@ -116,9 +112,7 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
         assert (again.n, again.links) == (robot.n, robot.links)
         found = again.inverse_dynamics(written, q, dq, ddq)
         np.testing.assert_allclose(
-            found,
-            robot.inverse_dynamics(estimate.links, q, dq, ddq),
-            atol=1e-8,
+            found, robot.inverse_dynamics(estimate.links, q, dq, ddq), atol=1e-8
         )
 
 
@@ -146,18 +140,12 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it():
         insertion = poses[names.index("insertion_joint")]
         centre = insertion[:3, 3] - (q[2] - 0.4318) * insertion[:3, 2]
         np.testing.assert_allclose(
-            centre,
-            [0.0, 0.516, 0.0],
-            atol=1e-9,
+            centre, [0.0, 0.516, 0.0], atol=1e-9
         )  # on the yaw axis, fixed
         # The bars stay parallel: bottom and pitch differ by a turn that the pose does
         # not change.
         relative = pitch[:3, :3].T @ poses[names.index("bottom_joint")][:3, :3]
-        np.testing.assert_allclose(
-            relative,
-            np.diag([-1.0, -1.0, 1.0]),
-            atol=1e-9,
-        )
+        np.testing.assert_allclose(relative, np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
 
 
 def test_tables_without_header_are_read_at_their_rate(tmp_path):
@@ -198,10 +186,7 @@ def test_joints_come_back_from_channels_of_either_side(seed):
         np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
     power = np.sum(motors * (dq @ transmission.matrix.T), axis=1)
     np.testing.assert_allclose(
-        np.sum(found.tau * found.dq, axis=1),
-        power,
-        rtol=1e-9,
-        atol=1e-9,
+        np.sum(found.tau * found.dq, axis=1), power, rtol=1e-9, atol=1e-9
     )
     restored = Transmission.from_dict(json.loads(json.dumps(transmission.to_dict())))
     assert np.array_equal(restored.joint_torques(logged.tau), found.tau)
@@ -226,16 +211,8 @@ def test_the_tx40_converts_as_its_authors_do():
     q[:, 1] -= np.pi / 2.0
     q[:, 2] += np.pi / 2.0
     tau[:, 4] += tau[:, 5]
-    np.testing.assert_allclose(
-        robot.transmission.joint_positions(q_m),
-        q,
-        atol=1e-12,
-    )
-    np.testing.assert_allclose(
-        robot.transmission.joint_torques(tau_m),
-        tau,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(robot.transmission.joint_positions(q_m), q, atol=1e-12)
+    np.testing.assert_allclose(robot.transmission.joint_torques(tau_m), tau, atol=1e-12)
     (wrist,) = robot.couplings
     np.testing.assert_array_equal(wrist, [0, 0, 0, 0, 1, 1])
 

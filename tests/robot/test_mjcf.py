@@ -99,11 +99,7 @@ def test_joint_values_are_nominal_ones(tmp_path):
         problem = load_problem(write(tmp_path, "armature"))
     model = problem.model("rigid_body,rotor_inertia,viscous_friction,coulomb_friction")
     by_name = dict(
-        zip(
-            [p.name for p in model.parameters],
-            problem.nominal(model),
-            strict=True,
-        )
+        zip([p.name for p in model.parameters], problem.nominal(model), strict=True)
     )
     shown = [by_name[name] for name in ("I_a1", "I_a2", "f_v1", "f_c1")]
     np.testing.assert_allclose(shown, [0.3, 0.05, 1.5, 0.7])
@@ -183,11 +179,7 @@ def test_xacro_is_expanded_where_its_package_is_installed(tmp_path, monkeypatch)
     """By a package of the same name that knows one file."""
     plain, path = xacro_file(tmp_path)
     package = ModuleType("xacro")
-    document = type(
-        "Document",
-        (),
-        {"toxml": lambda self: plain.read_text()},
-    )
+    document = type("Document", (), {"toxml": lambda self: plain.read_text()})
     package.process_file = lambda name: document()  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "xacro", package)
     assert load_problem(path).robot.n == 2

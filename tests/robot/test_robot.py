@@ -20,11 +20,7 @@ def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndar
     """A robot, consistent parameters (10 links,), and states (3, samples, n); of seed 0
     joints that follow others."""
     rng = np.random.default_rng(seed)
-    robot = tree(
-        rng,
-        int(rng.integers(1, 6)),
-        link_frames=bool(rng.integers(2)),
-    )
+    robot = tree(rng, int(rng.integers(1, 6)), link_frames=bool(rng.integers(2)))
     robot = robot if seed else load_urdf(Path(__file__).with_name("lift.urdf"))[0]
     theta = np.concatenate([link_parameters(rng, 0.5) for _ in range(robot.links)])
     return robot, theta, rng.normal(size=(3, samples, robot.n))
@@ -39,9 +35,7 @@ def test_the_regressor_makes_the_inverse_dynamics(seed):
     by_rnea = robot.inverse_dynamics(theta, q, dq, ddq)
     size = np.abs(by_rnea).max() + 1e-3
     np.testing.assert_allclose(
-        robot.regressor(q, dq, ddq) @ theta,
-        by_rnea,
-        atol=1e-11 * size,
+        robot.regressor(q, dq, ddq) @ theta, by_rnea, atol=1e-11 * size
     )
 
 
@@ -54,10 +48,7 @@ def test_masses_of_least_squares_may_be_negative(seed):
     consistent = robot.mass_matrices(theta, q)
     exact = 0.0 if seed else 1e-15  # with followers, products on either side
     np.testing.assert_allclose(
-        consistent,
-        np.swapaxes(consistent, 1, 2),
-        rtol=exact,
-        atol=exact,
+        consistent, np.swapaxes(consistent, 1, 2), rtol=exact, atol=exact
     )
     assert np.all(np.linalg.eigvalsh(consistent) > 0.0)
     k = np.arange(len(theta))
@@ -69,9 +60,7 @@ def test_masses_of_least_squares_may_be_negative(seed):
             theta * some, q
         )
         np.testing.assert_allclose(
-            parts,
-            consistent,
-            atol=1e-9 * np.abs(consistent).max(),
+            parts, consistent, atol=1e-9 * np.abs(consistent).max()
         )
     wild = np.random.default_rng(seed).normal(size=np.shape(theta))
     matrices = robot.mass_matrices(wild, q)
@@ -80,16 +69,12 @@ def test_masses_of_least_squares_may_be_negative(seed):
     by_rnea = robot.inverse_dynamics(wild, q, dq, ddq) - rest
     scale = np.abs(by_rnea).max() + 1.0
     np.testing.assert_allclose(
-        np.einsum("kij,kj->ki", matrices, ddq),
-        by_rnea,
-        atol=1e-9 * scale,
+        np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9 * scale
     )
     np.testing.assert_allclose(by_ddq, matrices, atol=1e-9 * scale)
     states = np.stack([q, dq, ddq])
     for by, (k, j) in zip(
-        (by_q, by_q, by_dq, by_dq),
-        ((0, 0), (0, -1), (1, 0), (1, -1)),
-        strict=True,
+        (by_q, by_q, by_dq, by_dq), ((0, 0), (0, -1), (1, 0), (1, -1)), strict=True
     ):
         step = np.zeros_like(states)
         step[k, :, j] = 1e-6
@@ -97,9 +82,7 @@ def test_masses_of_least_squares_may_be_negative(seed):
         before = robot.inverse_dynamics(wild, *states + -1.0 * step)
         slope = (after - before) / 2e-6
         np.testing.assert_allclose(
-            by[:, :, j],
-            slope,
-            atol=1e-5 * (np.abs(slope).max() + scale),
+            by[:, :, j], slope, atol=1e-5 * (np.abs(slope).max() + scale)
         )
 
 
@@ -127,31 +110,14 @@ def test_dh_tables_place_frames_as_craig_and_the_standard_do():
 def test_velocity_and_acceleration_are_the_derivatives(seed):
     trajectory = random_trajectory(load_problem("panda").robot, seed)
     h = 1e-5
-    joins = np.array(
-        [
-            trajectory.blend,
-            trajectory.duration - trajectory.blend,
-        ]
-    )
-    t = np.random.default_rng(seed).uniform(
-        h,
-        trajectory.duration - h,
-        200,
-    )
+    joins = np.array([trajectory.blend, trajectory.duration - trajectory.blend])
+    t = np.random.default_rng(seed).uniform(h, trajectory.duration - h, 200)
     t = t[np.abs(t[:, None] - joins).min(axis=1) > h]  # ddq jumps there
     _, dq, ddq = trajectory.states(t)
     before = trajectory.states(t - h)
     after = trajectory.states(t + h)
-    np.testing.assert_allclose(
-        dq,
-        (after[0] - before[0]) / (2 * h),
-        atol=1e-8,
-    )
-    np.testing.assert_allclose(
-        ddq,
-        (after[1] - before[1]) / (2 * h),
-        atol=1e-7,
-    )
+    np.testing.assert_allclose(dq, (after[0] - before[0]) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(ddq, (after[1] - before[1]) / (2 * h), atol=1e-7)
 
 
 def test_it_starts_and_ends_at_rest_and_stays_there(panda):
@@ -161,9 +127,7 @@ def test_it_starts_and_ends_at_rest_and_stays_there(panda):
     assert np.all(ddq == 0.0)
     series, rate, _ = paper.states([paper.blend])  # where the blend ends
     np.testing.assert_allclose(
-        q[:2],
-        np.tile(series - 0.5 * paper.blend * rate, (2, 1)),
-        atol=1e-15,
+        q[:2], np.tile(series - 0.5 * paper.blend * rate, (2, 1)), atol=1e-15
     )
     np.testing.assert_array_equal(q[2], q[3])
 
@@ -196,14 +160,7 @@ def test_joints_come_depth_first(two_link, parents):
     """Which they do where all that stands between a joint and its parent is below the
     parent."""
     joint = two_link.robot.joints[0]
-    joints = tuple(
-        replace(
-            joint,
-            name=f"{k}",
-            parent=p,
-        )
-        for k, p in enumerate(parents)
-    )
+    joints = tuple(replace(joint, name=f"{k}", parent=p) for k, p in enumerate(parents))
     if all(
         between >= p for k, p in enumerate(parents) for between in parents[p + 1 : k]
     ):

@@ -113,23 +113,11 @@ def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
         100.0  # of velocity, acceleration and jerk one binds
     )
     moves = trajectory.shortest_moves(points, *limits)
-    path = trajectory.PointTrajectory(
-        points,
-        moves,
-        np.array([0.5, 0.0, 0.2, 1.0]),
-    )
+    path = trajectory.PointTrajectory(points, moves, np.array([0.5, 0.0, 0.2, 1.0]))
     assert path.duration == pytest.approx(1.7 + moves.sum())
-    starts = np.cumsum(
-        [
-            0.5,
-            moves[0],
-            moves[1] + 0.2,
-        ]
-    )
+    starts = np.cumsum([0.5, moves[0], moves[1] + 0.2])
     for at, point in zip(
-        [0.0, *(starts + moves), path.duration],
-        points[[0, 1, 2, 3, 3]],
-        strict=True,
+        [0.0, *(starts + moves), path.duration], points[[0, 1, 2, 3, 3]], strict=True
     ):
         q, dq, ddq = path.states([at])
         np.testing.assert_allclose(q[0], point, atol=1e-9)
@@ -139,16 +127,8 @@ def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
     (q, dq, ddq), (before, low, _), (after, high, _) = (
         path.states(t + x) for x in (0.0, -h, h)
     )
-    np.testing.assert_allclose(
-        dq,
-        (after - before) / (2.0 * h),
-        atol=1e-4,
-    )
-    np.testing.assert_allclose(
-        ddq,
-        (high - low) / (2.0 * h),
-        atol=1e-2,
-    )
+    np.testing.assert_allclose(dq, (after - before) / (2.0 * h), atol=1e-4)
+    np.testing.assert_allclose(ddq, (high - low) / (2.0 * h), atol=1e-2)
     jerk = np.abs(np.diff(ddq, axis=0)) / t[1]
     for k, (start, time) in enumerate(zip(starts, moves, strict=True)):
         inside = (t >= start) & (t <= start + time)
@@ -165,11 +145,7 @@ def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
 @given(seeds, st.sampled_from(["psd", "soc", "nonnegative"]))
 def test_the_depth_in_a_cone_has_its_margins_sign_in_any_unit(seed, cone):
     rng = np.random.default_rng(seed)
-    terms = [
-        np.array([1.0, 0.7, 0.7, 0.1]),
-        np.eye(4)[0],
-        np.eye(4)[1],
-    ]
+    terms = [np.array([1.0, 0.7, 0.7, 0.1]), np.eye(4)[0], np.eye(4)[1]]
     if cone == "psd":
         terms = [x @ x.T for x in rng.normal(size=(3, 3, 3))]
     signs = np.array([1.0, -0.3, 0.4])
@@ -202,9 +178,7 @@ def transmission(kind: str, joints: str, motors: str) -> str:
     ],
 )
 def test_the_motors_of_a_transmission_turn_as_ros_control_says(
-    kind,
-    expected,
-    tmp_path,
+    kind, expected, tmp_path
 ):
     """Joint reductions 2 and 3, motor reductions 3 and 5."""
     second = (
@@ -273,7 +247,5 @@ def test_work_done_by_gravity_is_the_fall_of_the_links(name):
     ]
     rest = robot.inverse_dynamics(theta, q, 0.0 * q, 0.0 * q)
     np.testing.assert_allclose(
-        rest,
-        np.transpose(slope),
-        atol=1e-6 * np.abs(rest).max() + 1e-8,
+        rest, np.transpose(slope), atol=1e-6 * np.abs(rest).max() + 1e-8
     )

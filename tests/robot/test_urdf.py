@@ -48,10 +48,7 @@ def test_torques_equal_those_of_pinocchios_own_parser():
     states = np.random.default_rng(2).normal(size=(3, 20, robot.n))
     expected = urdfdom_torque(GANTRY, robot, *states)
     np.testing.assert_allclose(
-        robot.inverse_dynamics(theta, *states),
-        expected,
-        rtol=1e-12,
-        atol=1e-12,
+        robot.inverse_dynamics(theta, *states), expected, rtol=1e-12, atol=1e-12
     )
 
 

@@ -71,7 +71,5 @@ def test_arrays_are_the_problem_of_the_text(written):
         with np.load(place / "problem.npz") as made:
             np.testing.assert_array_equal(np.sort(made["c"]), np.sort(sent.q))
             np.testing.assert_allclose(
-                np.sort(made["A_value"]),
-                np.sort(sent.A.data),
-                rtol=1e-15,
+                np.sort(made["A_value"]), np.sort(sent.A.data), rtol=1e-15
             )

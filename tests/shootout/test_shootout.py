@@ -146,10 +146,7 @@ def test_a_chart_of_links_begins_inside_and_knows_its_slope():
     rng = np.random.default_rng(0)
     chart = Chart(made.sent, inside)
     np.testing.assert_allclose(
-        chart.theta(chart.start)[0],
-        inside,
-        rtol=1e-9,
-        atol=1e-12,
+        chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12
     )
     x = chart.start + 0.3 * rng.normal(size=len(inside))
     gradient = rng.normal(size=len(inside))
@@ -158,10 +155,7 @@ def test_a_chart_of_links_begins_inside_and_knows_its_slope():
         (chart.theta(x + s)[0] - chart.theta(x - s)[0]) @ gradient / 2e-6 for s in steps
     ]
     np.testing.assert_allclose(
-        chart.slope(chart.theta(x)[1], gradient),
-        moved,
-        rtol=1e-6,
-        atol=1e-8,
+        chart.slope(chart.theta(x)[1], gradient), moved, rtol=1e-6, atol=1e-8
     )
 
 
@@ -237,32 +231,15 @@ def test_violations_are_in_units_of_their_own_cones():
     inside = np.zeros(2)
     bound = np.array([10.0, 10.0])
     rows = Constraint(
-        "a",
-        "",
-        "nonnegative",
-        [0],
-        np.array([1.0, 40.0]),
-        np.array([[-1.0, -20.0]]),
+        "a", "", "nonnegative", [0], np.array([1.0, 40.0]), np.array([[-1.0, -20.0]])
     )
     assert relative_violation([rows], x, inside, bound) == pytest.approx(
         2.0 / 10.0
     )  # and 20 of 200
-    cone = Constraint(
-        "a",
-        "",
-        "soc",
-        [0],
-        np.array([1.0, 0.0]),
-        np.array([[0.0, 2.0]]),
-    )
+    cone = Constraint("a", "", "soc", [0], np.array([1.0, 0.0]), np.array([[0.0, 2.0]]))
     assert relative_violation([cone], x, inside, bound) == pytest.approx(5.0 / 20.0)
     matrix = Constraint(
-        "a",
-        "",
-        "psd",
-        [0],
-        np.diag([4.0, 9.0]),
-        np.diag([-2.0, 0.0])[None],
+        "a", "", "psd", [0], np.diag([4.0, 9.0]), np.diag([-2.0, 0.0])[None]
     )
     assert relative_violation([matrix], x, inside, bound) == pytest.approx(2.0 / 4.0)
     assert relative_violation([rows, cone, matrix], np.zeros(2), inside, bound) == 0.0
@@ -332,10 +309,7 @@ def test_seconds_are_processor_time(two_link, proved, best):
 
         task = runner.Assignment("", "", 20.0, 1.0, reference=proved)
         row = runner.run_one(
-            task,
-            replace(CONTESTANTS["lmi-sdp"], solve=solve),
-            two_link,
-            1e-6,
+            task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6
         )
         assert row["class"] == "right"
         return row["seconds"]
@@ -379,9 +353,7 @@ def test_summary_of_known_runs(tmp_path):
             _run("b", "good", seconds=0.4),
             _run("a", "fast", seconds=0.05),
             _run(
-                "b",
-                "fast",
-                **{"class": "failed", "claimed": "failed", "seconds": 0.01},
+                "b", "fast", **{"class": "failed", "claimed": "failed", "seconds": 0.01}
             ),
             _run("a", "liar", **liar, objective_error=0.3),
             _run("b", "liar", **liar, objective_error=0.2),
@@ -487,20 +459,10 @@ def test_folders_that_hold_something_else_are_refused(tmp_path):
 
 
 def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):
-    outcome = runner.run(
-        setup(
-            tmp_path / "s",
-            solvers=["penalty"],
-            time_limit=1e-3,
-        )
-    )
+    outcome = runner.run(setup(tmp_path / "s", solvers=["penalty"], time_limit=1e-3))
     runs = outcome.results.runs.set_index("settings")
     kinds = dict(
-        zip(
-            runs.index,
-            zip(runs["class"], runs["remark"], strict=True),
-            strict=True,
-        )
+        zip(runs.index, zip(runs["class"], runs["remark"], strict=True), strict=True)
     )
     assert kinds["1e-04"][0] == kinds["1e-06"][0] == "timeout"
     assert "not run" in kinds["1e-06"][1]
@@ -512,13 +474,7 @@ def test_a_proof_that_hangs_is_ended_and_its_problem_runs_without_an_interval(
     monkeypatch.setattr(runner, "reference", lambda made: time.sleep(60.0))
     monkeypatch.setattr(runner, "CLOCK_AT_LEAST", 0.5)
     begin = time.monotonic()
-    outcome = runner.run(
-        setup(
-            tmp_path / "s",
-            solvers=["clarabel"],
-            proof_limit=0.2,
-        )
-    )
+    outcome = runner.run(setup(tmp_path / "s", solvers=["clarabel"], proof_limit=0.2))
     assert time.monotonic() - begin < 30.0
     assert np.isinf(outcome.results.runs["lower"]).all()
     (known,) = json.loads((tmp_path / "s" / "references.json").read_text()).values()

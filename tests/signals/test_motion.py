@@ -69,11 +69,7 @@ def test_the_record_is_bounded(monkeypatch):
     assert points[1] < 1.5 * points[0]
     rng = np.random.default_rng(3)
     wild = run_of(10, 120.0)
-    smooth = np.convolve(
-        rng.normal(size=len(wild.t) + 200),
-        np.hanning(201),
-        "valid",
-    )
+    smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
     wild.q[:, 0] = smooth / smooth.std()
     monkeypatch.setattr(motion, "_LARGEST_RECORD", 14_000)
     record = record_motion(FilteredRuns.of(wild, SETTINGS))
@@ -117,11 +113,7 @@ def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept
 def test_runs_of_one_motion_share_its_clock():
     """Whether it repeats itself in them or not, wherever each begins; other runs have
     their own."""
-    runs = [
-        run_of(10, 8.0),
-        run_of(20, 8.0),
-        run_of(11, 7.0, 1.3),
-    ]
+    runs = [run_of(10, 8.0), run_of(20, 8.0), run_of(11, 7.0, 1.3)]
     clocks = phases.motion_clocks(phases.tracks_of(concatenate(runs)))
     assert [c.motion for c in clocks] == [0, 1, 0]
     assert clocks[2].at(runs[2].t[100]) == pytest.approx(
@@ -197,28 +189,16 @@ def test_a_long_recording_is_seen_in_windows_spread_over_it():
 
     def ramp(name: str, seconds: float) -> Measurements:
         t = np.arange(0.0, seconds + 0.05, 0.1)
-        return Measurements(
-            t,
-            t[:, None],
-            t[:, None],
-            names=(name,),
-        )
+        return Measurements(t, t[:, None], t[:, None], names=(name,))
 
-    short = concatenate(
-        [
-            ramp("a", 120.0),
-            ramp("b", 130.0),
-        ]
-    )
+    short = concatenate([ramp("a", 120.0), ramp("b", 130.0)])
     long = ramp("long", 1000.0)
     assert window_subsample(short, SETTINGS) is short
     assert subsample_sentence(short, short, "noise of") is None
     part = window_subsample(long, SETTINGS)
     ends = [(run.t[0], run.t[-1]) for run in part.runs()]
     np.testing.assert_allclose(
-        ends,
-        62.5 * np.array([[0, 1], [5, 6], [10, 11], [15, 16]]),
-        atol=0.11,
+        ends, 62.5 * np.array([[0, 1], [5, 6], [10, 11], [15, 16]]), atol=0.11
     )
     assert part.names[1] == "long, 312.5 s to 375 s"
     said = subsample_sentence(part, long, "noise of")
@@ -319,31 +299,12 @@ def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_on
     rng = np.random.default_rng(4)
     t = np.arange(4000) / 100.0
     rests = np.sin(0.4 * np.pi * t) > 0.6
-    q = np.cumsum(
-        np.where(
-            rests,
-            1e-5,
-            0.5 * np.cos(0.8 * np.pi * t) / 100.0,
-        )
-    )
+    q = np.cumsum(np.where(rests, 1e-5, 0.5 * np.cos(0.8 * np.pi * t) / 100.0))
     says = dahl(q, 2e-3, 1.0)
-    held = np.interp(
-        t,
-        np.arange(0.0, 41.0, 0.7),
-        rng.uniform(-1.0, 1.0, 59),
-    )
+    held = np.interp(t, np.arange(0.0, 41.0, 0.7), rng.uniform(-1.0, 1.0, 59))
     friction = says if law == "dahl" else np.where(rests, held, says)
     left = friction + 0.02 * rng.normal(size=len(t))
-    laws = np.column_stack(
-        [
-            dahl(
-                q,
-                d,
-                1.0,
-            )
-            for d in (1e-3, 2e-3, 4e-3)
-        ]
-    )
+    laws = np.column_stack([dahl(q, d, 1.0) for d in (1e-3, 2e-3, 4e-3)])
     std, none = unexplained_standstill_torque(left, laws, rests.astype(float))
     assert none == (law == "anything")
     if none:  # all rests together tell no more than one row of the friction's size
@@ -358,11 +319,7 @@ def test_extremes_of_neighbours_are_scipys(width):
 
     x = np.random.default_rng(0).normal(size=(3, 4000))
     half = width // 2
-    near = np.pad(
-        x,
-        ((0, 0), (half, half)),
-        mode="symmetric",
-    )
+    near = np.pad(x, ((0, 0), (half, half)), mode="symmetric")
     largest = sliding(np.maximum, near, width)
     smallest = sliding(np.minimum, near, width)
     np.testing.assert_array_equal(largest, maximum_filter1d(x, width))

@@ -29,28 +29,16 @@ SETTINGS = Preprocessing(5.0, CUTOFF)
 
 
 def run_of(
-    seed: int,
-    period: float,
-    seconds: float,
-    ar: float = 0.0,
-    first: float = 0.0,
+    seed: int, period: float, seconds: float, ar: float = 0.0, first: float = 0.0
 ) -> Measurements:
     """A motion from its instant ``first`` on: its torque is error of the model, and
     AR(1) noise."""
     t = np.arange(0.0, seconds, DT)
-    q = periodic(
-        np.random.default_rng(7),
-        t + first,
-        period,
-        JOINTS,
-    )
+    q = periodic(np.random.default_rng(7), t + first, period, JOINTS)
     white = np.random.default_rng(seed).normal(size=(len(t) + 4000, JOINTS))
     noise = signal.lfilter([1.0], [1.0, -ar], white, axis=0)[4000:]
     return Measurements(
-        t + 100.0 * seed,
-        q,
-        20.0 * np.tanh(q) + noise,
-        names=(f"run {seed}",),
+        t + 100.0 * seed, q, 20.0 * np.tanh(q) + noise, names=(f"run {seed}",)
     )
 
 
@@ -97,16 +85,7 @@ def test_the_floor_of_runs_that_repeat_each_other():
     shown = []
     for seed in range(0, 16, 4):
         rows = without_model(
-            *(
-                run_of(
-                    seed + k,
-                    80.0,
-                    30.0,
-                    0.6,
-                    0.317 * k,
-                )
-                for k in range(4)
-            )
+            *(run_of(seed + k, 80.0, 30.0, 0.6, 0.317 * k) for k in range(4))
         )
         noise = noise_of(rows)
         assert noise.source == REPETITION
@@ -178,11 +157,7 @@ def test_noise_that_swells_with_the_velocity_has_its_profile():
     rows = without_model(replace(run, tau=own + swell * (run.tau - own)))
     noise = noise_of(rows)
     for j in range(JOINTS):
-        wanted = np.interp(
-            rows.t,
-            run.t,
-            swell[:, j],
-        )
+        wanted = np.interp(rows.t, run.t, swell[:, j])
         assert np.corrcoef(noise.profile[:, j], wanted)[0, 1] > 0.9
         assert np.mean(noise.profile[:, j] ** 2) == pytest.approx(1.0, rel=0.05)
 
@@ -196,11 +171,7 @@ def test_a_run_is_whitened_by_another_ones_noise():
     other = run_of(9, 9.63, 160.0, 0.98)
     rows = without_model(replace(other, tau=other.tau - 20.0 * np.tanh(other.q)))
     for j in range(JOINTS):
-        white = noise.whiten(
-            rows.residual[:, j],
-            j,
-            rows.pieces[j],
-        )
+        white = noise.whiten(rows.residual[:, j], j, rows.pieces[j])
         assert white[white != 0.0].std() == pytest.approx(1.0, abs=0.06)
 
 

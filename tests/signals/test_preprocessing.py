@@ -22,19 +22,10 @@ from sdp_vs_penalty.signals import (
     preprocessing,
 )
 
-CASES = [
-    (5.0, 1e-3),
-    (8.0, 2e-3),
-    (10.0, 0.01),
-    (0.7, 0.02),
-]
+CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
 
-def responses(
-    cutoff: float,
-    dt: float,
-    share: float,
-) -> np.ndarray:
+def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
     """Complex gains (3,) of value, first and second derivative at share * cutoff over
     the ideal ones."""
     kernel = Kernel(cutoff, dt)
@@ -47,22 +38,10 @@ def responses(
 @pytest.mark.parametrize(("cutoff", "dt"), CASES)
 def test_gain_is_what_the_docstring_says(cutoff, dt):
     """Of no phase: the imaginary part is zero as well."""
-    np.testing.assert_allclose(
-        responses(cutoff, dt, 0.1),
-        1.0,
-        atol=6e-7,
-    )
+    np.testing.assert_allclose(responses(cutoff, dt, 0.1), 1.0, atol=6e-7)
     assert responses(cutoff, dt, 0.1)[0] == pytest.approx(1.0, abs=6e-8)
-    np.testing.assert_allclose(
-        responses(cutoff, dt, 0.5),
-        1.0,
-        atol=0.012,
-    )
-    np.testing.assert_allclose(
-        responses(cutoff, dt, 1.0),
-        0.5,
-        atol=0.005,
-    )
+    np.testing.assert_allclose(responses(cutoff, dt, 0.5), 1.0, atol=0.012)
+    np.testing.assert_allclose(responses(cutoff, dt, 1.0), 0.5, atol=0.005)
     stop = [
         abs(responses(cutoff, dt, x)[0])
         for x in np.linspace(1.4, 0.5 / dt / cutoff, 100)
@@ -78,11 +57,7 @@ def test_a_position_far_from_zero_keeps_its_derivatives():
     near = kernel.states(q)
     far = kernel.states(q + 6283.0)
     for a, b in zip(near[1:], far[1:], strict=True):
-        np.testing.assert_allclose(
-            a,
-            b,
-            atol=1e-7 * np.abs(a).max(),
-        )
+        np.testing.assert_allclose(a, b, atol=1e-7 * np.abs(a).max())
 
 
 @pytest.mark.parametrize("chunk", [pytest.param(1, marks=pytest.mark.long), 500])
@@ -106,15 +81,9 @@ def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
     )
     for name in ("q", "dq", "ddq"):
         joined = np.concatenate([getattr(p.motion, name) for p in pieces])
-        np.testing.assert_allclose(
-            joined,
-            getattr(whole.motion, name),
-            atol=1e-9,
-        )
+        np.testing.assert_allclose(joined, getattr(whole.motion, name), atol=1e-9)
     np.testing.assert_allclose(
-        np.concatenate([p.torque for p in pieces]),
-        whole.torque,
-        atol=1e-12,
+        np.concatenate([p.torque for p in pieces]), whole.torque, atol=1e-12
     )
     for k, columns in enumerate(whole.columns):
         joined = np.concatenate([p.columns[k].columns for p in pieces])
@@ -132,26 +101,8 @@ def test_rows_obey_the_model_where_the_measurements_do(clock, bound):
         t: NDArray[np.float64] = np.cumsum(
             np.random.default_rng(5).uniform(3e-4, 1.7e-3, 12_000)
         )
-        q = np.column_stack(
-            [
-                np.interp(
-                    t,
-                    run.t,
-                    x,
-                )
-                for x in run.q.T
-            ]
-        )
-        tau = np.column_stack(
-            [
-                np.interp(
-                    t,
-                    run.t,
-                    x,
-                )
-                for x in run.tau.T
-            ]
-        )
+        q = np.column_stack([np.interp(t, run.t, x) for x in run.q.T])
+        tau = np.column_stack([np.interp(t, run.t, x) for x in run.tau.T])
         run = Measurements(t, q, tau)
     elif clock == "with a gap":
         run = run.rows((run.t < 8.0) | (run.t > 9.5))
@@ -171,9 +122,7 @@ def test_idle_joints_do_not_set_the_filters():
     t = np.arange(0.0, 40.0, 0.01)
     q = np.zeros((len(t), 3))
     q[:, 1] = np.where(
-        t < 30.0,
-        np.sin(2 * np.pi * 0.3 * t),
-        np.sin(2 * np.pi * 0.3 * 30.0),
+        t < 30.0, np.sin(2 * np.pi * 0.3 * t), np.sin(2 * np.pi * 0.3 * 30.0)
     )
     q = q + rng.choice([0.0, 1e-5], size=q.shape)
     run = Measurements(t, q, rng.normal(size=q.shape))
@@ -198,11 +147,7 @@ def test_default_cutoff_is_ten_times_the_highest_harmonic(base):
     rng = np.random.default_rng(2)
     motion = sines(rng, 4, t, base, 5)
     noise = 1e-4 * rng.normal(size=(2, *motion.q.shape))
-    run = Measurements(
-        t,
-        motion.q + noise[0],
-        motion.q + noise[1],
-    )
+    run = Measurements(t, motion.q + noise[0], motion.q + noise[1])
     settings = Preprocessing().resolve(run)
     assert settings.state_cutoff == pytest.approx(10 * 5 * base, rel=0.35)
     assert settings.torque_cutoff == pytest.approx(1.6 * settings.state_cutoff)
@@ -221,11 +166,7 @@ def test_torque_that_was_smoothed_is_not_fitted_above_its_own_band():
         + np.sign(np.gradient(q, t, axis=0))
         + 1e-3 * np.random.default_rng(1).normal(size=q.shape)
     )
-    smooth = sosfiltfilt(
-        butter(3, 1.5, fs=250.0, output="sos"),
-        sharp,
-        axis=0,
-    )
+    smooth = sosfiltfilt(butter(3, 1.5, fs=250.0, output="sos"), sharp, axis=0)
     assert Preprocessing().resolve(
         Measurements(t, q, sharp)
     ).torque_cutoff == pytest.approx(4.4, rel=1e-3)
@@ -241,11 +182,7 @@ def test_torque_that_was_smoothed_is_not_fitted_above_its_own_band():
 
 def test_cutoffs_stay_below_what_the_rate_allows():
     t = np.arange(0.0, 10.0, 0.02)
-    run = Measurements(
-        t,
-        np.sin(2 * np.pi * 3.0 * t)[:, None],
-        t[:, None],
-    )
+    run = Measurements(t, np.sin(2 * np.pi * 3.0 * t)[:, None], t[:, None])
     settings = Preprocessing().resolve(run)
     assert settings.state_cutoff == pytest.approx(5.0)
     assert settings.torque_cutoff == pytest.approx(8.0)
@@ -258,11 +195,7 @@ def test_what_cannot_be_filtered_is_refused():
     model, _, run = driven(seconds=0.5)
     short = FilteredRun(run, Preprocessing(2.0, 4.0))
     refusal(lambda: short.all_rows(model), "filters need more than", "record longer")
-    broken = Measurements(
-        run.t + np.arange(len(run.t)) // 10,
-        run.q,
-        run.tau,
-    )
+    broken = Measurements(run.t + np.arange(len(run.t)) // 10, run.q, run.tau)
     refusal(
         lambda: Preprocessing().resolve(broken), "no 16 consecutive ones without a gap"
     )
@@ -281,11 +214,7 @@ def test_what_cannot_be_filtered_is_refused():
 
 @pytest.mark.parametrize("cutoffs", [(5.0, 8.0), (20.0, 8.0), (3.0, 12.0)])
 def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
-    model, _, run = driven(
-        seconds=8.0,
-        dt=1e-3,
-        effects="rigid_body",
-    )
+    model, _, run = driven(seconds=8.0, dt=1e-3, effects="rigid_body")
     settings = Preprocessing(*cutoffs)
     found = FilteredRun(run, settings).all_rows(model)
     filters = preprocessing.RunFilter(run, settings)
@@ -296,10 +225,7 @@ def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
     for own, exact in zip(found.columns, model.columns(dense), strict=True):
         low = Decimator(filters.column, at) @ exact.columns
         np.testing.assert_allclose(
-            own.columns,
-            low,
-            rtol=0.0,
-            atol=1e-5 * np.abs(low).max(),
+            own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max()
         )
 
 
@@ -311,31 +237,15 @@ def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to():
     q = np.sin(np.pi * t)
     torque = np.cos(np.pi * t) + rng.normal(0.0, 0.01, len(t))
     white = rng.normal(size=len(t))
-    stuck = np.clip(
-        q,
-        -np.cos(0.1),
-        np.cos(0.1),
-    )
+    stuck = np.clip(q, -np.cos(0.1), np.cos(0.1))
     smooth = Preprocessing().resolve(
-        Measurements(
-            t,
-            (q + 3e-06 * white)[:, None],
-            torque[:, None],
-        )
+        Measurements(t, (q + 3e-06 * white)[:, None], torque[:, None])
     )
     sharp = Preprocessing().resolve(
-        Measurements(
-            t,
-            (stuck + 3e-06 * white)[:, None],
-            torque[:, None],
-        )
+        Measurements(t, (stuck + 3e-06 * white)[:, None], torque[:, None])
     )
     coarse = Preprocessing().resolve(
-        Measurements(
-            t,
-            (stuck + 0.001 * white)[:, None],
-            torque[:, None],
-        )
+        Measurements(t, (stuck + 0.001 * white)[:, None], torque[:, None])
     )
     assert smooth.torque_cutoff == sharp.torque_cutoff == 1.6 * smooth.state_cutoff
     assert sharp.state_cutoff > 2.0 * smooth.state_cutoff

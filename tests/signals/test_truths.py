@@ -18,16 +18,10 @@ from sdp_vs_penalty.signals import (
 
 
 def log(
-    t: np.ndarray,
-    q: np.ndarray | None = None,
-    tau: np.ndarray | None = None,
+    t: np.ndarray, q: np.ndarray | None = None, tau: np.ndarray | None = None
 ) -> Measurements:
     q = np.sin(t)[:, None] if q is None else q
-    return Measurements(
-        t,
-        q,
-        np.cos(q) if tau is None else tau,
-    )
+    return Measurements(t, q, np.cos(q) if tau is None else tau)
 
 
 @pytest.mark.parametrize(
@@ -43,9 +37,7 @@ def test_a_gap_is_twenty_usual_steps_and_at_least_fifty_milliseconds(dt, bridged
             assert part.dt == pytest.approx(dt)
             grid = part.resampled(part.q, 0, part.count)
             np.testing.assert_allclose(
-                grid[-1],
-                np.sin(part.clock(part.count - 1)),
-                atol=0.01,
+                grid[-1], np.sin(part.clock(part.count - 1)), atol=0.01
             )
             assert 0.0 <= part.t[-1] - part.clock(part.count - 1) < dt
     lone = log(np.append(even, [even[-1] + 9.0]))  # one sample is no stretch
@@ -69,30 +61,16 @@ def test_what_moves_at_all():
     white = np.random.default_rng(0).normal(size=(5000, 2)) * [0.0098, 0.0102]
     assert runs.moving_joints(
         log(0.01 * k, np.column_stack([*waves, white]))
-    ).tolist() == [
-        True,
-        False,
-        False,
-        True,
-    ]
+    ).tolist() == [True, False, False, True]
 
 
 def test_an_instant_is_of_motion_where_half_a_second_goes_as_far_as_the_share():
     """Of a quarter of a second to either side; a joint that only flickers does not
     count."""
     t = np.arange(0.0, 30.0, 0.01)
-    q = np.column_stack(
-        [
-            np.clip(t - 10.0, 0.0, 10.0),
-            1e-5 * (np.arange(3000) % 2),
-        ]
-    )
+    q = np.column_stack([np.clip(t - 10.0, 0.0, 10.0), 1e-5 * (np.arange(3000) % 2)])
     moves = t[runs.Movement(log(t, q), 0.2).moves]
-    np.testing.assert_allclose(
-        moves[[0, -1]],
-        [9.85, 20.15],
-        atol=0.02,
-    )
+    np.testing.assert_allclose(moves[[0, -1]], [9.85, 20.15], atol=0.02)
     assert len(moves) == pytest.approx(1030, abs=3)
 
 
@@ -107,12 +85,7 @@ def test_the_highest_harmonic_has_a_hundredth_of_the_largest_amplitude(share, la
 
 def test_noise_of_a_short_stretch_in_which_a_joint_rests_is_no_harmonic():
     """Behind a gap: what is large there is small beside the motion before."""
-    t = np.concatenate(
-        [
-            np.arange(0.0, 30.0, 0.01),
-            np.arange(32.0, 34.0, 0.01),
-        ]
-    )
+    t = np.concatenate([np.arange(0.0, 30.0, 0.01), np.arange(32.0, 34.0, 0.01)])
     noise = 1e-4 * np.random.default_rng(1).normal(size=len(t))
     q = np.where(t < 31.0, np.sin(2.0 * np.pi * t), 0.5) + noise
     assert spectrum.highest_harmonic(log(t, q[:, None])) == pytest.approx(1.0, abs=0.1)
@@ -127,26 +100,13 @@ def test_the_trembling_of_a_joint_that_is_held_still_is_no_harmonic():
 
 
 def coloured(
-    seed: int,
-    ar: float,
-    count: int,
-    dt: float = 4e-3,
+    seed: int, ar: float, count: int, dt: float = 4e-3
 ) -> tuple[Measurements, np.ndarray]:
     """Slow motion whose torque has autoregressive noise, and that noise."""
     white = np.random.default_rng(seed).normal(size=(count, 2)) * [0.3, 2.0]
-    shown = signal.lfilter(
-        [1.0],
-        [1.0, -ar],
-        white,
-        axis=0,
-    )
+    shown = signal.lfilter([1.0], [1.0, -ar], white, axis=0)
     t = dt * np.arange(count)
-    q = np.column_stack(
-        [
-            np.sin(t),
-            np.cos(1.3 * t),
-        ]
-    )
+    q = np.column_stack([np.sin(t), np.cos(1.3 * t)])
     return log(t, q, 5.0 * q + shown), shown
 
 
@@ -157,16 +117,10 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     known = spectrum.torque_spectrum(parts, 8.0)
     w = 2.0 * np.pi * known.frequency * 4e-3
     law = 1.0 / (1.0 + ar**2 - 2.0 * ar * np.cos(w))
-    np.testing.assert_allclose(
-        known.spectrum,
-        np.outer([0.3**2, 4.0], law),
-        rtol=0.08,
-    )
+    np.testing.assert_allclose(known.spectrum, np.outer([0.3**2, 4.0], law), rtol=0.08)
     assert (known.is_smoothed, known.is_uneven) == (False, False)
     low = signal.sosfiltfilt(
-        signal.butter(2, 4.0, fs=250.0, output="sos"),
-        run.tau,
-        axis=0,
+        signal.butter(2, 4.0, fs=250.0, output="sos"), run.tau, axis=0
     )
     louder = run.tau + 19.0 * shown * (run.t % 40.0 > 20.0)[:, None]
     for tau, flags in (
@@ -204,18 +158,10 @@ def test_an_autoregression_filters_row_by_row(seed):
             expected[piece[k]] = x[piece[k]] - sum(
                 a * x[piece[k - 1 - m]] for m, a in enumerate(ar)
             )
-    np.testing.assert_allclose(
-        pieces.filter(ar, 80) @ x,
-        expected,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(pieces.filter(ar, 80) @ x, expected, atol=1e-12)
     # The noise of innovations sigma, where the motion swells them and a joint stands
     # still.
-    profile, held = rng.uniform(
-        0.5,
-        2.0,
-        (2, 80, 1),
-    )
+    profile, held = rng.uniform(0.5, 2.0, (2, 80, 1))
     known = noise.Noise(
         np.ones(1),
         ar[None],
@@ -243,9 +189,7 @@ def test_an_autoregression_filters_row_by_row(seed):
 def test_an_autoregression_is_found_and_what_is_too_short_for_one_is_white():
     truth = np.array([0.9, -0.5, 0.2, 0.1])
     x = signal.lfilter(
-        [0.7],
-        np.append(1.0, -truth),
-        np.random.default_rng(2).normal(size=40_000),
+        [0.7], np.append(1.0, -truth), np.random.default_rng(2).normal(size=40_000)
     )
     pieces = signals.coloured_noise.Pieces(np.array_split(np.arange(len(x)), 10))
     ar, sigma, degrees = signals.coloured_noise.autoregression(x, pieces)
@@ -288,11 +232,7 @@ def test_noise_that_swells_with_a_rate_has_its_law():
     variance = 0.3 + 2.0 * rates[:, 1]
     white = np.sqrt(variance) * rng.normal(size=20_000)
     found = signals.coloured_noise.noise_profile(white, rates, rates) ** 2
-    np.testing.assert_allclose(
-        found,
-        variance / variance.mean(),
-        rtol=0.3,
-    )
+    np.testing.assert_allclose(found, variance / variance.mean(), rtol=0.3)
     assert np.all(
         signals.coloured_noise.noise_profile(white[:59], rates[:59], rates) == 1.0
     )
@@ -338,12 +278,7 @@ def test_what_the_repeats_of_a_motion_share(seed):
 
 
 def test_rows_that_only_a_later_row_connects_are_one_motion():
-    both = np.array(
-        [
-            [0, 2],
-            [1, 2],
-        ]
-    )
+    both = np.array([[0, 2], [1, 2]])
     assert repetition.phases(both, 3).tolist() == [0, 0]
 
 
@@ -361,10 +296,6 @@ def test_the_same_motion_read_again_has_errors_of_other_steps():
     for step in (1e-2, 1e-7):
         read = step * np.round(q / step)
         errors.append(np.hstack([read, read_again(log(t, read)).q]) - q)
-    np.testing.assert_allclose(
-        errors[0].std(axis=0),
-        1e-2 / np.sqrt(12.0),
-        rtol=0.1,
-    )
+    np.testing.assert_allclose(errors[0].std(axis=0), 1e-2 / np.sqrt(12.0), rtol=0.1)
     assert abs(np.corrcoef(errors[0].T)[0, 1]) < 0.15
     assert np.abs(errors[1]).max() < 1e-6

@@ -22,12 +22,7 @@ from sdp_vs_penalty.diagnosis import Rules
 
 def record(found: list[dict[str, Any]], kind: str = "strong") -> dict[str, Any]:
     """Of a robot that lacks a spring on joint 1; of a clean one nothing."""
-    hidden = {
-        "effect": "joint_spring",
-        "joints": [1],
-        "shape": {},
-        "size": 1.0,
-    }
+    hidden = {"effect": "joint_spring", "joints": [1], "shape": {}, "size": 1.0}
     return {
         "class": kind,
         "truth": [] if kind == "clean" else [hidden],

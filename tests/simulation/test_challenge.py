@@ -50,12 +50,7 @@ def test_a_contact_is_an_event_not_an_effect():
 
 
 def found(effect: str, *joints: int, **more: Any) -> dict[str, Any]:
-    usual = {
-        "size": 1.0,
-        "std": 0.1,
-        "shape": {},
-        "confidence": "confident",
-    }
+    usual = {"size": 1.0, "std": 0.1, "shape": {}, "confidence": "confident"}
     return (
         usual
         | {"effect": effect, "joints": list(joints), "indistinguishable_from": []}
@@ -88,21 +83,10 @@ def test_clean_robots_are_judged_by_what_was_stated_beforehand():
 
 
 def test_findings_are_judged_beside_the_truth():
-    truth = {
-        "effect": "joint_spring",
-        "joints": [2],
-        "size": 0.8,
-        "shape": {},
-    }
+    truth = {"effect": "joint_spring", "joints": [2], "size": 0.8, "shape": {}}
     spring = found("joint_spring", 2)
     other = found("torque_delay", 1)
-    right = record(
-        spring,
-        other,
-        truth=[truth],
-        energy=[100.0],
-        deviation=[0.0],
-    )
+    right = record(spring, other, truth=[truth], energy=[100.0], deviation=[0.0])
     assert judge.first_right(right)
     assert judge.counted(right)
     assert judge.extras(right)
@@ -113,10 +97,7 @@ def test_findings_are_judged_beside_the_truth():
     }
     for ratio, named in ((2.0, True), (-2.0, False)):
         claim = found(
-            "transmission_friction",
-            5,
-            6,
-            shape={"c5": 1.0, "c6": ratio, "law": 2.0},
+            "transmission_friction", 5, 6, shape={"c5": 1.0, "c6": ratio, "law": 2.0}
         )
         assert judge.first_right(record(claim, truth=[wrist])) == named
     assert judge.sizes(right) == [
@@ -139,19 +120,10 @@ def test_cases_of_the_challenge_come_out_as_committed(name):
     cases = json.loads((RESULTS / "challenge" / "challenge.json").read_text())["cases"]
     key, record = next((k, r) for k, r in cases.items() if r["class"] == name)
     kind, nuisance, seed, index = key.split("/")
-    _, again = run_case(
-        Case(
-            kind,
-            nuisance,
-            int(seed),
-            int(index),
-        )
-    )
+    _, again = run_case(Case(kind, nuisance, int(seed), int(index)))
     for field in ("truth", "verdict", "events", "found", "retuned", "energy", "after"):
         assert not differences(
-            record[field],
-            json.loads(json.dumps(again[field])),
-            field,
+            record[field], json.loads(json.dumps(again[field])), field
         )
 
 
@@ -191,13 +163,7 @@ def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel):
 def test_lugre_slides_at_the_stribeck_level():
     t = np.arange(0.0, 3.0, 1e-3)
     one = np.ones(1)
-    law = FrictionLaw(
-        0.01 * one,
-        "lugre",
-        0.002 * one,
-        0.3 * one,
-        0.05 * one,
-    )
+    law = FrictionLaw(0.01 * one, "lugre", 0.002 * one, 0.3 * one, 0.05 * one)
     for speed in (0.01, 0.05, -0.4):
         level = np.sign(speed) * (1.0 + 0.3 * np.exp(-((speed / 0.05) ** 2)))
         assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(

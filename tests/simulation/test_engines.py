@@ -88,22 +88,12 @@ def test_a_rejected_link_is_named(name, two_link):
         )
         refusal(lambda: present(name)(two_link.robot, links), "link 1")
     links[0] = 0.0
-    refusal(
-        lambda: present(name)(two_link.robot, links),
-        "link 1 ",
-        "has no mass",
-    )
+    refusal(lambda: present(name)(two_link.robot, links), "link 1 ", "has no mass")
 
 
 def test_sinusoids_stay_within_the_limits(panda):
     lower, upper, velocity = joint_limits(panda.robot)
-    q, dq, _ = sinusoids(panda.robot)(
-        np.linspace(
-            0.0,
-            60.0,
-            20000,
-        )
-    )
+    q, dq, _ = sinusoids(panda.robot)(np.linspace(0.0, 60.0, 20000))
     assert np.all((lower <= q) & (q <= upper) & (np.abs(dq) <= velocity))
     assert np.all(np.ptp(q, axis=0) > 0.85 * (upper - lower))
 

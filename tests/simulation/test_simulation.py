@@ -54,36 +54,20 @@ def test_an_ideal_sensor_shows_the_truth(panda):
 
 def test_sigmoid_friction_is_the_papers_formula(panda):
     phi = experiment(panda).friction
-    dq = np.random.default_rng(0).uniform(
-        -2.0,
-        2.0,
-        (50, 7),
-    )
+    dq = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 7))
     got = sigmoid_friction(phi, dq)
     p1, p2, p3 = phi.T
     expected = p1 / (1 + np.exp(-p2 * (dq + p3))) - p1 / (1 + np.exp(-p2 * p3))
     np.testing.assert_allclose(got, expected, atol=1e-13)
-    np.testing.assert_allclose(
-        sigmoid_friction(phi, np.zeros((1, 7))),
-        0.0,
-        atol=1e-15,
-    )
+    np.testing.assert_allclose(sigmoid_friction(phi, np.zeros((1, 7))), 0.0, atol=1e-15)
 
 
 def test_noise_has_the_spectrum_it_is_given(panda):
     sensor = experiment(panda).sensor
     e = sensor.noise(200_000, np.random.default_rng(1))
-    np.testing.assert_allclose(
-        e.std(axis=0),
-        sensor.torque_std,
-        rtol=0.02,
-    )
+    np.testing.assert_allclose(e.std(axis=0), sensor.torque_std, rtol=0.02)
     for j in range(7):
-        whitened = signal.lfilter(
-            sensor.poles[j],
-            [1.0],
-            e[:, j],
-        )
+        whitened = signal.lfilter(sensor.poles[j], [1.0], e[:, j])
         share = whitened.var() / e[:, j].var()
         assert share == pytest.approx(innovation_share(sensor.poles[j]), rel=0.02)
         lagged = [np.corrcoef(whitened[k:], whitened[:-k])[0, 1] for k in range(1, 9)]
@@ -103,9 +87,7 @@ def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda):
     assert 0.04 < repeated < 0.09  # 6.1 % in the real log
     for j, step in enumerate(experiment(panda).sensor.torque_step):
         np.testing.assert_allclose(
-            m.tau[:, j] / step,
-            np.round(m.tau[:, j] / step),
-            atol=1e-6,
+            m.tau[:, j] / step, np.round(m.tau[:, j] / step), atol=1e-6
         )
     assert np.diff(np.unique(np.round(m.q[:, 0], 7))).min() == pytest.approx(1e-5)
 
@@ -119,18 +101,12 @@ def test_misplaced_joints_are_off_by_errors_of_the_size_told(panda):
     off = []
     for _ in range(300):
         built = misplaced(model, metres, degrees, rng)
-        pairs = zip(
-            model.jointPlacements[1:],
-            built.jointPlacements[1:],
-            strict=True,
-        )
+        pairs = zip(model.jointPlacements[1:], built.jointPlacements[1:], strict=True)
         off += [pin.log(a.inverse() * b).vector for a, b in pairs]
     expected = np.diag([metres] * 3 + [np.deg2rad(degrees)] * 3) ** 2
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
-        np.cov(np.transpose(off)) / np.outer(scale, scale),
-        np.eye(6),
-        atol=0.1,
+        np.cov(np.transpose(off)) / np.outer(scale, scale), np.eye(6), atol=0.1
     )
 
 
@@ -142,10 +118,7 @@ def test_a_temperature_is_logged_where_friction_follows_it(two_link):
 
 def test_a_torque_channel_carries_what_is_hidden_besides(two_link):
     runs = hidden_runs(
-        two_link,
-        [("torque_gain", [0]), ("joint_spring", [0])],
-        seed=2,
-        count=1,
+        two_link, [("torque_gain", [0]), ("joint_spring", [0])], seed=2, count=1
     )
     t = np.arange(0.0, 1.0, 1e-3)
     motion = TrueMotion(
@@ -234,15 +207,7 @@ def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
         np.random.default_rng(0).normal(size=(u.spread.shape[1],) * 2)
     )[0]
     same = replace(estimate, uncertainty=replace(u, spread=u.spread @ turned))
-    made = [
-        follow(
-            e,
-            run,
-            steps=400,
-            windows=9,
-        )
-        for e in (estimate, same)
-    ]
+    made = [follow(e, run, steps=400, windows=9) for e in (estimate, same)]
     bands = [x.free[0].spread for x in made]
     assert np.all(bands[0] > 0.0)
     np.testing.assert_allclose(*bands, rtol=1e-6)
@@ -258,11 +223,7 @@ def test_a_loop_adds_the_torque_that_a_model_lacks(known):
     From where the robot begins to move."""
     estimate, moved = known
     rows = np.r_[np.zeros(250, int), 0 : len(moved.t)]
-    run = Measurements(
-        np.arange(len(rows)) / 250.0,
-        moved.q[rows],
-        moved.tau[rows],
-    )
+    run = Measurements(np.arange(len(rows)) / 250.0, moved.q[rows], moved.tau[rows])
     links = estimate.model.rigid_indices
     theta = estimate.theta.copy()
     theta[links] *= 1.1
@@ -272,17 +233,10 @@ def test_a_loop_adds_the_torque_that_a_model_lacks(known):
     assert more.simulated.t[0] == pytest.approx(1.0, abs=0.25)
     states = random_trajectory(estimate.robot, 1, 6.0).states(more.simulated.t - 1.0)
     lacks = estimate.robot.inverse_dynamics(0.1 * estimate.theta[links], *states)
-    np.testing.assert_allclose(
-        more.loop,
-        np.sqrt(np.mean(lacks**2, axis=0)),
-        rtol=0.04,
-    )
+    np.testing.assert_allclose(more.loop, np.sqrt(np.mean(lacks**2, axis=0)), rtol=0.04)
     assert np.all(true.loop < 0.05 * more.loop)
     still = follow(
-        estimate,
-        run.window(0.0, 0.7),
-        steps=50,
-        windows=3,
+        estimate, run.window(0.0, 0.7), steps=50, windows=3
     )  # in which nothing moves
     assert still.free[0].simulated.t[0] < 0.5
     assert np.all(still.ahead.rms < 1e-3)

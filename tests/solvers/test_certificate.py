@@ -128,9 +128,7 @@ def test_demands_that_exclude_each_other_are_named(case, panda):
     problem, thickness, families = conflicts(panda)[case]
     method = LmiSdpThickness(thickness=thickness)
     message = refusal(
-        lambda: method.fit(task_of(problem)),
-        "exclude each other",
-        *families,
+        lambda: method.fit(task_of(problem)), "exclude each other", *families
     )
     for innocent in {"sign", "range", "centre of mass", "pseudo-inertia"}:
         assert innocent not in message or innocent in " ".join(families)
@@ -182,13 +180,7 @@ def test_a_certificate_tells_what_holds_from_what_was_not_imposed():
         (["barycentric inertia", "mass"], 0.0, False),
         (["mass"], 0.0, False),
     ):
-        shown = str(
-            Certificate(
-                dict.fromkeys(broken, 0.1),
-                1.0,
-                gap=gap,
-            )
-        )
+        shown = str(Certificate(dict.fromkeys(broken, 0.1), 1.0, gap=gap))
         assert ("every other constraint holds" in shown) == spared
     for share, said in (
         (1.0, "(at most 1 of a link's body)"),

@@ -48,13 +48,7 @@ def proofs(two_link: Problem) -> dict[str, Proof]:
     for method in METHODS:
         fit = make_estimator(method).fit(task)
         theta, certificate = certify(task, fit)
-        made[method] = proof.optimum_proof(
-            replace(
-                fit,
-                theta=theta,
-                bound=task.bound,
-            )
-        )
+        made[method] = proof.optimum_proof(replace(fit, theta=theta, bound=task.bound))
         # The two bounds are found in different arithmetic from the same multipliers.
         assert float(made[method]["lower"]) == pytest.approx(
             certificate.lower, rel=1e-7
@@ -82,9 +76,7 @@ def test_the_checker_stands_alone(proofs, tmp_path):
         path = tmp_path / f"{name}.json"
         proof.write_proof({**proofs["lmi-sdp"], **edit}, path)
         done = subprocess.run(
-            [sys.executable, "-I", "-S", alone, path],
-            capture_output=True,
-            text=True,
+            [sys.executable, "-I", "-S", alone, path], capture_output=True, text=True
         )
         assert done.returncode == code, done.stderr
         share = verify_proof.in_words(verify_proof.relative_gap(proofs["lmi-sdp"]))
@@ -159,11 +151,7 @@ def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(
     the run; so do theta and rows of other measurements."""
     path = tmp_path / "proof.json"
     true = json.loads(proved.text)
-    identify(
-        two_link,
-        run_of(two_link, 3),
-        proof=tmp_path / "foreign.json",
-    )
+    identify(two_link, run_of(two_link, 3), proof=tmp_path / "foreign.json")
     foreign = json.loads((tmp_path / "foreign.json").read_text())
     foreign |= {"model": true["model"], "data": true["data"]}
     names = true["parameters"]
@@ -211,10 +199,7 @@ WEAK = {
 @pytest.mark.parametrize(("lower", "upper"), WEAK["vacuous"])
 def test_a_vacuous_proof_is_not_accepted(proofs, tmp_path, lower, upper):
     true = proofs["lmi-sdp-plain"]
-    ends = {
-        "lower": lower or true["lower"],
-        "upper": upper or true["upper"],
-    }
+    ends = {"lower": lower or true["lower"], "upper": upper or true["upper"]}
     path = tmp_path / "proof.json"
     path.write_text(json.dumps(signed({**true, **ends})))
     holds, said = verify_proof_file(path)
@@ -228,10 +213,7 @@ def test_a_loose_proof_shows_no_optimum(proofs, tmp_path, low, high):
     lower = repr(float(true["lower"]) * float(low or 1.0))
     upper = repr(float(true["upper"]) * float(high or 1.0))
     path = tmp_path / "proof.json"
-    edited = {
-        **true,
-        **({"lower": lower} if low else {"upper": upper}),
-    }
+    edited = {**true, **({"lower": lower} if low else {"upper": upper})}
     path.write_text(json.dumps(signed(edited)))
     holds, said = verify_proof_file(path)
     assert not holds
@@ -263,20 +245,8 @@ def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():
     """R is unique up to an orthogonal factor; a matrix's rounding is no other matrix."""
     rng = np.random.default_rng(0)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    data = LeastSquares(
-        rng.normal(size=(3, 2)),
-        rng.normal(size=3),
-        0.5,
-        1.0,
-        9,
-    )
-    turned = LeastSquares(
-        turn @ data.R,
-        turn @ data.rho,
-        0.5,
-        1.0,
-        9,
-    )
+    data = LeastSquares(rng.normal(size=(3, 2)), rng.normal(size=3), 0.5, 1.0, 9)
+    turned = LeastSquares(turn @ data.R, turn @ data.rho, 0.5, 1.0, 9)
     near = [build.linear("mass", "a", [0], [[-1.0, 1e-17]], [0.3, 1.0])]
     same = [build.linear("mass", "a", [0], [[-1.0, 0.0]], [0.3 * (1 + 1e-12), 1.0])]
     other = [build.linear("mass", "a", [1], [[-1.0, 0.0]], [0.3, 1.0])]
@@ -320,13 +290,7 @@ def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path):
     # Matrices of 6 x 6 whose entries have 4000 digits each, as dense as can be.
     d = 6
     big = str(3**8000)[:2000]
-    psd = {
-        "family": "",
-        "name": "",
-        "cone": "psd",
-        "indices": [0],
-        "entropy": [],
-    }
+    psd = {"family": "", "name": "", "cone": "psd", "indices": [0], "entropy": []}
     full = [f"{big}e-2000" if i % (d + 1) else "9" for i in range(d * d)]
     psd |= {"constant": full, "coefficients": [full], "dual": full}
     body = {
@@ -355,9 +319,5 @@ def test_constraints_that_exclude_each_other_leave_a_proof_of_it(tmp_path):
     path = tmp_path / "proof.json"
     heavy = replace(problem, total_mass=(1000.0, 2000.0))
     with pytest.raises(Infeasible, match="admit no parameters"):
-        identify(
-            heavy,
-            run_of(problem, 2),
-            proof=path,
-        )
+        identify(heavy, run_of(problem, 2), proof=path)
     assert verify_proof.check(json.loads(path.read_text())) is None

@@ -34,11 +34,7 @@ class WithoutLicence(ThroughCvxpy):
     requires = ("package", "clarabel")
     licences = ("nobody@nowhere",)
 
-    def options(
-        self,
-        accuracy: float,
-        variant: str = "",
-    ) -> dict[str, float]:
+    def options(self, accuracy: float, variant: str = "") -> dict[str, float]:
         return {"tol_gap_rel": accuracy}
 
 
@@ -89,13 +85,7 @@ class Link:
         self.objective = solvers.Objective(
             LeastSquares(R, rho, 0.1, float(rho @ rho) + 0.01, 14), entropy
         )
-        self.bound = np.array(
-            [
-                3.0,
-                *[1.0] * 3,
-                *[1.0] * 6,
-            ]
-        )
+        self.bound = np.array([3.0, *[1.0] * 3, *[1.0] * 6])
 
     @property
     def sdp(self) -> SdpProblem:
@@ -117,11 +107,7 @@ class Link:
             sdp.entropy_slopes(solution),
         )
         lower = Fit(
-            theta,
-            self.objective,
-            self.constraints,
-            *own,
-            bound=self.bound,
+            theta, self.objective, self.constraints, *own, bound=self.bound
         ).lower
         point = repair(self.constraints, theta, self.nominal)
         assert certainly_feasible(self.constraints.convex, point)
@@ -169,11 +155,7 @@ def test_an_empty_feasible_set_is_never_called_solved(name):
     conic = usable(name)
     link = Link()
     heavy = build.linear(
-        "total mass",
-        "robot",
-        [0],
-        [[1.0]],
-        [-4.0],
+        "total mass", "robot", [0], [[1.0]], [-4.0]
     )  # m >= 4 where m <= 3
     link.constraints = link.constraints.plus([heavy])
     solution = conic.solve(link.sdp.conic, 1e-7)
@@ -223,19 +205,11 @@ def test_a_quadratic_is_the_square_of_its_factor(root):
     x = np.array([0.3, -1.0, 2.0])
     nothing = sparse.csc_matrix((0, 3))
     told = solvers.ConicProblem(
-        sparse.csc_matrix(np.triu(whole)),
-        np.zeros(3),
-        nothing,
-        np.zeros(0),
-        (),
+        sparse.csc_matrix(np.triu(whole)), np.zeros(3), nothing, np.zeros(0), ()
     )
     factor = rewrite.quadratic_factor(told)
     assert factor.shape == (2, 3)
-    np.testing.assert_allclose(
-        (factor.T @ factor).toarray(),
-        whole,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose((factor.T @ factor).toarray(), whole, atol=1e-12)
     bounded = rewrite.linear_objective(
         told
     ).problem  # t >= |G x|^2 / 2 is what it costs
@@ -266,9 +240,7 @@ def test_exported_files_read_back_to_the_same_problem(tmp_path, entropic):
 
 def test_unknown_and_absent_solvers_are_named(monkeypatch):
     monkeypatch.setattr(
-        solvers.solver_types()["cvxopt"],
-        "requires",
-        ("package", "no_such_package"),
+        solvers.solver_types()["cvxopt"], "requires", ("package", "no_such_package")
     )
     refusal(
         lambda: solver("cvxopt"),
@@ -276,9 +248,7 @@ def test_unknown_and_absent_solvers_are_named(monkeypatch):
         "the extra [solvers]",
     )
     monkeypatch.setattr(
-        solvers.solver_types()["mosek"],
-        "requires",
-        ("package", "numpy"),
+        solvers.solver_types()["mosek"], "requires", ("package", "numpy")
     )
     monkeypatch.delenv("MOSEKLM_LICENSE_FILE", raising=False)
     monkeypatch.setenv("HOME", "/nonexistent")
@@ -363,12 +333,7 @@ def test_cones_of_a_higher_order_are_clarabels():
     columns = np.zeros((4, size))
     columns[np.arange(4), np.arange(1, size)] = 1.0
     ball = build.linear(
-        "ball",
-        "link 1",
-        link[:4],
-        columns,
-        [100.0, 0.0, 0.0, 0.0, 0.0],
-        "soc",
+        "ball", "link 1", link[:4], columns, [100.0, 0.0, 0.0, 0.0, 0.0], "soc"
     )
     task = replace(task, constraints=ConstraintSet((*task.constraints.convex, ball)))
     fit, reference = both(task, "lmi-sdp")

@@ -62,9 +62,7 @@ def test_semidefinite_is_what_all_principal_minors_say(size, data):
     margin = cone_margin("psd", whole.astype(float))
     depth = float(
         cone_depths(
-            "psd",
-            whole[None].astype(float),
-            np.abs(whole)[None].astype(float),
+            "psd", whole[None].astype(float), np.abs(whole)[None].astype(float)
         )[0]
     )
     if abs(margin) > 1e-9:
@@ -156,13 +154,7 @@ def test_a_sum_within_its_rounding_is_decided_exactly():
             Fraction(a) * Fraction(b)
             for a, b in zip(theta.tolist(), row.tolist(), strict=True)
         )
-        demand = build.linear(
-            "sum",
-            "all",
-            np.arange(6),
-            row[:, None],
-            [-float(exact)],
-        )
+        demand = build.linear("sum", "all", np.arange(6), row[:, None], [-float(exact)])
         holds = exact >= Fraction(float(exact))
         misled += not holds and demand.margin(theta) > 0.0
         assert rigorous_bounds.certainly_feasible([demand], theta) == holds
@@ -196,12 +188,7 @@ class KnownSdp:
         rng = np.random.default_rng(seed)
         p = 3
         self.theta = rng.integers(-3, 4, p).astype(float)
-        w = np.array(
-            [
-                1.0,
-                *rng.integers(-2, 3, 2),
-            ]
-        )
+        w = np.array([1.0, *rng.integers(-2, 3, 2)])
         v = np.array([-w[1] - w[2], 1.0, 1.0]) * size  # orthogonal to w
         coefficients = rng.integers(-2, 3, (p, 3, 3)).astype(float)
         coefficients = coefficients + np.swapaxes(coefficients, 1, 2)
@@ -231,11 +218,7 @@ class KnownSdp:
             np.full(2 * p, 8.0),
         )
         self.constraints = ConstraintSet((lmi, cone, bounds))
-        each = [
-            np.outer(v, v),
-            size * np.array([5.0, -3.0, -4.0]),
-            np.zeros(2 * p),
-        ]
+        each = [np.outer(v, v), size * np.array([5.0, -3.0, -4.0]), np.zeros(2 * p)]
         self.multipliers = np.concatenate([s.ravel() for s in each])
         slope = self.constraints.entries.adjoint(self.multipliers, p)
         lower = np.eye(p) + np.tril(rng.integers(-1, 2, (p, p)), -1)
@@ -245,13 +228,7 @@ class KnownSdp:
         assert np.array_equal(2.0 * R.T @ y, slope)
         floor = float(rng.integers(0, 3))
         rho = R @ self.theta - y
-        self.data = LeastSquares(
-            R,
-            rho,
-            floor,
-            float(rho @ rho) + floor**2,
-            p,
-        )
+        self.data = LeastSquares(R, rho, floor, float(rho @ rho) + floor**2, p)
         self.objective = Objective(self.data)
         self.optimum = sum((Fraction(x) ** 2 for x in y), Fraction(floor) ** 2)
         self.bound = np.full(p, 8.0)
@@ -272,11 +249,7 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
     )
     theta = known.theta + noise * rng.normal(size=3)
     lower = Fit(
-        theta,
-        known.objective,
-        known.constraints,
-        multipliers,
-        bound=known.bound,
+        theta, known.objective, known.constraints, multipliers, bound=known.bound
     ).lower
     assert Fraction(lower) <= known.optimum
     if noise == 0.0:  # and it is not merely low
@@ -291,13 +264,7 @@ def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(see
     rng = np.random.default_rng(seed)
     near = known.multipliers - 1e-9 * rng.random(len(known.multipliers))
     made = optimum_proof(
-        Fit(
-            known.theta,
-            known.objective,
-            known.constraints,
-            near,
-            bound=known.bound,
-        )
+        Fit(known.theta, known.objective, known.constraints, near, bound=known.bound)
     )
     lower, upper = verify_proof.check(made)
     assert lower <= known.optimum <= upper
@@ -305,25 +272,12 @@ def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(see
 
 
 def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible():
-    constraint = build.linear(
-        "mass",
-        "one",
-        [0],
-        [[1.0]],
-        [-1.0],
-    )  # theta >= 1
+    constraint = build.linear("mass", "one", [0], [[1.0]], [-1.0])  # theta >= 1
     assert rigorous_bounds.certainly_feasible([constraint], np.array([1.0]))
     assert not rigorous_bounds.certainly_feasible(
         [constraint], np.array([np.nextafter(1.0, 0.0)])
     )
-    cone = build.linear(
-        "cone",
-        "one",
-        [0],
-        [[1.0, 0.0, 0.0]],
-        [0.0, 3.0, 4.0],
-        "soc",
-    )
+    cone = build.linear("cone", "one", [0], [[1.0, 0.0, 0.0]], [0.0, 3.0, 4.0], "soc")
     assert rigorous_bounds.certainly_feasible([cone], np.array([5.0]))
     assert not rigorous_bounds.certainly_feasible(
         [cone], np.array([np.nextafter(5.0, 0.0)])
@@ -341,38 +295,18 @@ def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible():
 
 def test_infeasibility_is_proved_only_where_it_is_true():
     p = 2
-    above = build.linear(
-        "lower",
-        "sum",
-        [0, 1],
-        [[1.0], [1.0]],
-        [-3.0],
-    )  # a + b >= 3
-    below = build.linear(
-        "upper",
-        "each",
-        [0, 1],
-        -np.eye(2),
-        [1.0, 1.0],
-    )  # a, b <= 1
+    above = build.linear("lower", "sum", [0, 1], [[1.0], [1.0]], [-3.0])  # a + b >= 3
+    below = build.linear("upper", "each", [0, 1], -np.eye(2), [1.0, 1.0])  # a, b <= 1
     bound = np.full(p, 10.0)
     demands = ConstraintSet((above, below))
     farkas = np.ones(3)
     assert rigorous_bounds.proves_infeasible(demands, farkas, bound)
     touching = build.linear(
-        "lower",
-        "sum",
-        [0, 1],
-        [[1.0], [1.0]],
-        [-2.0],
+        "lower", "sum", [0, 1], [[1.0], [1.0]], [-2.0]
     )  # met by (1, 1) only
     assert not rigorous_bounds.proves_infeasible(
-        ConstraintSet((touching, below)),
-        farkas,
-        bound,
+        ConstraintSet((touching, below)), farkas, bound
     )
     assert not rigorous_bounds.proves_infeasible(
-        demands,
-        np.array([1.0, 0.0, 0.0]),
-        bound,
+        demands, np.array([1.0, 0.0, 0.0]), bound
     )

@@ -130,11 +130,7 @@ def main(rows_file: str, start: str, out: str) -> None:
         for k in range(model.njnt):
             predicted = sysid.apply_bias(predicted, f"torque{k}", params[f"offset{k}"])
         error = sysid.weighted_diff(predicted.data, measured.data, model)
-        return (
-            sysid.normalize_residual(error, measured.data),
-            predicted,
-            measured,
-        )
+        return (sysid.normalize_residual(error, measured.data), predicted, measured)
 
     residual = sysid.build_residual_fn(
         models_sequences=[sequences],

@@ -49,22 +49,10 @@ class Channel:
             tau = first_order(tau, step, self.lag)
         if self.smooth:
             half = round(self.smooth / step) // 2
-            tau = uniform_filter1d(
-                tau,
-                2 * half + 1,
-                axis=0,
-                mode="nearest",
-            )
+            tau = uniform_filter1d(tau, 2 * half + 1, axis=0, mode="nearest")
         if self.delay:
             tau = np.column_stack(
-                [
-                    np.interp(
-                        t - self.delay,
-                        t,
-                        column,
-                    )
-                    for column in tau.T
-                ]
+                [np.interp(t - self.delay, t, column) for column in tau.T]
             )
         return tau
 
@@ -84,12 +72,7 @@ class SensorNoise:
     colour: float = 0.3
     tails: float | None = None
 
-    def draw(
-        self,
-        samples: int,
-        std: Array,
-        rng: np.random.Generator,
-    ) -> Array:
+    def draw(self, samples: int, std: Array, rng: np.random.Generator) -> Array:
         """(samples, n) of standard deviation ``std`` (n,)."""
         size = (samples + 200, len(std))
         if self.tails is None:
@@ -99,10 +82,7 @@ class SensorNoise:
                 (self.tails - 2.0) / self.tails
             )
         coloured = lfilter(
-            [np.sqrt(1.0 - self.colour**2)],
-            [1.0, -self.colour],
-            fresh,
-            axis=0,
+            [np.sqrt(1.0 - self.colour**2)], [1.0, -self.colour], fresh, axis=0
         )
         return np.asarray(std * coloured[200:])
 
@@ -246,9 +226,7 @@ def _noise(c: Conditions, rng: Generator) -> Conditions:
     return replace(
         c,
         noise=SensorNoise(
-            log_uniform(rng, 0.3, 3.0),
-            float(rng.uniform(0.0, 0.9)),
-            tails,
+            log_uniform(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails
         ),
     )
 
@@ -258,13 +236,7 @@ def _servo(c: Conditions, rng: Generator) -> Conditions:
     fast."""
     law = str(rng.choice(["sign", "sign", "tanh", "dahl"]))
     motion = str(rng.choice(["points", "points", "periodic", "aperiodic"]))
-    return replace(
-        c,
-        servo=True,
-        law=law,
-        width=(0.003, 0.03),
-        motion=motion,
-    )
+    return replace(c, servo=True, law=law, width=(0.003, 0.03), motion=motion)
 
 
 def _mixed(c: Conditions, rng: Generator) -> Conditions:
@@ -293,9 +265,7 @@ NUISANCES: Mapping[str, Callable[[Conditions, Generator], Conditions]] = {
     "widths": lambda c, _: replace(c, law="tanh", width=(0.002, 0.1)),
     "asymmetric": lambda c, rng: replace(c, asymmetry=float(rng.uniform(0.05, 0.3))),
     "warming": lambda c, rng: replace(
-        c,
-        warming=float(rng.uniform(0.1, 0.4)),
-        thermometer=True,
+        c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True
     ),
     "dahl": lambda c, _: replace(c, law="dahl"),
     "lugre": lambda c, _: replace(c, law="lugre"),
@@ -311,9 +281,7 @@ NUISANCES: Mapping[str, Callable[[Conditions, Generator], Conditions]] = {
     "rotor": lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))),
     "aperiodic": lambda c, _: replace(c, motion="aperiodic"),
     "one_run": lambda c, rng: replace(
-        c,
-        runs=1,
-        duration=float(rng.uniform(15.0, 60.0)),
+        c, runs=1, duration=float(rng.uniform(15.0, 60.0))
     ),
     "short": lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0))),
     "mixed": _mixed,
@@ -356,9 +324,7 @@ def draw_conditions(nuisance: str, rng: Generator) -> Conditions:
     Panda)."""
     arm = str(rng.choice(ARMS))
     usual = Conditions(
-        arm,
-        runs=int(rng.integers(2, 5)),
-        duration=float(rng.uniform(10.0, 25.0)),
+        arm, runs=int(rng.integers(2, 5)), duration=float(rng.uniform(10.0, 25.0))
     )
     return NUISANCES[nuisance](usual, rng)
 

@@ -16,13 +16,7 @@ from sdp_vs_penalty.simulation.worlds.world import Array, TrueMotion, World
 Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
 
 
-def _of_states(
-    w: World,
-    j: int,
-    i: int,
-    c: float,
-    k: float,
-) -> dict[str, Law]:
+def _of_states(w: World, j: int, i: int, c: float, k: float) -> dict[str, Law]:
     """Of joint j, and of another one i with it; k waves in a turn."""
     s = w.arm.unit_speed
     ti = 1.0 if w.arm.rotary[i] else 5.0
@@ -50,11 +44,7 @@ def _of_states(
     }
 
 
-def _other(
-    w: World,
-    j: int,
-    rng: Generator,
-) -> tuple[int, float]:
+def _other(w: World, j: int, rng: Generator) -> tuple[int, float]:
     """Another joint, and a phase."""
     return int(rng.choice([k for k in range(w.arm.n) if k != j])), float(
         rng.uniform(-0.5, 0.5)
@@ -63,12 +53,7 @@ def _other(
 
 def unknown(w: World, j: int, rng: Generator) -> Hidden:
     """A function of the state that is not in the library."""
-    laws = _of_states(
-        w,
-        j,
-        *_other(w, j, rng),
-        2.0 if w.arm.rotary[j] else 16.0,
-    )
+    laws = _of_states(w, j, *_other(w, j, rng), 2.0 if w.arm.rotary[j] else 16.0)
     name = str(rng.choice(sorted(laws)))
     return replace(
         at_joint(j, lambda _, m: laws[name][0](m)), effect=f"unknown: {name}"
@@ -101,18 +86,10 @@ def nameless(w: Site, j: int, rng: Generator) -> Hidden:
     name = str(rng.choice(sorted(laws)))
     law, of = laws[name]
     hidden = at_joint(j, lambda _, m: law(m))
-    return replace(
-        hidden,
-        effect=f"nameless: {name}",
-        details={"of": list(of)},
-    )
+    return replace(hidden, effect=f"nameless: {name}", details={"of": list(of)})
 
 
-def _of_turns(
-    w: World,
-    j: int,
-    rng: Generator,
-) -> Mapping[str, Law]:
+def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
     """Of a combination of neighbours, as behind a differential; of the teeth of a
     wheel."""
     a = max(j - 1, 0)
@@ -151,12 +128,7 @@ def disturbance(w: Site, j: int, rng: Generator) -> Hidden:
     length = float(lengths[kind])
     frequency = float(rng.uniform(1.0, 7.0))
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    force = np.concatenate(
-        [
-            rng.normal(size=3),
-            0.1 * rng.normal(size=3),
-        ]
-    )
+    force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
         out = np.zeros_like(m.q)
@@ -168,21 +140,11 @@ def disturbance(w: Site, j: int, rng: Generator) -> Hidden:
         if kind == "contact":
             data = w.built.createData()
             for k in inside:
-                J = w.arm.last_jacobian(
-                    w.built,
-                    data,
-                    m.q[k],
-                )
+                J = w.arm.last_jacobian(w.built, data, m.q[k])
                 out[k] = (
                     size * np.sin(np.pi * (m.t[k] - begin) / length) * (J.T @ force)
                 )
         return out
 
     details = {"kind": kind, "t_start": begin, "t_end": begin + length}
-    return Hidden(
-        (j,),
-        change,
-        None,
-        details=details,
-        effect=f"disturbance: {kind}",
-    )
+    return Hidden((j,), change, None, details=details, effect=f"disturbance: {kind}")

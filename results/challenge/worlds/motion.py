@@ -28,10 +28,7 @@ SWING = 1.6
 
 
 def plan(
-    arm: RatedArm,
-    kind: str,
-    duration: float,
-    rng: np.random.Generator,
+    arm: RatedArm, kind: str, duration: float, rng: np.random.Generator
 ) -> Callable[[Array], States]:
     """A random motion, periodic, aperiodic or from point to point ("points"), as a
     function of time [s] from its beginning."""
@@ -42,9 +39,7 @@ def plan(
     def centre() -> Array:
         """Somewhere in the room that the half range leaves, drawn."""
         return 0.5 * (arm.lower + arm.upper) + (reach - half) * rng.uniform(
-            -1.0,
-            1.0,
-            arm.n,
+            -1.0, 1.0, arm.n
         )
 
     if kind == "points":
@@ -58,13 +53,7 @@ def plan(
     phase = rng.uniform(0.0, 2.0 * np.pi, w.shape)
     size = rng.uniform(0.3, 1.0, w.shape) / np.sqrt(w)
     about = centre()
-    q, dq, _ = waves(size, w, phase)(
-        np.arange(
-            0.0,
-            duration,
-            0.02,
-        )
-    )
+    q, dq, _ = waves(size, w, phase)(np.arange(0.0, duration, 0.02))
     middle = 0.5 * (q.max(axis=0) + q.min(axis=0))
     # As large as position and velocity limits let them be.
     fit = np.minimum(
@@ -74,10 +63,7 @@ def plan(
 
 
 def waves(
-    size: Array,
-    w: Array,
-    phase: Array,
-    centre: Array | float = 0.0,
+    size: Array, w: Array, phase: Array, centre: Array | float = 0.0
 ) -> Callable[[Array], States]:
     """q = centre + sum_k size_k sin(w_k t + phase_k) of k waves, each (k, n) or (k, 1)
     [rad or m, rad/s, rad]; centre (n,)."""
@@ -128,10 +114,7 @@ def _points(
         q = np.tile(targets[0], (len(t), 1))
         dq, ddq = np.zeros_like(q), np.zeros_like(q)
         for start, end, (a, b) in zip(
-            times[:-1],
-            arrivals,
-            pairwise(targets),
-            strict=True,
+            times[:-1], arrivals, pairwise(targets), strict=True
         ):
             s = np.clip((t - start) / (end - start), 0.0, 1.0)[:, None]
             q += (b - a) * (35 * s**4 - 84 * s**5 + 70 * s**6 - 20 * s**7)
@@ -181,11 +164,7 @@ def driven(
     h = float(plan.t[1] - plan.t[0])
     pull = np.broadcast_to(pull, plan.q.shape)
     jitter = np.broadcast_to(jitter, plan.q.shape)
-    coulomb = np.where(
-        world.coulomb > 0.0,
-        world.coulomb,
-        arm.coulomb,
-    )
+    coulomb = np.where(world.coulomb > 0.0, world.coulomb, arm.coulomb)
     forward = (
         inverse_dynamics(arm.model, plan.q, plan.dq, plan.ddq) + world.viscous * plan.dq
     )
@@ -220,14 +199,7 @@ def driven(
             world.rotor + 0.5 * h * world.viscous
         )
         push = A @ v + h * (tau - bias - world.offset - pull[k] - world.viscous * v)
-        after, share = _next(
-            A,
-            push,
-            h * coulomb,
-            z,
-            h,
-            world,
-        )
+        after, share = _next(A, push, h * coulomb, z, h, world)
         mean = 0.5 * (v + after)
         rows.append((q + 0.5 * h * mean, mean, (after - v) / h, share))
         q = q + h * mean
@@ -237,12 +209,7 @@ def driven(
 
 
 def _next(
-    A: Array,
-    push: Array,
-    dry: Array,
-    z: Array,
-    h: float,
-    world: Site,
+    A: Array, push: Array, dry: Array, z: Array, h: float, world: Site
 ) -> tuple[Array, Array]:
     """(n,) velocity and share of dry friction that solve A v + dry share(v) = push,
     joint by joint in turn (Gauss and Seidel), from where nothing changes its share."""
@@ -260,22 +227,10 @@ def _next(
         for j, row in enumerate(matrix):
             r = target[j] - sum(map(mul, row, out)) + row[j] * out[j]
             if smooth:
-                new, share[j] = _smooth(
-                    row[j],
-                    loads[j],
-                    r,
-                    sharp[j],
-                    out[j],
-                )
+                new, share[j] = _smooth(row[j], loads[j], r, sharp[j], out[j])
             else:
                 d = travel[j] if world.dry.law == "dahl" else NONE
-                new, share[j] = _held(
-                    row[j],
-                    loads[j],
-                    r,
-                    old[j],
-                    d / h,
-                )
+                new, share[j] = _held(row[j], loads[j], r, old[j], d / h)
             change = max(change, abs(new - out[j]))
             out[j] = new
         if change < TOLERANCE:
@@ -283,13 +238,7 @@ def _next(
     return np.array(out), np.array(share)
 
 
-def _held(
-    m: float,
-    c: float,
-    r: float,
-    z: float,
-    rate: float,
-) -> tuple[float, float]:
+def _held(m: float, c: float, r: float, z: float, rate: float) -> tuple[float, float]:
     """v and z' of m v + c z' = r with Dahl's z' = (z + a) / (1 + |a|), a = v / rate."""
     side = 1.0 if r >= c * z else -1.0
     k = m * rate
@@ -300,13 +249,7 @@ def _held(
     return side * a * rate, (z + side * a) / (1.0 + a)
 
 
-def _smooth(
-    m: float,
-    c: float,
-    r: float,
-    w: float,
-    v: float,
-) -> tuple[float, float]:
+def _smooth(m: float, c: float, r: float, w: float, v: float) -> tuple[float, float]:
     """v and tanh(v / w) of m v + c tanh(v / w) = r: Newton inside the bracket (r -+ c)
     / m."""
     low = (r - c) / m

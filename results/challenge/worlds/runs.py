@@ -53,13 +53,7 @@ def draw_world(
     n = arm.n
 
     def spread(low: float, high: float) -> Array:
-        return np.exp(
-            rng.uniform(
-                np.log(low),
-                np.log(high),
-                n,
-            )
-        )
+        return np.exp(rng.uniform(np.log(low), np.log(high), n))
 
     coulomb = arm.coulomb * spread(0.5, 1.5) * ("coulomb_friction" not in without)
     viscous = arm.viscous * spread(0.5, 1.5) * ("viscous_friction" not in without)
@@ -101,11 +95,7 @@ def start_of(c: Conditions, k: int) -> float:
     return k * (c.duration + 2.0 * LEAD + PAUSE)
 
 
-def draw_motion(
-    world: Site,
-    k: int,
-    rng: np.random.Generator,
-) -> TrueMotion:
+def draw_motion(world: Site, k: int, rng: np.random.Generator) -> TrueMotion:
     """The motion of run k, on the fine grid: as planned, or as a servo gets it done."""
     c = world.conditions
     length = c.duration + 2.0 * LEAD
@@ -137,11 +127,7 @@ def log_run(
     the world's, jitter : noise of the encoders."""
     c = world.conditions
     every = round(FINE / c.channel.rate)
-    inside = slice(
-        round(LEAD * FINE),
-        round((LEAD + c.duration) * FINE),
-        every,
-    )
+    inside = slice(round(LEAD * FINE), round((LEAD + c.duration) * FINE), every)
     tau, *shares = (
         c.channel.torque(motion.t, x)[inside] for x in (world.torque(motion), *added)
     )
@@ -158,8 +144,4 @@ def log_run(
     counted = c.channel.position((motion.q + jitter)[inside], world.arm.unit_speed)
     warm = np.round(world.temperature(t), 1) if c.thermometer else None
     run = Measurements(t, counted, noisy, speed, temperature=warm)
-    return Logged(
-        run,
-        Measurements(t, q, tau, temperature=warm),
-        tuple(shares),
-    )
+    return Logged(run, Measurements(t, q, tau, temperature=warm), tuple(shares))

@@ -21,10 +21,7 @@ class Clock(Transformation):
     name = "clock_rate"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with time reversed, and with the clock at other
         rates.

@@ -26,10 +26,7 @@ class Degrees(Transformation):
     name = "degrees"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with positions converted from degrees to radians: of
         all revolute joints, and of each single joint that moves beyond a turn.

@@ -34,10 +34,7 @@ class Delay(Transformation):
     name = "delay"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with a delay or a low-pass undone: of all torques,
         and of each joint's torque.
@@ -95,10 +92,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def _size(
-    repair: LogTransform,
-    name: str,
-    joints: tuple[int, ...],
-    seconds: float,
+    repair: LogTransform, name: str, joints: tuple[int, ...], seconds: float
 ) -> FaultSize:
     """Return the size [s] of a delay or a low-pass of some joints' torques.
 
@@ -122,10 +116,7 @@ def _place(log: Likelihood, joints: tuple[int, ...]) -> str:
 
 
 def _delay(
-    log: Likelihood,
-    repair: LogTransform,
-    joints: tuple[int, ...],
-    seconds: float,
+    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], seconds: float
 ) -> Fault:
     """Return the fault that some joints' torques, or all, are later than the motion.
 
@@ -149,10 +140,7 @@ def _delay(
 
 
 def _low_pass(
-    log: Likelihood,
-    repair: LogTransform,
-    joints: tuple[int, ...],
-    seconds: float,
+    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], seconds: float
 ) -> Fault:
     """Return the fault that some joints' torques, or all, went through a causal
     low-pass.

@@ -33,10 +33,7 @@ class Beside(Transformation):
     name = "events"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with one more torque that is not the arm's: a law of
         each poorly explained joint's motion, the likeliest drift, and the likeliest
@@ -85,11 +82,7 @@ class Beside(Transformation):
                 yield _step(log, repair, event, event.at)
 
 
-def _laws(
-    log: Likelihood,
-    now: LogTransform,
-    fit: ArmFit,
-) -> Iterator[LogTransform]:
+def _laws(log: Likelihood, now: LogTransform, fit: ArmFit) -> Iterator[LogTransform]:
     """Yield, for each joint that the arm explains poorly, the law of its own motion
     that lowers its squared residual most: a spring, drag, hysteresis."""
     order = list(now.order)
@@ -105,9 +98,7 @@ def _laws(
 
 
 def _likeliest_drift(
-    log: Likelihood,
-    now: LogTransform,
-    fit: ArmFit,
+    log: Likelihood, now: LogTransform, fit: ArmFit
 ) -> Iterator[LogTransform]:
     """Yield the linear drift of one joint's torque that lowers the joint's squared
     residual most, of all moving joints; nothing where no drift lowers it."""
@@ -121,9 +112,7 @@ def _likeliest_drift(
 
 
 def _likeliest_step(
-    log: Likelihood,
-    now: LogTransform,
-    fit: ArmFit,
+    log: Likelihood, now: LogTransform, fit: ArmFit
 ) -> Iterator[LogTransform]:
     """Yield the torque step that lowers a joint's squared residual most, of all joints
     and moments.
@@ -218,10 +207,7 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
 
 
 def _drift_of_runs(
-    log: Likelihood,
-    repair: LogTransform,
-    event: LogEvent,
-    runs: Sequence[RunLog],
+    log: Likelihood, repair: LogTransform, event: LogEvent, runs: Sequence[RunLog]
 ) -> Fault:
     """Return the fault that a joint's torque drifts, in the words of several runs: by
     how much from the first row of a run to its last, in the run that drifts most.
@@ -242,12 +228,7 @@ def _drift_of_runs(
     )
 
 
-def _step(
-    log: Likelihood,
-    repair: LogTransform,
-    event: LogEvent,
-    t: float,
-) -> Fault:
+def _step(log: Likelihood, repair: LogTransform, event: LogEvent, t: float) -> Fault:
     """Return the fault that a joint's torque steps and stays there: at the instant t
     [s], by the clock in whose words it is told.
 

@@ -38,10 +38,7 @@ def _length_like_a_radian(log: Likelihood) -> float:
 
 
 def _with_zero(
-    log: Likelihood,
-    now: LogTransform,
-    j: int,
-    offset: float,
+    log: Likelihood, now: LogTransform, j: int, offset: float
 ) -> LogTransform:
     """Return ``now`` with another offset of joint j's encoder [rad, m]; angles are
     wrapped to (-pi, pi]."""
@@ -141,10 +138,7 @@ class FaultSize:
 
     @classmethod
     def of_factor(
-        cls,
-        factor: float,
-        repair_with_factor: At,
-        round_factors: tuple[float, ...],
+        cls, factor: float, repair_with_factor: At, round_factors: tuple[float, ...]
     ) -> "FaultSize":
         """Return the size of a channel that is off by a factor: its natural logarithm.
 
@@ -270,10 +264,7 @@ class Transformation(ABC):
 
     @abstractmethod
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield repairs that correct one more fault of this kind than ``now`` does.
 

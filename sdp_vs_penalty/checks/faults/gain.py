@@ -36,10 +36,7 @@ class Gain(Transformation):
     name = "gain"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with each joint's torque multiplied by a factor:
         units, a coarse grid, and the factor of a first-order step. Nothing for a single
@@ -68,10 +65,7 @@ class Gain(Transformation):
         ]
         ones = np.ones(len(repairs_by_factor))
         steps = log.on_third_of_rows.first_order_steps(
-            now,
-            repairs_by_factor,
-            ones,
-            _DIFFERENCE * ones,
+            now, repairs_by_factor, ones, _DIFFERENCE * ones
         )[0]
         nearest = np.clip(1.0 + steps, *_FIRST_ORDER).tolist()
         for repair_by, nearest_factor in zip(repairs_by_factor, nearest, strict=True):

@@ -35,10 +35,7 @@ class Mounting(Transformation):
     name = "mounting"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with gravity along each of the six axes of the base,
         and with the assumed gravity turned by the two angles of a first-order step.
@@ -72,10 +69,7 @@ class Mounting(Transformation):
                 for direction in perpendicular
             ]
             angles, _ = log.on_third_of_rows.first_order_steps(
-                now,
-                by_angle,
-                np.zeros(2),
-                np.full(2, _DIFFERENCE),
+                now, by_angle, np.zeros(2), np.full(2, _DIFFERENCE)
             )
             angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
             turned = gravity + size * angles @ perpendicular
@@ -132,10 +126,7 @@ class Mounting(Transformation):
         equal = ""
         if equivalents:
             equal = f" Exactly as good on this arm: {equivalents[0]}."
-        figures = {
-            "angle_degrees": float(np.degrees(angle)),
-            "vector": [x, y, z],
-        }
+        figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
         yield Fault(
             kind=kind,
             severity="warning",
@@ -156,9 +147,7 @@ def _is_earths_gravity(size: float) -> bool:
 
 
 def _repair_by_angle(
-    repair: LogTransform,
-    assumed: Array,
-    g: Array,
+    repair: LogTransform, assumed: Array, g: Array
 ) -> Callable[[float], LogTransform]:
     """Return the repair as a function of an angle [rad], by which gravity is turned
     from the assumed vector (3,) towards g (3,) [m/s^2]; the size stays the assumed one.
@@ -180,11 +169,7 @@ def _with_gravity(repair: LogTransform, g: Array) -> LogTransform:
     return replace(repair, gravity=tuple(g.tolist()))
 
 
-def _as_zero_of_joint_1(
-    log: Likelihood,
-    assumed: Array,
-    g: Array,
-) -> tuple[str, ...]:
+def _as_zero_of_joint_1(log: Likelihood, assumed: Array, g: Array) -> tuple[str, ...]:
     """Describe the offset of joint 1's encoder that makes the same torques as gravity g
     (3,) instead of the assumed one (3,) [m/s^2]; return nothing where none does.
 

@@ -21,10 +21,7 @@ class Exchange(Transformation):
     name = "order"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with the channels of two moving joints exchanged,
         for each pair: of their torques and, if one is poorly explained, of positions
@@ -91,17 +88,12 @@ class _Channels:
 POSITIONS = _Channels("position order", "the positions", "q and dq", ("order",))
 TORQUES = _Channels("torque order", "the torques", "tau", ("tau_order",))
 BOTH = _Channels(
-    "joint order",
-    "positions and torques",
-    "q, dq and tau",
-    ("order", "tau_order"),
+    "joint order", "positions and torques", "q, dq and tau", ("order", "tau_order")
 )
 
 
 def _swapped(
-    log: Likelihood,
-    repair: LogTransform,
-    channels: _Channels,
+    log: Likelihood, repair: LogTransform, channels: _Channels
 ) -> Iterator[Fault]:
     """Yield the fault that joints have each other's channels; nothing where each has
     its own.

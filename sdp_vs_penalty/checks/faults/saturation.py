@@ -30,10 +30,7 @@ class Saturation(Transformation):
     name = "saturation"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with the torque of each joint straightened, for an
         amplifier whose limit the largest torque comes near to.
@@ -88,11 +85,7 @@ def _saturated(log: Likelihood, repair: LogTransform, j: int) -> Fault:
     unit = log.problem.robot.torque_units[j]
 
     def with_bend(value: float) -> LogTransform:
-        return repair.with_entries(
-            "bend",
-            (j,),
-            float(np.clip(value, 0.0, _SHARPEST)),
-        )
+        return repair.with_entries("bend", (j,), float(np.clip(value, 0.0, _SHARPEST)))
 
     return Fault(
         kind="saturation",

@@ -28,10 +28,7 @@ class Sign(Transformation):
     name = "sign"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with other signs: of all torques, of each torque, of
         the positions of poorly explained joints, and of the likeliest sets of torques.
@@ -126,9 +123,7 @@ def _joint_sign(log: Likelihood, repair: LogTransform, j: int) -> Fault:
 
 
 def _torque_sign(
-    log: Likelihood,
-    repair: LogTransform,
-    turned: tuple[int, ...],
+    log: Likelihood, repair: LogTransform, turned: tuple[int, ...]
 ) -> Fault:
     """Return the fault that the torques of some joints have the wrong sign.
 
@@ -155,9 +150,7 @@ def _torque_sign(
 
 
 def _likeliest_patterns(
-    log: Likelihood,
-    now: LogTransform,
-    fit: ArmFit,
+    log: Likelihood, now: LogTransform, fit: ArmFit
 ) -> list[LogTransform]:
     """List the likeliest sets of two torques or more that have the wrong sign.
 

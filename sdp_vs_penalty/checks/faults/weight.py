@@ -23,10 +23,7 @@ class Weight(Transformation):
     name = "weight"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with the arm's weight missing from the torques: all
         of it or 80 %, of all torques, and all of it of single joints that bear much
@@ -76,10 +73,7 @@ class Weight(Transformation):
 
 
 def _gravity_removed(
-    log: Likelihood,
-    repair: LogTransform,
-    joints: tuple[int, ...],
-    share: float,
+    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], share: float
 ) -> Fault:
     """Return the fault that a share of the arm's weight is missing from some torques,
     or all."""

@@ -31,10 +31,7 @@ class Place(Transformation):
     name = "zero"
 
     def propose(
-        self,
-        log: Likelihood,
-        now: LogTransform,
-        fit: ArmFit,
+        self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with each joint at another place: its distance from
         the joint before, or its encoder's zero, changed by a first-order step or by
@@ -135,11 +132,7 @@ def _distances(log: Likelihood, now: LogTransform) -> Iterator[_Candidate]:
             )
 
 
-def _zeros(
-    log: Likelihood,
-    now: LogTransform,
-    try_turns: bool,
-) -> Iterator[_Candidate]:
+def _zeros(log: Likelihood, now: LogTransform, try_turns: bool) -> Iterator[_Candidate]:
     """Yield the encoder's zero of each joint that moves, as a number to be changed.
 
     A revolute first joint is left out: its zero is the mounting about its axis.

@@ -148,10 +148,7 @@ def _say_sizes(effects: Any, model: Any, added: Any) -> None:
 
 
 def _effects(
-    effect: str | None,
-    findings: Path | None,
-    confident: bool,
-    only: str | None,
+    effect: str | None, findings: Path | None, confident: bool, only: str | None
 ) -> Any:
     """Return what to add: the text of EFFECT, or the selected findings of a diagnosis.
 

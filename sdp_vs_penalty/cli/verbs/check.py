@@ -40,17 +40,9 @@ def verb(
     _refuse(files, fix, apply)
     robot, runs, reports, hold = _read_and_check(files, problem, gravity, hold)
     printing.checks(reports)
-    content = {
-        "problem": robot.name,
-        "runs": [r.to_dict() for r in reports],
-    }
+    content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
     console.save_json(json_, content)
-    command = CheckCommand(
-        problem=problem,
-        runs=files,
-        hold=hold,
-        gravity=gravity,
-    )
+    command = CheckCommand(problem=problem, runs=files, hold=hold, gravity=gravity)
     meaningless = any(report.meaningless for report in reports)
     copies = None
     if fix is not None:
@@ -65,11 +57,7 @@ def verb(
         raise SystemExit(1)
 
 
-def _refuse(
-    files: Sequence[Path],
-    fix: Path | None,
-    apply: list[str] | None,
-) -> None:
+def _refuse(files: Sequence[Path], fix: Path | None, apply: list[str] | None) -> None:
     """Raise InputError for options that exclude each other."""
     if fix is None:
         if apply:
@@ -87,10 +75,7 @@ def _refuse(
 
 
 def _read_and_check(
-    files: Sequence[Path],
-    problem: str,
-    gravity: str | None,
-    hold: str | None,
+    files: Sequence[Path], problem: str, gravity: str | None, hold: str | None
 ) -> tuple[Problem, list[Measurements], Sequence[Report], str | None]:
     """Read the runs and check them.
 
@@ -109,9 +94,7 @@ def _read_and_check(
 
     with console.progress("checking") as progress:
         robot, measured, hold = read_and_hold(
-            lambda held: problem_from_options(problem, gravity, hold=held),
-            hold,
-            read,
+            lambda held: problem_from_options(problem, gravity, hold=held), hold, read
         )
         runs = [run for run in measured if isinstance(run, Measurements)]
         progress(f"judging {len(runs)} runs" if len(runs) > 1 else files[0].name)
@@ -149,12 +132,7 @@ def _write_copies(
     is_folder = len(files) > 1 or not fix.suffix or fix.is_dir()
     copies = [fix / f"{path.stem}.csv" if is_folder else fix for path in files]
     for path, report, copy, run, done in zip(
-        files,
-        reports,
-        copies,
-        repaired.runs,
-        repaired.issues,
-        strict=True,
+        files, reports, copies, repaired.runs, repaired.issues, strict=True
     ):
         save(run, copy)
         console.written(copy)
@@ -180,11 +158,7 @@ def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
     raise InputError(what, f"{remedy}; nothing was written")
 
 
-def _say_identify(
-    files: Sequence[Path],
-    problem: str,
-    options: Sequence[str],
-) -> None:
+def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -> None:
     """Print the command that identifies from all runs except those for testing."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import for_testing

@@ -8,11 +8,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.exporters.inertials import LinkCheck
 
 
-def verb(
-    urdf: Path,
-    json_: Path | None = None,
-    fix: Path | None = None,
-) -> None:
+def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
     """Check the inertials of a URDF: which bodies are impossible, by how much, the nearest possible.
 
     Exit code 1 where one is impossible, or in another unit than m and kg.
@@ -61,14 +57,7 @@ def _print_inertials(checks: Sequence[LinkCheck]) -> None:
     if checks:
         title = "Inertials: mass and margins (negative: violated)"
         heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
-        console.table(
-            Table(
-                heads,
-                inertials.table(checks),
-                title=title,
-                words=(0, 1),
-            )
-        )
+        console.table(Table(heads, inertials.table(checks), title=title, words=(0, 1)))
     for check in checks:
         if check.nearest is None:
             continue

@@ -34,10 +34,7 @@ def verb(
     results = compare(estimates, runs, noise_from=runs_given.judged_recordings)
     oldest = next(iter(estimates.values()))
     failures = where_it_fails(
-        estimate,
-        runs,
-        oldest.preprocessing,
-        noise=results[0].noise,
+        estimate, runs, oldest.preprocessing, noise=results[0].noise
     )
     printing.verdicts(results)
     units = estimate.robot.torque_units

@@ -36,10 +36,5 @@ def _whole_parser() -> argparse.ArgumentParser:
             for option in parser.options.values():
                 if option.nargs != 0 and option.choices is None:
                     option.complete = shtab.FILE  # type: ignore[attr-defined]
-            verbs.add_parser(
-                name,
-                parents=[parser],
-                add_help=False,
-                help=summary,
-            )
+            verbs.add_parser(name, parents=[parser], add_help=False, help=summary)
     return whole

@@ -43,9 +43,7 @@ def verb(
 
     with console.progress("reading the measurements") as progress:
         robot, (runs,), hold = read_and_hold(
-            lambda held: problem_from_options(problem, gravity, hold=held),
-            hold,
-            read,
+            lambda held: problem_from_options(problem, gravity, hold=held), hold, read
         )
         result = cross_validate(
             robot,
@@ -66,11 +64,7 @@ def verb(
     ]
     judged: list[Any] = [*result.folds, result]
     rows = [
-        [
-            name,
-            number(f.relative_error_percent),
-            *map(number, f.rmse),
-        ]
+        [name, number(f.relative_error_percent), *map(number, f.rmse)]
         for name, f in zip([*names, "all"], judged, strict=True)
     ]
     units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))

@@ -32,10 +32,7 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     console.paragraph(demonstration.diagnosis.headline)
     console.say("4. Add it", style="bold")
     printing.before_after(
-        before,
-        demonstration.after,
-        units,
-        "motion that neither has seen",
+        before, demonstration.after, units, "motion that neither has seen"
     )
     console.say(f"Hidden was: {demonstration.truth}.")
     console.written(out / "report.html", "open it in a browser")

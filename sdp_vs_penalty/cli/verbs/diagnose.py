@@ -64,11 +64,7 @@ def verb(
             without_check=runs.NO_CHECK,
             check_command=CheckCommand.of(estimate.problem, data),
         )
-    words = [
-        "--data",
-        *runs.words(data, window),
-        *["--frozen"] * frozen,
-    ]
+    words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     words += _written(
         {
             "--test": test,

@@ -49,14 +49,7 @@ def verb(
         "seed": seed,
     }
     if separate is not None:
-        return _separate(
-            Path(problem),
-            separate,
-            out,
-            urdf,
-            level=level,
-            **how,
-        )
+        return _separate(Path(problem), separate, out, urdf, level=level, **how)
     if payload:
         return _payload(Path(problem), joints, out, **how)
     from sdp_vs_penalty.cli.runs import problem_from_options
@@ -79,12 +72,7 @@ def verb(
 _LOOK = "look at the motion before it is run."
 
 
-def _payload(
-    model: Path,
-    joints: str | None,
-    out: Path,
-    **settings: Any,
-) -> None:
+def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> None:
     """Design a motion that weighs a load, write it, and print how precisely it does.
 
     joints : numbers from 1 of the joints that move, such as "5+6".
@@ -151,11 +139,7 @@ def _separate(
     shapes = None if urdf is None else self_collision(urdf, estimate.robot.n)
     with console.progress("separating") as progress:
         separation = separate(
-            estimate,
-            effects,
-            free=shapes,
-            progress=progress,
-            **settings,
+            estimate, effects, free=shapes, progress=progress, **settings
         )
     ros = out.with_suffix(".yaml")
     save_trajectory(separation.trajectory, out)

@@ -40,12 +40,7 @@ def verb(
     loses, judged = _judged_as_exported(estimate, out, data, window)
     verdict = None if judged is None else judged[0]
     left_out = write_model(
-        estimate,
-        out,
-        urdf,
-        force=force,
-        flange=(x, y, z),
-        judged=verdict,
+        estimate, out, urdf, force=force, flange=(x, y, z), judged=verdict
     )
     if loses:
         _say_what_is_lost(left_out, judged)
@@ -62,10 +57,7 @@ def verb(
 
 
 def _judged_as_exported(
-    estimate: Estimate,
-    out: Path,
-    data: list[Path] | None,
-    window: str | None,
+    estimate: Estimate, out: Path, data: list[Path] | None, window: str | None
 ) -> tuple[bool, tuple[Verdict, str] | None]:
     """Judge what a file of this name holds of the model.
 

@@ -45,10 +45,7 @@ def verb(
         )
         known_values = parsed_known(known)
         chosen = PoseOptions(
-            effects,
-            known_loads=loads,
-            known=known_values,
-            instruments=instruments,
+            effects, known_loads=loads, known=known_values, instruments=instruments
         )
         summary = write_posed(robot, runs, out, method, chosen, progress)
     console.written(

@@ -49,11 +49,7 @@ def verb(
     with console.progress("reading the measurements") as progress:
         robot, (runs_given, fitted_runs), hold = runs.read_and_hold(
             lambda held: runs.problem_from_options(
-                problem,
-                gravity,
-                bounds,
-                filters,
-                held,
+                problem, gravity, bounds, filters, held
             ),
             hold,
             lambda robot: runs.runs_from_options(robot, data, window),
@@ -80,10 +76,7 @@ def verb(
                 warn=console.warn,
                 without_check=runs.NO_CHECK,
                 check_command=CheckCommand(
-                    problem=problem,
-                    runs=data,
-                    hold=hold,
-                    gravity=gravity,
+                    problem=problem, runs=data, hold=hold, gravity=gravity
                 ),
             )
         except Infeasible as error:

@@ -10,11 +10,7 @@ Kind = StrEnum(
 )
 
 
-def verb(
-    what: Kind,
-    name: str | None = None,
-    json_: Path | None = None,
-) -> None:
+def verb(what: Kind, name: str | None = None, json_: Path | None = None) -> None:
     """List the names that the other verbs take, or say all about one of them.
 
     Example: sdp-vs-penalty list effects presliding_hysteresis

@@ -5,9 +5,7 @@ from sdp_vs_penalty.errors import missing_extra
 
 
 def verb(
-    folder: Path | None = None,
-    port: int | None = None,
-    browser: bool = True,
+    folder: Path | None = None, port: int | None = None, browser: bool = True
 ) -> None:
     """Open the workbench: a local page to identify, diagnose, add effects and export the model.
 

@@ -37,11 +37,7 @@ def verb(
     how: dict[str, Any] = {"findings": findings, "forward": forward}
     how["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
-        runs_given = runs_for(
-            next(iter(estimates.values())),
-            data,
-            window,
-        )
+        runs_given = runs_for(next(iter(estimates.values())), data, window)
         summary = report(
             estimates,
             runs_given.train,

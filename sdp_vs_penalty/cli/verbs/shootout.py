@@ -134,24 +134,12 @@ def _list() -> None:
     from sdp_vs_penalty.shootout.contestants import contestants
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
-    console.table(
-        Table(
-            ("instance", "group", ""),
-            rows,
-            words=(0, 1, 2),
-        )
-    )
+    console.table(Table(("instance", "group", ""), rows, words=(0, 1, 2)))
     people = [
         (c.name, c.absent or "here", c.description) for c in contestants().values()
     ]
     heads = ("solver", "here", "what it is")
-    console.table(
-        Table(
-            heads,
-            people,
-            words=(0, 1, 2),
-        )
-    )
+    console.table(Table(heads, people, words=(0, 1, 2)))
 
 
 def _words(text: str | None) -> list[str] | None:

@@ -35,11 +35,7 @@ def verb(
         _follow(source, follow, drive, seed, out, json_)
         return
     from sdp_vs_penalty.cli.runs import problem_from_options
-    from sdp_vs_penalty.simulation.hidden_runs import (
-        RUN_FILES,
-        planned,
-        refuse_foreign,
-    )
+    from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, planned, refuse_foreign
 
     if out is None:
         raise InputError(

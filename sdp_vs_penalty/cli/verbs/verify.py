@@ -31,9 +31,7 @@ def verb(
     ]
     if not files:
         raise InputError(
-            "no file named *proof.json in this folder",
-            "name the proofs",
-            proofs[0],
+            "no file named *proof.json in this folder", "name the proofs", proofs[0]
         )
     if data and model is None:
         raise InputError("--data without a model", "name the model with --model")

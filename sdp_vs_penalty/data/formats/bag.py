@@ -64,22 +64,12 @@ def read(path: Path, choice: Choice) -> Measurements:
     names = None if choice.joints is None else list(choice.joints)
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
         pieces = parse_isolated(
-            run_in_parts,
-            path,
-            names,
-            choice.topic,
-            prepare=message_types,
-            seconds=60.0,
+            run_in_parts, path, names, choice.topic, prepare=message_types, seconds=60.0
         )
         try:
             places = next(pieces)["places"].astype(int).tolist()
             run = gathered(
-                Measurements.of(
-                    part["t"],
-                    part,
-                    (path.name,),
-                )
-                for part in pieces
+                Measurements.of(part["t"], part, (path.name,)) for part in pieces
             )
             return replace(run, joint_names=tuple((names or [])[k] for k in places))
         except ImportError as error:
@@ -102,9 +92,7 @@ def message_types() -> Any:
 
 
 def run_in_parts(
-    path: str,
-    joints: list[str] | None,
-    topic: str | None,
+    path: str, joints: list[str] | None, topic: str | None
 ) -> Iterator[dict[str, Array]]:
     """Read the run of a bag in consecutive parts; to be called in a process of its own.
 
@@ -147,9 +135,7 @@ def _stay_inside(path: Path) -> None:
         if Path(name).name != name:
             what = f"{name!r} is not a file of this folder"
             raise InputError(
-                what,
-                "keep a bag's files in one folder",
-                path / "metadata.yaml",
+                what, "keep a bag's files in one folder", path / "metadata.yaml"
             )
 
 
@@ -210,11 +196,7 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
     return replace(run, joint_names=joint_names)
 
 
-def _which_topic(
-    path: Path,
-    topic: str | None,
-    topics: Sequence[str],
-) -> InputError:
+def _which_topic(path: Path, topic: str | None, topics: Sequence[str]) -> InputError:
     """Return the error of a topic that is missing, or of several topics that each hold
     all joints."""
     subject = f"topic {topic!r}" if topic else "one topic"
@@ -224,9 +206,7 @@ def _which_topic(
 
 
 def _streams(
-    path: Path,
-    reader: Any,
-    connections: Sequence[Any],
+    path: Path, reader: Any, connections: Sequence[Any]
 ) -> tuple[list[_Stream], Array]:
     """Collect the JointState messages into streams: by topic, joints and filled fields.
 
@@ -273,18 +253,11 @@ def _clocks_of(message: Any, recorded: int) -> Array:
     taken first.
     """
     stamp = message.header.stamp
-    return np.array(
-        [
-            int(stamp.sec) * 10**9 + int(stamp.nanosec),
-            int(recorded),
-        ]
-    )
+    return np.array([int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorded)])
 
 
 def _choose_joints(
-    path: Path,
-    streams: Sequence[_Stream],
-    choice: Choice,
+    path: Path, streams: Sequence[_Stream], choice: Choice
 ) -> tuple[dict[str, str], _Stream]:
     """Choose the joints to read, and the stream whose messages become the run's rows.
 
@@ -317,10 +290,7 @@ def _choose_joints(
 
 
 def _leading_stream(
-    path: Path,
-    placed: Sequence[_Stream],
-    joints: set[str],
-    topic: str | None,
+    path: Path, placed: Sequence[_Stream], joints: set[str], topic: str | None
 ) -> _Stream:
     """Choose the stream whose messages become the run's rows.
 
@@ -339,18 +309,12 @@ def _leading_stream(
     candidates = [s for s in placed if s.topic in best and joints & set(s.names)]
     return max(
         candidates,
-        key=lambda s: (
-            len(joints & set(s.names)),
-            "effort" in s.fields,
-            len(s.values),
-        ),
+        key=lambda s: (len(joints & set(s.names)), "effort" in s.fields, len(s.values)),
     )
 
 
 def _channels_of(
-    streams: Sequence[_Stream],
-    topic: str,
-    joints: set[str],
+    streams: Sequence[_Stream], topic: str, joints: set[str]
 ) -> set[tuple[str, str]]:
     """Collect the positions and efforts of some joints that a topic has, as (joint,
     field) pairs."""
@@ -392,12 +356,7 @@ class _Merge:
         )
         return concatenate_chunks(pieces)
 
-    def _column(
-        self,
-        joint: str,
-        field_name: str,
-        part: NDArray[np.intp],
-    ) -> Array:
+    def _column(self, joint: str, field_name: str, part: NDArray[np.intp]) -> Array:
         """Return one field of one joint in the rows ``part`` of the leading stream:
         (K,) values.
 
@@ -413,10 +372,7 @@ class _Merge:
 
 
 def _merge(
-    streams: Sequence[_Stream],
-    leading: _Stream,
-    joints: Sequence[str],
-    clock: int,
+    streams: Sequence[_Stream], leading: _Stream, joints: Sequence[str], clock: int
 ) -> _Merge:
     """Match the messages of all streams to those of the leading stream.
 
@@ -432,9 +388,7 @@ def _merge(
         for field_name in _FIELDS
     }
     merge = _Merge(
-        sources,
-        rows={id(leading): np.arange(len(t))},
-        is_kept=np.ones(len(t), bool),
+        sources, rows={id(leading): np.arange(len(t))}, is_kept=np.ones(len(t), bool)
     )
     for (joint, field_name), source in sources.items():
         if source is None or source is leading:
@@ -485,10 +439,7 @@ def _merged(
 
 
 def _source_of(
-    streams: Sequence[_Stream],
-    leading: _Stream,
-    joint: str,
-    what: str,
+    streams: Sequence[_Stream], leading: _Stream, joint: str, what: str
 ) -> _Stream | None:
     """Choose the stream from which a joint's field is taken: the leading one, else one
     of its topic, else the longest; None where no stream has it."""
@@ -532,11 +483,7 @@ def _say_what_is_skipped(
         warnings.warn(f"{path}: {' and '.join(reasons)} left out", Remark, stacklevel=2)
 
 
-def _weightless(
-    path: Path,
-    streams: Sequence[_Stream],
-    what: str,
-) -> InputError:
+def _weightless(path: Path, streams: Sequence[_Stream], what: str) -> InputError:
     """Return the error of a bag in which no message has positions, or efforts, of every
     joint."""
     topics = ", ".join(sorted({s.topic for s in streams}))

@@ -7,11 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sdp_vs_penalty.data.formats.units import (
-    TELLING_UNITS,
-    NamedUnit,
-    units_of_name,
-)
+from sdp_vs_penalty.data.formats.units import TELLING_UNITS, NamedUnit, units_of_name
 
 _TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text("utf-8"))
 #: The words of each quantity, the best first.

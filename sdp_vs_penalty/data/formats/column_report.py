@@ -123,21 +123,8 @@ def describe_columns(
         for our_name, name in pairs.items()
         for their_name in parts_of(name, names)
     }
-    rows = [
-        _row(
-            name,
-            meanings.get(name, ""),
-            table,
-            scale,
-        )
-        for name in names
-    ]
-    report = ColumnReport(
-        place,
-        tuple(rows),
-        missing=_missing(pairs),
-        problem=problem,
-    )
+    rows = [_row(name, meanings.get(name, ""), table, scale) for name in names]
+    report = ColumnReport(place, tuple(rows), missing=_missing(pairs), problem=problem)
     if recognition is None:
         return report
     if recognition.is_identity:
@@ -168,10 +155,7 @@ def _pairs(
 
 
 def _row(
-    name: str,
-    meaning: str,
-    table: CellTable,
-    scale: Mapping[str, float],
+    name: str, meaning: str, table: CellTable, scale: Mapping[str, float]
 ) -> ColumnRow:
     """Make the table row of one column; ``meaning`` is our name for it, "" where it is
     not used."""
@@ -180,14 +164,7 @@ def _row(
     if factor != 1.0:
         unit = unit_of_factor(factor, group_of(meaning)) or f"{factor:.6g}"
     cells = tuple(table.cells.get(name, ())[:_N_CELLS])
-    return ColumnRow(
-        name,
-        meaning,
-        table.kinds[name],
-        factor,
-        unit,
-        cells,
-    )
+    return ColumnRow(name, meaning, table.kinds[name], factor, unit, cells)
 
 
 def _missing(pairs: Mapping[str, str]) -> tuple[str, ...]:

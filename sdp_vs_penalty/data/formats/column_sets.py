@@ -95,10 +95,7 @@ def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSe
 
 
 def _sets_of_names(
-    quantity: str,
-    style: str,
-    names: Sequence[str],
-    readings: Mapping[str, Reading],
+    quantity: str, style: str, names: Sequence[str], readings: Mapping[str, Reading]
 ) -> list[dict[Hashable, str]]:
     """Make sets of columns, each with one column for each joint, of some names.
 
@@ -211,9 +208,7 @@ def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _columns_by_joint(
-    style: str,
-    names: Sequence[str],
-    readings: Mapping[str, Reading],
+    style: str, names: Sequence[str], readings: Mapping[str, Reading]
 ) -> dict[Hashable, str]:
     """Order the columns of one set by what tells their joints apart: {0: "q_1", 1:
     "q_2"}.
@@ -273,10 +268,7 @@ class SetChoice:
 
 
 def choose_sets(
-    readings: Mapping[str, Reading],
-    n_joints: int | None,
-    *,
-    has_blocks: bool = True,
+    readings: Mapping[str, Reading], n_joints: int | None, *, has_blocks: bool = True
 ) -> SetChoice | None:
     """Choose the set of position columns, and the sets of torques, velocities and so on
     that have the same joints.

@@ -80,11 +80,7 @@ class Choice:
 
 
 @contextmanager
-def understood(
-    path: str | Path,
-    kind: str,
-    remedy: str,
-) -> Iterator[None]:
+def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
     """Turn the failures of a library that reads a file into InputError.
 
     Parameters
@@ -332,9 +328,7 @@ class Header:
         return self._finished(run)
 
     def _with_units_of_all_rows(
-        self,
-        run: Measurements,
-        recognition: Recognition,
+        self, run: Measurements, recognition: Recognition
     ) -> tuple[Measurements, Recognition]:
         """Decide by all rows the units that the first cells suggested; return the run
         and the recognition with these units."""
@@ -394,11 +388,7 @@ class Header:
         warnings.warn(warning, Remark, stacklevel=3)
         return replace(run, t=run.t + shift)
 
-    def _in_si(
-        self,
-        name: str,
-        columns: Mapping[str, Array],
-    ) -> Array:
+    def _in_si(self, name: str, columns: Mapping[str, Array]) -> Array:
         """Return a column of the file, (N,) or (N, n), in SI units."""
         return self.factors.get(name, 1.0) * np.asarray(columns[name], float)
 
@@ -413,9 +403,7 @@ class Header:
         raise InputError(what, "give q, dq and tau a column a joint", self.what)
 
     def _clock(
-        self,
-        columns: Mapping[str, Array],
-        groups_read: Mapping[str, Sequence[Array]],
+        self, columns: Mapping[str, Array], groups_read: Mapping[str, Sequence[Array]]
     ) -> Array:
         """Return the time stamps (N,) [s] of the samples.
 
@@ -478,12 +466,7 @@ class Header:
         )
         return InputError(lacking, remedy, self.what)
 
-    def _block(
-        self,
-        group: str,
-        parts: Sequence[Array],
-        count: int,
-    ) -> Array:
+    def _block(self, group: str, parts: Sequence[Array], count: int) -> Array:
         """Return the channels (N, n) of one group, from n columns (N,) or from one
         block.
 
@@ -579,9 +562,7 @@ def rows_shown(run: Measurements, recognition: Recognition) -> tuple[str, ...]:
 
 
 def _require_columns(
-    rename: Mapping[str, str],
-    names: Sequence[str],
-    what: str,
+    rename: Mapping[str, str], names: Sequence[str], what: str
 ) -> None:
     """Raise InputError for a column that ``--rename`` names and the file does not
     have."""
@@ -623,9 +604,7 @@ def _groups(
 
 
 def _clock_of(
-    rename: Mapping[str, str],
-    names: Sequence[str],
-    choice: Choice,
+    rename: Mapping[str, str], names: Sequence[str], choice: Choice
 ) -> str | None:
     """Return the name of the clock's column: renamed, called "t", or, where the user
     renamed other columns, recognised by its name. None without a clock."""
@@ -670,9 +649,7 @@ def _lacking(
 
 
 def _unused_columns(
-    groups: Mapping[str, Sequence[str]],
-    names: Sequence[str],
-    what: str,
+    groups: Mapping[str, Sequence[str]], names: Sequence[str], what: str
 ) -> list[str]:
     """List the columns that are not read; raise InputError where a column that is read
     comes twice."""
@@ -698,9 +675,7 @@ def _say_unused(path: Path, names: Sequence[str]) -> None:
 
 
 def _factors(
-    rename: Mapping[str, str],
-    recognition: Recognition | None,
-    clock: Sequence[str],
+    rename: Mapping[str, str], recognition: Recognition | None, clock: Sequence[str]
 ) -> dict[str, float]:
     """Return the factors to SI by the file's names.
 
@@ -754,11 +729,7 @@ def _rate_of(groups_read: Mapping[str, Sequence[Array]]) -> float | None:
     return rate_from_velocities(blocks["q"], blocks["dq"])
 
 
-def _columns(
-    named: Mapping[str, str],
-    group: str,
-    what: str,
-) -> list[str]:
+def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
     """List the file's columns of one channel group in the joints' order.
 
     ``named`` gives the file's names by ours: one column called as the group is a block
@@ -779,10 +750,7 @@ def _columns(
 
 
 def _rename_command(
-    path: Path,
-    names: Sequence[str],
-    missing: Sequence[str],
-    n_joints: int | None,
+    path: Path, names: Sequence[str], missing: Sequence[str], n_joints: int | None
 ) -> str:
     """Format the remedy for missing columns: a `convert` command that names them, by
     the file's names where some fit.
@@ -791,10 +759,7 @@ def _rename_command(
     """
     pairs = _columns_in_order(names, missing, n_joints)
     pairs = pairs or propose_columns(names, missing)
-    words = [
-        "--rename",
-        ",".join(f"{group}={name}" for group, name in pairs.items()),
-    ]
+    words = ["--rename", ",".join(f"{group}={name}" for group, name in pairs.items())]
     scale = _scale_of_proposal(pairs, names)
     if scale:
         words += ["--scale", scale_words(scale, dict.fromkeys(scale, ""))]
@@ -986,11 +951,7 @@ def numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
     return families
 
 
-def real_numbers(
-    path: str | Path,
-    name: str,
-    array: Any,
-) -> Array:
+def real_numbers(path: str | Path, name: str, array: Any) -> Array:
     """Convert an array of a file to floating-point numbers.
 
     Parameters
@@ -1076,11 +1037,7 @@ def brief_names(names: Sequence[str]) -> str:
     return ", ".join(sorted(name[:40] for name in shown)) or "none"
 
 
-def _brief_family(
-    head: str,
-    tail: str,
-    numbers: Sequence[int],
-) -> list[str]:
+def _brief_family(head: str, tail: str, numbers: Sequence[int]) -> list[str]:
     """Format names that differ by their numbers as one, "q_0..6"; each alone where
     there are fewer than three, or a gap."""
     if not numbers:

@@ -83,10 +83,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         from sdp_vs_penalty.data.formats.headerless import names_without_header
 
         names = names_without_header(
-            path,
-            len(names),
-            choice,
-            lambda: read_columns(path),
+            path, len(names), choice, lambda: read_columns(path)
         )
     if not _has_channels_alone(table):
         from sdp_vs_penalty.data.formats.long_table import find_long_form, read_long
@@ -94,12 +91,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         form = find_long_form(table)
         if form is not None:
             return read_long(table, form, choice)
-    header = Header.of(
-        path,
-        names,
-        choice,
-        table=_cell_table(table, names),
-    )
+    header = Header.of(path, names, choice, table=_cell_table(table, names))
     chosen = sorted(names.index(name) for name in header.columns)
     _refuse_texts(table, names, chosen)
     is_chosen = bool(choice.rename or header.joints)
@@ -153,10 +145,7 @@ def _has_channels_alone(table: TextTable) -> bool:
 
 
 def _run_of_columns(
-    table: TextTable,
-    header: Header,
-    names: Sequence[str],
-    chosen: Sequence[int],
+    table: TextTable, header: Header, names: Sequence[str], chosen: Sequence[int]
 ) -> Measurements:
     """Read the run of the chosen columns.
 
@@ -329,9 +318,7 @@ def numbers(path: Path, width: int) -> Array:
 
 
 def _refuse_texts(
-    table: TextTable,
-    names: Sequence[str],
-    chosen: Sequence[int],
+    table: TextTable, names: Sequence[str], chosen: Sequence[int]
 ) -> None:
     """Raise InputError for a chosen column that holds texts in all rows.
 
@@ -346,10 +333,7 @@ def _refuse_texts(
 
 
 def _sparse_columns(
-    table: TextTable,
-    header: Header,
-    chosen: Sequence[int],
-    chosen_names: Sequence[str],
+    table: TextTable, header: Header, chosen: Sequence[int], chosen_names: Sequence[str]
 ) -> dict[str, Array]:
     """Read a table in which cells are empty
     (:func:`~sdp_vs_penalty.data.formats.sparse.merged_rows`).

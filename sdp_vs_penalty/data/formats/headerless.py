@@ -88,9 +88,7 @@ def _no_header(
     shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
     command = formatting.convert_command(path, *words)
     return InputError(
-        problem,
-        f"{remedy}where its columns are {shown}, `{command}`",
-        path,
+        problem, f"{remedy}where its columns are {shown}, `{command}`", path
     )
 
 
@@ -152,10 +150,7 @@ def _names(n_joints: int, groups: Sequence[str]) -> list[str]:
 def _rate_word(layout: Sequence[str], columns: Sequence[Array]) -> str:
     """Return the sampling rate [Hz] at which dq is the derivative of q, as a word of a
     command; the placeholder "HZ" where no rate fits."""
-    columns_of_group: dict[str, list[Array]] = {
-        "q": [],
-        "dq": [],
-    }
+    columns_of_group: dict[str, list[Array]] = {"q": [], "dq": []}
     for name, column in zip(layout, columns, strict=False):
         group = name.rstrip("0123456789")  # "dq" of "dq3"
         if group in columns_of_group:

@@ -231,11 +231,7 @@ def _quantity_of(path: Path) -> str | None:
     return None if reading_of_name is None else reading_of_name.quantity
 
 
-def read_joined(
-    path: Path,
-    files: Sequence[Path],
-    choice: Choice,
-) -> Measurements:
+def read_joined(path: Path, files: Sequence[Path], choice: Choice) -> Measurements:
     """Read one run whose channels are spread over several files.
 
     Columns keep their names where these tell the channels apart. Otherwise the file's
@@ -376,9 +372,7 @@ def _rows_of_parts(
         # nearest_rows asks for rising stamps; `order` leads back to the file's rows.
         order = np.argsort(clock, kind="stable")
         nearest, is_near = nearest_rows(
-            base_clock,
-            clock[order],
-            half_period(base_clock),
+            base_clock, clock[order], half_period(base_clock)
         )
         rows.append(order[nearest])
         is_matched &= is_near

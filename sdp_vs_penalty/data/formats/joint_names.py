@@ -12,10 +12,7 @@ Frame: TypeAlias = tuple[Tokens, Tokens, Tokens, Tokens]
 
 
 def match_joints(
-    joints: Sequence[str],
-    names_in_file: Sequence[str],
-    *,
-    by_numbers: bool = False,
+    joints: Sequence[str], names_in_file: Sequence[str], *, by_numbers: bool = False
 ) -> dict[str, str]:
     """Find the file's name of each of the robot's joints.
 

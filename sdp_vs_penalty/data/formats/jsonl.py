@@ -195,11 +195,7 @@ def columns_and_joints_of(
     return columns, joints
 
 
-def _parse_line(
-    path: Path,
-    number: int,
-    line: str,
-) -> dict[str, Any]:
+def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
     """Parse the numbers, and lists of numbers or texts, of one line, by their names.
 
     Raises InputError where the line is no JSON object.
@@ -322,11 +318,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _block(
-    path: Path,
-    name: str,
-    values: list[Any],
-) -> Array:
+def _block(path: Path, name: str, values: list[Any]) -> Array:
     """Convert the values of one field to (N,) numbers, or (N, n) where they are lists.
 
     Raises InputError where lists have different lengths, or a number is too large.

@@ -213,9 +213,7 @@ def _labels_and_values(
 
 
 def _columns_of_labels(
-    labels: Sequence[Sequence[str]],
-    channels: Mapping[str, Array],
-    form: LongForm,
+    labels: Sequence[Sequence[str]], channels: Mapping[str, Array], form: LongForm
 ) -> dict[str, Array]:
     """Spread long columns (N,) into one column for each label and channel.
 
@@ -228,10 +226,7 @@ def _columns_of_labels(
     # (N, labels) texts; the distinct rows, where each is first, and which each row has.
     label_rows = np.array(labels).T
     _, first_rows, distinct_of_row = np.unique(
-        label_rows,
-        axis=0,
-        return_index=True,
-        return_inverse=True,
+        label_rows, axis=0, return_index=True, return_inverse=True
     )
     in_order = np.argsort(first_rows)
     names = [label_rows[first_rows[k]].tolist() for k in in_order]
@@ -245,11 +240,7 @@ def _columns_of_labels(
         has_label = distinct_of_row.ravel() == k
         for channel, values in channels.items():
             words = [*name, channel] if form.channel is None else name
-            columns["/".join(words)] = np.where(
-                has_label,
-                values,
-                np.nan,
-            )
+            columns["/".join(words)] = np.where(has_label, values, np.nan)
     return columns
 
 

@@ -6,11 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import (
-    Choice,
-    table_of_arrays,
-    understood,
-)
+from sdp_vs_penalty.data.formats.columns import Choice, table_of_arrays, understood
 from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements

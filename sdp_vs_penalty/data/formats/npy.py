@@ -50,9 +50,7 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def run_of_columns(
-    path: Path,
-    columns: Mapping[str, Array],
-    choice: Choice,
+    path: Path, columns: Mapping[str, Array], choice: Choice
 ) -> Measurements:
     """Make a run of the columns of a table, with or without names.
 

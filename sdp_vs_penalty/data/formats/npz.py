@@ -62,12 +62,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         table = _columns_of_one_table(path, file)
         if table is not None:
             return run_of_columns(path, table, choice)
-        header = Header.of(
-            path,
-            list(file.files),
-            choice,
-            table=_table_of_joints(file),
-        )
+        header = Header.of(path, list(file.files), choice, table=_table_of_joints(file))
         arrays = {name: _channel(path, file, name) for name in header.columns}
     lengths = {len(array) for array in arrays.values()}
     if len(lengths) > 1 or max(lengths, default=0) <= PART or "t" not in header.groups:
@@ -155,9 +150,7 @@ def _row_layout(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def _rows(
-    member: IO[bytes],
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
+    member: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> Iterator[Array]:
     """Read the rows of a stored array in pieces of PART rows.
 

@@ -58,10 +58,4 @@ def read(folder: Path, choice: Choice) -> Measurements:
     q = columns["q"].reshape(len(t), -1)
     dq = columns["dq"].reshape(len(t), -1)
     tau = columns["tau"].reshape(len(t), -1)
-    return Measurements(
-        t=t,
-        q=q,
-        tau=tau,
-        dq=dq,
-        names=(folder.name,),
-    )
+    return Measurements(t=t, q=q, tau=tau, dq=dq, names=(folder.name,))

@@ -113,12 +113,7 @@ def read_columns(path: Path) -> dict[str, Array]:
 def _header(path: Path, choice: Choice, file: Any) -> Header:
     """Find the columns of the file that are channels."""
     table = _cell_table(file)
-    return Header.of(
-        path,
-        list(table.kinds),
-        choice,
-        table=table,
-    )
+    return Header.of(path, list(table.kinds), choice, table=table)
 
 
 def _cell_table(file: Any) -> CellTable:
@@ -181,11 +176,7 @@ def _places_of_joints(path: Path, file: Any) -> Places | None:
     return places_of_joints(path, joints_of_rows, range(1, len(texts) + 1))
 
 
-def _pieces(
-    path: Path,
-    header: Header,
-    file: Any,
-) -> Iterator[Measurements]:
+def _pieces(path: Path, header: Header, file: Any) -> Iterator[Measurements]:
     """Read the chosen columns in consecutive pieces of the run; at least one, perhaps
     empty.
 

@@ -563,11 +563,7 @@ def _by_logger(
             continue
         keys_in_file = list(groups["q"])
         joint_names, keys = _joints_of_logger(
-            logger,
-            keys_in_file,
-            names,
-            joints,
-            table,
+            logger, keys_in_file, names, joints, table
         )
         # The file's names by ours: t, q1, q2 ..., tau1 ....
         rename = {"t": clock}
@@ -641,9 +637,7 @@ def _joints_of_logger(
 
 
 def _units_of_logger(
-    logger: Mapping[str, Any],
-    rename: Mapping[str, str],
-    table: CellTable | None,
+    logger: Mapping[str, Any], rename: Mapping[str, str], table: CellTable | None
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Find the units of a known logger's columns.
 
@@ -679,9 +673,7 @@ def _units_of_logger(
 
 
 def _inferred_unit(
-    kind: str,
-    names: Sequence[str],
-    table: CellTable | None,
+    kind: str, names: Sequence[str], table: CellTable | None
 ) -> tuple[str, str]:
     """Guess the unit of columns (ANGLE or CLOCK) from their first values, and give the
     reason as a phrase; without values the unit stays open."""
@@ -831,9 +823,7 @@ def _read_and_choose(
 
 
 def _one_joint_of_several(
-    readings: Mapping[str, Reading],
-    choice: SetChoice,
-    table: CellTable | None,
+    readings: Mapping[str, Reading], choice: SetChoice, table: CellTable | None
 ) -> SetChoice:
     """Correct a choice that took one joint's column for the column of all joints.
 

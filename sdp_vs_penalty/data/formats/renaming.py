@@ -88,9 +88,7 @@ def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
 
 
 def _pattern_of(
-    group: str,
-    pairs: Mapping[str, str],
-    names: Sequence[str],
+    group: str, pairs: Mapping[str, str], names: Sequence[str]
 ) -> str | None:
     """Return the pattern, "p_*", that stands for all columns of a channel group; None
     where no pattern means exactly these columns in this order."""
@@ -242,11 +240,7 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     return unwrapped(in_si, run.names[0], degrees)
 
 
-def _factors(
-    our_name: str,
-    word: str,
-    n_columns: int,
-) -> np.ndarray:
+def _factors(our_name: str, word: str, n_columns: int) -> np.ndarray:
     """Return the factors of a group's columns that one entry of ``--scale`` means.
 
     ``word`` is a unit, a number, or one number a joint, "10:10.7:8.5". Returns (n,)

@@ -13,11 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.data.formats.columns import Choice, Header
-from sdp_vs_penalty.data.formats.jsonl import (
-    cell_table,
-    columns_and_joints_of,
-    leaves,
-)
+from sdp_vs_penalty.data.formats.jsonl import cell_table, columns_and_joints_of, leaves
 from sdp_vs_penalty.data.formats.text_table import iter_rows
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, Remark

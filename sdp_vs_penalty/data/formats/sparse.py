@@ -54,9 +54,7 @@ def merged_rows(
 
 
 def _row_stamps(
-    header: Header,
-    clock: Sequence[str],
-    values: Mapping[str, Array],
+    header: Header, clock: Sequence[str], values: Mapping[str, Array]
 ) -> Array:
     """Return the time stamp (N,) of each row: seconds and nanoseconds added up; without
     a clock, the row's number."""

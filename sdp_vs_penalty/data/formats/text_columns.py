@@ -131,11 +131,7 @@ def _values(table: TextTable, column: int, values: object) -> Array:
     return np.asarray(np.from_dlpack(values).view(np.float64))  # type: ignore[arg-type]
 
 
-def _parse_lists(
-    table: TextTable,
-    column: int,
-    cells: Sequence[str],
-) -> Array:
+def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
     """Parse N cells that hold lists such as "[0.1, 0.2]" into (N, n) numbers.
 
     Raises InputError where the lists have different lengths.
@@ -149,17 +145,13 @@ def _parse_lists(
         what = f"column {table.names[column]} holds lists of different lengths"
         shown = ", ".join(map(str, sorted(lengths)[:4]))
         raise InputError(
-            f"{what} ({shown})",
-            "give each row as many values",
-            table.path,
+            f"{what} ({shown})", "give each row as many values", table.path
         )
     return np.array(words, float).reshape(len(cells), *lengths or (0,))
 
 
 def _read_carefully(
-    table: TextTable,
-    chosen: Sequence[int],
-    first: int,
+    table: TextTable, chosen: Sequence[int], first: int
 ) -> Iterator[list[Array]]:
     """Read chosen columns row by row, from row ``first`` (counted from 1) on.
 
@@ -196,11 +188,7 @@ def _say_rows_skipped(
     path: Path, n_empty: int, n_headers: int, n_comments: int
 ) -> None:
     """Warn that empty rows, and headers and comments between values, were left out."""
-    kinds = {
-        "empty row": n_empty,
-        "repeated header": n_headers,
-        "comment": n_comments,
-    }
+    kinds = {"empty row": n_empty, "repeated header": n_headers, "comment": n_comments}
     shown = [formatting.count(n, noun) for noun, n in kinds.items() if n]
     if shown:
         warning = f"{path}: {' and '.join(shown)} left out"
@@ -208,10 +196,7 @@ def _say_rows_skipped(
 
 
 def _parse_rows(
-    table: TextTable,
-    chosen: Sequence[int],
-    numbers: Sequence[int],
-    rows: Sequence[str],
+    table: TextTable, chosen: Sequence[int], numbers: Sequence[int], rows: Sequence[str]
 ) -> list[Array]:
     """Parse the chosen columns of some rows: one array a column.
 
@@ -235,9 +220,7 @@ def _parse_rows(
 
 
 def _parse_plainly(
-    table: TextTable,
-    chosen: Sequence[int],
-    rows: Sequence[str],
+    table: TextTable, chosen: Sequence[int], rows: Sequence[str]
 ) -> list[Array] | None:
     """Parse chosen columns of rows of plain numbers by NumPy; None where rows have
     different numbers of cells, or a cell is no plain number."""
@@ -250,11 +233,7 @@ def _parse_plainly(
         return None
     try:
         values = np.loadtxt(
-            rows,
-            delimiter=delimiter,
-            ndmin=2,
-            comments=None,
-            usecols=chosen,
+            rows, delimiter=delimiter, ndmin=2, comments=None, usecols=chosen
         )
     except ValueError:
         return None
@@ -262,10 +241,7 @@ def _parse_plainly(
 
 
 def _parse_column(
-    table: TextTable,
-    column: int,
-    numbers: Sequence[int],
-    cells: Sequence[str],
+    table: TextTable, column: int, numbers: Sequence[int], cells: Sequence[str]
 ) -> Array:
     """Parse the cells of one column: (N,) numbers, or (N, n) of lists.
 
@@ -290,9 +266,7 @@ def _parse_column(
 
 
 def _refuse_widths(
-    table: TextTable,
-    numbers: Sequence[int],
-    cells: Sequence[Sequence[str]],
+    table: TextTable, numbers: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> None:
     """Raise InputError naming the first row that has more or fewer cells than the
     table."""
@@ -365,10 +339,7 @@ def read_cells(
 
 
 def parse_with_gaps(
-    table: TextTable,
-    column: int,
-    numbers: Sequence[int],
-    cells: Sequence[str],
+    table: TextTable, column: int, numbers: Sequence[int], cells: Sequence[str]
 ) -> Array:
     """Parse a column in which cells may be empty.
 

@@ -193,11 +193,7 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(what, "copy it again, or unpack it", path) from error
 
 
-def _rows_of(
-    path: Path,
-    text: str,
-    first: int,
-) -> list[str]:
+def _rows_of(path: Path, text: str, first: int) -> list[str]:
     """Split a piece of text into rows; ``first`` is the number of its first row, for
     messages.
 
@@ -451,9 +447,7 @@ def _refuse_markup(path: Path, line: str) -> None:
 
 
 def _find_header(
-    comment: list[str],
-    cells: Sequence[list[str]],
-    number: partial[bool],
+    comment: list[str], cells: Sequence[list[str]], number: partial[bool]
 ) -> tuple[list[str], int]:
     """Find the columns' names, and count the rows that they take.
 
@@ -572,9 +566,7 @@ def _n_separators_at_the_end(body: Sequence[Sequence[str]], width: int) -> int:
 
 
 def _kinds(
-    sample: Sequence[tuple[str, ...]],
-    width: int,
-    number: partial[bool],
+    sample: Sequence[tuple[str, ...]], width: int, number: partial[bool]
 ) -> tuple[str, ...]:
     """Find what each of the columns holds: "number", "text", "list", "stamp" or
     "empty".
@@ -588,9 +580,7 @@ def _kinds(
 
 
 def _units_in_cells(
-    sample: Sequence[tuple[str, ...]],
-    kinds: Sequence[str],
-    number: partial[bool],
+    sample: Sequence[tuple[str, ...]], kinds: Sequence[str], number: partial[bool]
 ) -> dict[int, str]:
     """Find units that stand behind the numbers in the cells, "0.005 sec".
 
@@ -710,11 +700,7 @@ def _is_padded_title(lines: Sequence[str], delimiter: str | None) -> bool:
     return is_full and all(first[:n_filled]) and 2 * n_filled <= len(first)
 
 
-def _share_of_width(
-    lines: Sequence[str],
-    delimiter: str | None,
-    width: int,
-) -> float:
+def _share_of_width(lines: Sequence[str], delimiter: str | None, width: int) -> float:
     """Return the fraction of the lines behind the first that split into ``width``
     cells, or into one more, as rows with a separator at the end do."""
     following = lines[1:]

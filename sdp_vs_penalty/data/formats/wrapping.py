@@ -19,9 +19,7 @@ _TOLERANCE = 0.25 * np.pi
 
 
 def unwrapped(
-    run: Measurements,
-    path: str | Path,
-    groups: Sequence[str] = POSITIONS,
+    run: Measurements, path: str | Path, groups: Sequence[str] = POSITIONS
 ) -> Measurements:
     """Undo the jumps by full turns of angles that a controller keeps within one turn.
 

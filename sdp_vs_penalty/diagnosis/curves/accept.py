@@ -11,9 +11,7 @@ from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 
 
 def accept_curves(
-    search: Search,
-    curves: Sequence[Measured],
-    judge: HeldOutData,
+    search: Search, curves: Sequence[Measured], judge: HeldOutData
 ) -> tuple[Measured, ...]:
     """Accept the measured curves that data left out confirm, one after the other.
 

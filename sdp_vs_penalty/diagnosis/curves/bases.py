@@ -209,9 +209,7 @@ _MIXED_PAIRS = (("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq"))
 
 
 def list_variables(
-    j: int,
-    robot: Robot,
-    has_temperature: bool = False,
+    j: int, robot: Robot, has_temperature: bool = False
 ) -> list[tuple[Variable, ...]]:
     """List the single variables, and pairs of variables, over which a curve of a joint
     may run.
@@ -358,11 +356,7 @@ class Variables:
         """
         return self.filtered_law(basis, lambda x: basis.evaluate(*x.T))
 
-    def filtered_law(
-        self,
-        basis: Basis,
-        law: Callable[[Array], Array],
-    ) -> Array:
+    def filtered_law(self, basis: Basis, law: Callable[[Array], Array]) -> Array:
         """Return the columns (M, m) of a function of the variables, low-passed as the
         torque was.
 
@@ -388,9 +382,7 @@ class Variables:
         return basis.points[self.is_near_motion(basis, self.keep)]
 
     def is_near_motion(
-        self,
-        basis: Basis,
-        which: NDArray[np.bool_],
+        self, basis: Basis, which: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Return for each point of a basis's grid whether some rows of the motion come
         near it.
@@ -510,12 +502,7 @@ class CurveColumns:
             v=v + count / COARSENING_ROWS,
         )
 
-    def score(
-        self,
-        drop: Array,
-        freedom: Array,
-        looked: int,
-    ) -> Array:
+    def score(self, drop: Array, freedom: Array, looked: int) -> Array:
         """Return the evidence J of curves that lower the squared error of this joint.
 
         J = dD / v - freedom log(N / v) - 2 log(looked), where dD is the drop of the
@@ -550,11 +537,7 @@ class CurveColumns:
         selection = 2.0 * np.log(max(looked, 1))
         return np.asarray(deviance_drop / self.v - price - selection)
 
-    def without_fold(
-        self,
-        fold: NDArray[np.intp],
-        P: Array,
-    ) -> Array:
+    def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
         """Fit the curve's coefficients F times, each time without the rows of one fold.
 
         The fit's own columns Q are fitted again on the same rows, together with the
@@ -652,10 +635,7 @@ class SplineFit:
 
 
 def fit_spline(
-    basis: Basis,
-    raw: Array,
-    columns: CurveColumns,
-    looked: int,
+    basis: Basis, raw: Array, columns: CurveColumns, looked: int
 ) -> SplineFit:
     """Fit a spline curve with the weight of the roughness penalty that has most
     evidence.
@@ -688,11 +668,7 @@ def fit_spline(
     roughness = _roughness(splines) * energy
     # In the basis V of these eigenvectors D + prior is the identity and the roughness
     # is diagonal: the solution for any weight is a division.
-    values, V = scipy.linalg.eigh(
-        roughness,
-        columns.D + prior,
-        check_finite=False,
-    )
+    values, V = scipy.linalg.eigh(roughness, columns.D + prior, check_finite=False)
     D = V.T @ columns.D @ V
     s = V.T @ columns.s
     weights = _WEIGHTS if roughness.any() else np.ones(1)
@@ -712,11 +688,7 @@ def fit_spline(
 
 
 def confidence_band(
-    fit: SplineFit,
-    grid: Array,
-    seed: int,
-    level: float = 0.95,
-    draws: int = 300,
+    fit: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300
 ) -> Array:
     """Return the half width (P,) of a simultaneous confidence band of a curve [N m or
     N].

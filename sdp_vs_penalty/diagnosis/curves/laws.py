@@ -95,12 +95,7 @@ class Law:
         shape = (len(points), *constants.shape[1:])
         return np.stack([np.broadcast_to(g, shape) for g in terms], axis=-1)
 
-    def text(
-        self,
-        names: Sequence[str],
-        amplitudes: Array,
-        constants: Array,
-    ) -> str:
+    def text(self, names: Sequence[str], amplitudes: Array, constants: Array) -> str:
         """Write the law as a formula with its numbers, such as "1.2 sin(3 q1 + 0.4)".
 
         Parameters
@@ -399,9 +394,7 @@ class LawFit:
 
 
 def recognise_law(
-    f: SplineFit,
-    on_rows: Callable[[Law, Array], CurveColumns],
-    looked: int,
+    f: SplineFit, on_rows: Callable[[Law, Array], CurveColumns], looked: int
 ) -> tuple[float, LawFit | None]:
     """Find the simplest law with about as much evidence as the best law and as the
     curve.
@@ -452,10 +445,7 @@ def recognise_law(
         columns = on_rows(refined.law, refined.constants)
         amplitudes, chi2 = _solve_amplitudes(columns.D[None], columns.s[None])
         exact = replace(
-            refined,
-            amplitudes=amplitudes[0],
-            chi2=float(chi2[0]),
-            columns=columns,
+            refined, amplitudes=amplitudes[0], chi2=float(chi2[0]), columns=columns
         )
         scored.append((evidence_of(exact), exact))
     top = max([f.J, *(J for J, _ in scored)])
@@ -463,9 +453,7 @@ def recognise_law(
     equivalent = [(J, law) for J, law in scored if threshold < J]
     # The fewest numbers first, then the highest evidence.
     return min(
-        equivalent,
-        key=lambda pair: (pair[1].size, -pair[0]),
-        default=(f.J, None),
+        equivalent, key=lambda pair: (pair[1].size, -pair[0]), default=(f.J, None)
     )
 
 
@@ -512,11 +500,7 @@ def _coefficients_in_splines(basis: Basis, law: Law, constants: Array) -> Array:
         Spline coefficients of each term.
     """
     points, inverse = _points_and_inverse(basis)
-    return np.tensordot(
-        law.columns(points, constants),
-        inverse,
-        axes=(0, 1),
-    )
+    return np.tensordot(law.columns(points, constants), inverse, axes=(0, 1))
 
 
 @lru_cache(maxsize=64)
@@ -570,11 +554,7 @@ def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
         return weighed @ c.transpose(0, 2, 1), c @ f.s
 
 
-def law_in_words(
-    law: LawFit,
-    f: SplineFit,
-    torque_units: Sequence[str],
-) -> str:
+def law_in_words(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
     """Write a law as a formula with the unit of its torque, and of its variables in
     brackets.
 

@@ -135,9 +135,7 @@ def in_parts(search: Search) -> list[int]:
 
 
 def measure_curves(
-    search: Search,
-    left: Sequence[int],
-    fold: NDArray[np.intp] | None = None,
+    search: Search, left: Sequence[int], fold: NDArray[np.intp] | None = None
 ) -> list[Measured]:
     """Measure curves on joints with unexplained torque, or with a function found in
     parts.
@@ -188,14 +186,7 @@ def measure_curves(
             replaced = tuple(of_joint)
         if chosen is not None:
             _, spline, law = chosen
-            curve = _tabulate(
-                search,
-                spline,
-                law,
-                variables,
-                fold,
-                replaced,
-            )
+            curve = _tabulate(search, spline, law, variables, fold, replaced)
             out.append(curve)
     return out
 
@@ -238,10 +229,7 @@ def is_curve_preferred(
 
 
 def _best_curve(
-    search: Search,
-    terms: Sequence[ScoredEffect],
-    joint: int,
-    variables: Variables,
+    search: Search, terms: Sequence[ScoredEffect], joint: int, variables: Variables
 ) -> _Rated | None:
     """Measure the best curve of a joint beside some findings.
 
@@ -348,20 +336,9 @@ class _Measuring:
             Whether the scorer accounts for correlated rows.
         """
         white = self.data.white(raw, self.joint)
-        return CurveColumns.of(
-            self.score,
-            self.fit,
-            white,
-            self.joint,
-            robust,
-        )
+        return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
 
-    def _fit_spline(
-        self,
-        basis: Basis,
-        raw: Array,
-        robust: bool,
-    ) -> SplineFit:
+    def _fit_spline(self, basis: Basis, raw: Array, robust: bool) -> SplineFit:
         """Fit a spline curve over one basis to the joint's unexplained torque.
 
         Parameters
@@ -375,12 +352,7 @@ class _Measuring:
         """
         torque_columns = self.gain * raw
         columns = self._columns(torque_columns, robust)
-        return fit_spline(
-            basis,
-            torque_columns,
-            columns,
-            looked=len(self.bases),
-        )
+        return fit_spline(basis, torque_columns, columns, looked=len(self.bases))
 
     def best_spline(self) -> SplineFit | None:
         """Return the spline curve with the highest evidence; None if none has enough.
@@ -396,11 +368,7 @@ class _Measuring:
         nearly_highest = (1.0 - LAW_TOLERANCE) * highest - EVIDENCE_TO_DISTINGUISH
         threshold = max(nearly_highest, EVIDENCE_TO_ADD)
         equivalent = [f for f in exact if threshold < f.J]
-        return min(
-            equivalent,
-            key=lambda f: (len(f.basis.axes), -f.J),
-            default=None,
-        )
+        return min(equivalent, key=lambda f: (len(f.basis.axes), -f.J), default=None)
 
     def _most_promising(self) -> list[Basis]:
         """List the bases whose curves have most evidence, by a fast approximate fit.

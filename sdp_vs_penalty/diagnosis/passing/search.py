@@ -244,8 +244,7 @@ class PassingSearch:
 
 
 def _without_repetition(
-    search: Search,
-    terms: Sequence[ScoredEffect],
+    search: Search, terms: Sequence[ScoredEffect]
 ) -> tuple[WhiteData, EvidenceScorer, list[ScoredEffect]]:
     """Return white rows, scorer and effects as if no motion repeated.
 
@@ -274,9 +273,7 @@ def _without_repetition(
 
 
 def passing_causes(
-    search: Search,
-    terms: Sequence[ScoredEffect],
-    is_suspected: bool = True,
+    search: Search, terms: Sequence[ScoredEffect], is_suspected: bool = True
 ) -> tuple[PassingCause, ...]:
     """Find what acts for a part of the runs only, beside the findings of a search.
 

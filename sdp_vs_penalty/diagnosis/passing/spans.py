@@ -40,12 +40,7 @@ class CellProducts:
     with_residual: Array
 
     @classmethod
-    def of(
-        cls,
-        fit: WhiteFit,
-        white: Array,
-        cells: Cells,
-    ) -> CellProducts:
+    def of(cls, fit: WhiteFit, white: Array, cells: Cells) -> CellProducts:
         """Multiply white columns (n, M, k) with a fit, cell by cell."""
         Z = white / fit.level[:, None, None]
         Q = fit.basis

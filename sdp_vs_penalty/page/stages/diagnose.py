@@ -67,12 +67,7 @@ def findings(view: View) -> None:
         diagnose = partial(session.start, session.diagnose)
         draw.button(again, diagnose, "diagnose", "primary" if diagnosis is None else "")
         label = "Keep the model fixed (needed for payloads)"
-        draw.check(
-            label,
-            session.frozen,
-            partial(setattr, session, "frozen"),
-            "frozen",
-        )
+        draw.check(label, session.frozen, partial(setattr, session, "frozen"), "frozen")
     _by_hand(view)
     if diagnosis is None:
         draw.note(
@@ -86,11 +81,7 @@ def findings(view: View) -> None:
     _curves(view, diagnosis, words)
     sure = [f for f in diagnosis.sure if f.text not in session.added]
     if len(sure) > 1:
-        add = partial(
-            session.start,
-            session.add,
-            [f.text for f in sure],
-        )
+        add = partial(session.start, session.add, [f.text for f in sure])
         count = formatting.count(len(sure), "finding")
         draw.button(f"Add these {count}: {rating_counts(sure)}", add, "add-all")
     _others(words)
@@ -118,12 +109,7 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             _card(view, diagnosis, words.findings[k], k)
 
 
-def _card(
-    view: View,
-    diagnosis: Diagnosis,
-    words: FindingWords,
-    k: int,
-) -> None:
+def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None:
     """Draw the card of one finding, the k-th of the diagnosis (from 0).
 
     It shows the joint's error against its cause, what the effect is, what adding it
@@ -173,11 +159,7 @@ def _adding(
         draw.tag("p", "Added to the model.", "chosen")
     else:
         draw.button(
-            "Add",
-            partial(session.start, session.add, [text]),
-            key,
-            style,
-            **more,
+            "Add", partial(session.start, session.add, [text]), key, style, **more
         )
 
 
@@ -283,9 +265,5 @@ def _diagnosed(session: Session) -> StageVerdict | None:
 
 
 DIAGNOSE = Stage(
-    "diagnose",
-    "Diagnose",
-    "Identify a model first.",
-    (models, findings),
-    _diagnosed,
+    "diagnose", "Diagnose", "Identify a model first.", (models, findings), _diagnosed
 )

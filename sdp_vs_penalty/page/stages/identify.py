@@ -107,11 +107,7 @@ def _form(view: View) -> None:
                 on = name in map(_effect_name, session.effects)
                 label = effects[name].explanation
                 draw.check(
-                    plain_name(name),
-                    on,
-                    partial(tick, name),
-                    f"effect-{name}",
-                    label,
+                    plain_name(name), on, partial(tick, name), f"effect-{name}", label
                 )
 
     with draw.tag("fieldset"):
@@ -140,26 +136,15 @@ def _form(view: View) -> None:
             partial(setattr, session, "method"),
             "method",
         )
-        draw.number(
-            "Seed",
-            session.seed,
-            partial(setattr, session, "seed"),
-            "seed",
-        )
+        draw.number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
     _options(view)
     if session.meaningless:
         anyway = partial(setattr, session, "anyway")
         draw.check(
-            "Identify anyway (data check failed)",
-            session.anyway,
-            anyway,
-            "anyway",
+            "Identify anyway (data check failed)", session.anyway, anyway, "anyway"
         )
     draw.button(
-        "Identify",
-        partial(session.start, session.identify),
-        "identify",
-        "primary",
+        "Identify", partial(session.start, session.identify), "identify", "primary"
     )
     with draw.details("Or continue from a model.json", "open-model"):
         draw.note(
@@ -205,9 +190,7 @@ def _effect_name(effect: str) -> str:
 
 
 @requires_model(
-    "fit",
-    "Measured against modelled",
-    lambda s: s.findings and s.findings.to_dict(),
+    "fit", "Measured against modelled", lambda s: s.findings and s.findings.to_dict()
 )
 def fit(view: View) -> None:
     """Draw measured and modelled torque, where the model fails, and why."""
@@ -237,31 +220,17 @@ class _Fit:
         self.view = view
         self.model = view.session.current
         show = partial(_show, view)
-        self.bars = ui.html("", sanitize=False).on(
-            "click",
-            show,
-            js_handler=_CELL,
-        )
+        self.bars = ui.html("", sanitize=False).on("click", show, js_handler=_CELL)
         draw.note("Click a joint to see it below.")
         _figures(self.model)
         with draw.tag("div", style="pick"):
             choose = lambda name: view.select(run=name)  # noqa: E731
-            draw.choice(
-                "Run",
-                self.model.runs,
-                view.run,
-                choose,
-                "shown-run",
-            )
+            draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
         label = "Measured and modelled torque, and the error"
         caption = "a link's colour: the torque error of its joint"
         scale = charts.error_scale(self.model)
         self.chart, self.move = chart_and_arm(
-            view,
-            label,
-            self.model.about,
-            caption,
-            scale=scale,
+            view, label, self.model.about, caption, scale=scale
         )
         self.chart.on("plotly_relayout", self.zoom)
         self.legend = ui.html("", sanitize=False)
@@ -316,19 +285,10 @@ class _Fit:
         after = comparison["rmse"] if len(history) > 1 else None
         before = history[0].comparison["rmse"]
         floor = comparison["noise_floor"]
-        self.bars.content = pieces.bars(
-            before,
-            after,
-            floor,
-            units,
-            chosen=j,
-        )
+        self.bars.content = pieces.bars(before, after, floor, units, chosen=j)
 
     def _draw_torques(
-        self,
-        j: int,
-        units: Sequence[str],
-        recordings: Sequence[Any],
+        self, j: int, units: Sequence[str], recordings: Sequence[Any]
     ) -> None:
         """Draw measured and modelled torque of joint j (from 0), shaded where the error
         is large.
@@ -393,9 +353,7 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
 
 
 def _heat(
-    view: View,
-    failures: list[dict[str, Any]],
-    diagnosis: Diagnosis | None,
+    view: View, failures: list[dict[str, Any]], diagnosis: Diagnosis | None
 ) -> None:
     """Draw the share of each joint's error that each cause explains, as a heat map.
 
@@ -410,11 +368,7 @@ def _heat(
     title = "Share of the error explained by each cause, by joint"
     drawn = pieces.heat_map(title, rows, len(failures), SHOWN_BY)
     drawn = pieces.piece("framed.html", inner=drawn, caption=title)
-    ui.html(drawn, sanitize=False).on(
-        "click",
-        partial(_show, view),
-        js_handler=_CELL,
-    )
+    ui.html(drawn, sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
 
 
 def _show(view: View, event: Any) -> None:
@@ -464,9 +418,7 @@ def _tables(view: View) -> None:
         def options() -> dict[str, Any]:
             j = view.joint or 0
             plot = friction_figure(
-                **about["friction"][j],
-                joint=j,
-                unit=robot["units"][j],
+                **about["friction"][j], joint=j, unit=robot["units"][j]
             )
             return charts.ready(plot, 300)
 
@@ -516,13 +468,7 @@ def methods(view: View) -> None:
 
     description = "On unseen motion too: five folds, takes five times as long"
     hint = "Each fold leaves out a stretch of the motion and all its repetitions"
-    draw.check(
-        description,
-        view.folds,
-        partial(setattr, view, "folds"),
-        "folds",
-        hint,
-    )
+    draw.check(description, view.folds, partial(setattr, view, "folds"), "folds", hint)
     draw.button("Compare methods", compare, "compare")
     if (answer := session.answer("methods")) is None:
         return

@@ -49,11 +49,7 @@ def robot(view: View) -> None:
     with draw.tag("div", style="pick"):
         turn = partial(session.start, session.mount)
         draw.text_field(
-            draw.option_help(gravity),
-            now,
-            turn,
-            "gravity",
-            str(gravity.metavar),
+            draw.option_help(gravity), now, turn, "gravity", str(gravity.metavar)
         )
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
@@ -151,13 +147,7 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     with draw.tag("div", style="fields"):
         for ours, theirs in chosen:
             choose = partial(session.choose_column, path, ours)
-            draw.choice(
-                _OURS.get(ours, ours),
-                options,
-                theirs,
-                choose,
-                f"map-{ours}",
-            )
+            draw.choice(_OURS.get(ours, ours), options, theirs, choose, f"map-{ours}")
     read = partial(session.start, session.read_mapped, path)
     draw.button("Read it with these columns", read, "read-mapped", "primary")
 
@@ -218,21 +208,14 @@ def _simulated(view: View) -> None:
                 f"hide-{word}",
             )
         draw.number(
-            "Seed",
-            hiding["seed"],
-            partial(hiding.__setitem__, "seed"),
-            "hide-seed",
+            "Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed"
         )
 
     def simulate() -> None:
         kind = kinds.get(hiding["effect"])
         at = [] if kind and kind.whole_robot else [int(hiding["joint"])]
         session.start(
-            session.simulate,
-            hiding["effect"],
-            at,
-            hiding["level"],
-            hiding["seed"],
+            session.simulate, hiding["effect"], at, hiding["level"], hiding["seed"]
         )
 
     draw.button("Simulate four runs", simulate, "simulate")
@@ -261,12 +244,7 @@ def _list(view: View) -> None:
                             if name != "split" or run["split"]
                         ]
                         draw.choice(
-                            label,
-                            uses,
-                            run["use"],
-                            use,
-                            f"use-{k}",
-                            hidden_label=True,
+                            label, uses, run["use"], use, f"use-{k}", hidden_label=True
                         )
     for k, run in enumerate(session.runs):
         if run["use"] == "split":
@@ -283,11 +261,7 @@ _LEAST = "40"
 _MOST = "75"
 
 
-def _split_bar(
-    session: Session,
-    run: dict[str, Any],
-    k: int,
-) -> None:
+def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
     """Draw which seconds of the k-th run are for training and for testing, with a
     slider.
 
@@ -350,11 +324,7 @@ MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 
 
 @partial(
-    PagePart,
-    "check",
-    "",
-    lambda s: bool(s.runs),
-    lambda s: (s.robot["source"], s.runs),
+    PagePart, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs)
 )
 def check(view: View) -> None:
     """Draw the check's issues and the signals of a run, with the arm in 3D."""
@@ -373,13 +343,7 @@ def check(view: View) -> None:
 
     if len(views) > 1:
         with draw.tag("div", style="pick"):
-            draw.choice(
-                "Run",
-                [(n, n) for n in views],
-                first,
-                look,
-                "checked-run",
-            )
+            draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     crosses = "Crosses: corrected values. "

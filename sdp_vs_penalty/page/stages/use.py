@@ -39,13 +39,7 @@ def take_away(view: View) -> None:
     def tiles(label: str, files: dict[str, str]) -> None:
         with draw.tiles(label):
             for name, use in files.items():
-                take = partial(
-                    session.start,
-                    session.take,
-                    name,
-                    view.download,
-                    flange,
-                )
+                take = partial(session.start, session.take, name, view.download, flange)
                 draw.tile(name, use, take, f"take-{name}")
 
     findings_file = (
@@ -55,11 +49,7 @@ def take_away(view: View) -> None:
     if "payload" in session.history[-1].effects:
         hint = "Flange in the last link's frame [m]: x,y,z"
         draw.text_field(
-            hint,
-            "",
-            lambda text: flange.update(flange=text),
-            "flange",
-            "0,0,0.107",
+            hint, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107"
         )
         tiles("The payload's files", LOAD)
     with draw.details("For other simulators and controllers", "more-files"):
@@ -73,11 +63,7 @@ def take_away(view: View) -> None:
     ):
         tiles("Runs to download", runs)
     with draw.details("The same on the command line", "commands"):
-        draw.tag(
-            "pre",
-            "\n".join(session.commands()),
-            tabindex="0",
-        )
+        draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
 _DRIVES = (
@@ -99,19 +85,12 @@ def forward(view: View) -> None:
 
     def run() -> None:
         session.start(
-            session.ask,
-            "Running the model forward",
-            "forward",
-            drive=view.drive,
+            session.ask, "Running the model forward", "forward", drive=view.drive
         )
 
     with draw.tag("div", style="fields pick"):
         draw.choice(
-            "Driven by",
-            drives,
-            view.drive,
-            partial(setattr, view, "drive"),
-            "drive",
+            "Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive"
         )
     answer = session.answer("forward")
     draw.button("Run it forward", run, "forward", "primary" if answer is None else "")
@@ -147,11 +126,7 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
 
     def follow() -> None:
         read = session.arrays(answer["arrays"][shown["run"]])
-        run = Curves(
-            read["t"],
-            read["measured"],
-            {"simulated": read["simulated"]},
-        )
+        run = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
         drawn.update_figure(torque_chart(run, view.joint or 0, units))
         move(str(shown["run"]), read)
 
@@ -165,11 +140,7 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
         ]
         joint = str(view.joint or 0)
         draw.choice(
-            "Joint",
-            joints,
-            joint,
-            lambda j: view.select(joint=int(j)),
-            "forward-joint",
+            "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"
         )
         if len(answer["runs"]) > 1:
             runs = [(str(k), name) for k, name in enumerate(answer["runs"])]

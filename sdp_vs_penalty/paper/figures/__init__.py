@@ -134,11 +134,6 @@ def save(figure: Any, base: Path) -> list[Path]:
     ):
         paths.append(base.with_name(base.name + suffix))
         with writing(paths[-1]) as file:
-            figure.savefig(
-                file,
-                format=suffix[1:],
-                dpi=DPI,
-                metadata=metadata,
-            )
+            figure.savefig(file, format=suffix[1:], dpi=DPI, metadata=metadata)
     plt.close(figure)
     return paths

@@ -25,11 +25,7 @@ def _present(results: table_v.Played) -> list[table_v.EngineRun]:
     return sorted(runs, key=lambda run: run.engine != "Bullet")
 
 
-def _engines_title(
-    figure: Any,
-    text: str,
-    results: table_v.Played,
-) -> None:
+def _engines_title(figure: Any, text: str, results: table_v.Played) -> None:
     """Write the figure's title, with the engines that are not installed."""
     absent = [kind.name for kind, run in results.items() if isinstance(run, str)]
     figure.suptitle(text + (f"\n(absent here: {', '.join(absent)})" if absent else ""))
@@ -71,27 +67,16 @@ def _engines(
     if results is None:
         results = study.once(table_v.sinusoidal_runs)
     runs = _present(results)
-    figure, axes = new_figure(
-        (robot.n + 1) // 2,
-        2,
-        7.0,
-        sharex=True,
-    )
+    figure, axes = new_figure((robot.n + 1) // 2, 2, 7.0, sharex=True)
     for j, unit in enumerate(robot.torque_units):
         axis = axes.flat[j]
         for run in runs[:1] if model else ():
             axis.plot(
-                run.t,
-                run.model[:, j],
-                label="identified model",
-                **style.LOOKS["model"],
+                run.t, run.model[:, j], label="identified model", **style.LOOKS["model"]
             )
         for run in runs:
             axis.plot(
-                run.t,
-                values(run)[:, j],
-                label=run.engine,
-                **style.LOOKS[run.engine],
+                run.t, values(run)[:, j], label=run.engine, **style.LOOKS[run.engine]
             )
         axis.set_ylabel(f"joint {j + 1}\n{what} [{plain_unit(unit)}]")
     for axis in axes.flat[max(robot.n - axes.shape[1], 0) : robot.n]:
@@ -99,11 +84,7 @@ def _engines(
         axis.tick_params(labelbottom=True)
     last = axes.flat[-1]
     last.axis("off")
-    last.legend(
-        *axes.flat[0].get_legend_handles_labels(),
-        loc="center",
-        handlelength=5,
-    )
+    last.legend(*axes.flat[0].get_legend_handles_labels(), loc="center", handlelength=5)
     _engines_title(figure, text, results)
     return figure, axes
 
@@ -130,12 +111,7 @@ def figure_5(study: Study) -> Any:
     text = "Torques of physics engines on the real run's motion (which the links were"
     text += " estimated from)"
     figure, axes = _engines(
-        study,
-        lambda run: run.torque,
-        "torque",
-        text,
-        model=True,
-        results=results,
+        study, lambda run: run.torque, "torque", text, model=True, results=results
     )
     # The measured torque is the same beside every engine: the first one's run gives it.
     for run in _present(results)[:1]:
@@ -157,11 +133,7 @@ def figure_5(study: Study) -> Any:
             spread = 0.08 * float(np.ptp(both))
             axis.set_ylim(both.min() - spread, both.max() + spread)
         handles = axes.flat[0].get_legend_handles_labels()
-        axes.flat[-1].legend(
-            *handles,
-            loc="center",
-            handlelength=5,
-        )
+        axes.flat[-1].legend(*handles, loc="center", handlelength=5)
     return figure
 
 
@@ -212,13 +184,7 @@ def figure_7(study: Study) -> Any:
     groups = {"sinusoids (simulated)": study.once(table_v.sinusoidal_runs)}
     if study.measured is not None:
         groups["motion of the real run"] = study.once(table_v.measured_runs)
-    figure, axes = new_figure(
-        2,
-        len(groups),
-        4.6,
-        sharex="col",
-        sharey="row",
-    )
+    figure, axes = new_figure(2, len(groups), 4.6, sharex="col", sharey="row")
     for k, (name, results) in enumerate(groups.items()):
         for run in _present(results):
             for axis, values in zip(axes[:, k], (run.position, run.angle), strict=True):
@@ -226,20 +192,13 @@ def figure_7(study: Study) -> Any:
                 # there [m, rad].
                 t = run.t + run.t[0]
                 shown = 1e3 * (values + 1e-16)
-                axis.semilogy(
-                    t,
-                    shown,
-                    label=run.engine,
-                    **style.LOOKS[run.engine],
-                )
+                axis.semilogy(t, shown, label=run.engine, **style.LOOKS[run.engine])
         axes[0, k].set_title(name)
         axes[1, k].set_xlabel("time [s]")
     axes[0, 0].set_ylabel("position error [mm]")
     axes[1, 0].set_ylabel("orientation error [mrad]")
     legend_below(figure, axes[0, 0], handle_length=5)
     _engines_title(
-        figure,
-        "Last joint's frame from where the commands put it",
-        groups.popitem()[1],
+        figure, "Last joint's frame from where the commands put it", groups.popitem()[1]
     )
     return figure

@@ -35,13 +35,7 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
             axis.set_xscale("symlog", linthresh=0.1)
             axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
             axis.set_xlim(-0.02, 1500.0)  # room for the dots at both ends
-            axis.axvspan(
-                0.0,
-                40.0,
-                color=style.GREY,
-                alpha=0.15,
-                linewidth=0,
-            )
+            axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
             axis.axvline(
                 problem.exact_by_theory,
                 color=style.RED,
@@ -71,13 +65,7 @@ def _draw_objective(axis: Any, problem: Searched) -> None:
     }
     for label, (values, color, line) in lines.items():
         excess = 100.0 * (np.array(values) / base - 1.0)
-        axis.plot(
-            WEIGHTS,
-            excess,
-            color=color,
-            linestyle=line,
-            label=label,
-        )
+        axis.plot(WEIGHTS, excess, color=color, linestyle=line, label=label)
     # The runs of annealing as dots.
     above = [100.0 * (point.objective / base - 1.0) for point in problem.annealed]
     _dots(axis, problem, above)
@@ -102,22 +90,14 @@ def _draw_violation(axis: Any, problem: Searched) -> None:
         linestyle="--",
         label="certified, box on inertias",
     )
-    _dots(
-        axis,
-        problem,
-        [max(x.worst_violation, none) for x in problem.annealed],
-    )
+    _dots(axis, problem, [max(x.worst_violation, none) for x in problem.annealed])
     axis.set_yscale("log")
     ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]
     axis.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
     axis.set_ylim(0.5 * none, 20.0)
 
 
-def _dots(
-    axis: Any,
-    problem: Searched,
-    values: Sequence[float],
-) -> None:
+def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
     """Draw a dot for every run of annealing at every weight.
 
     values : what is drawn, for each point of ``problem.annealed``.

@@ -105,10 +105,7 @@ def _on_all_runs(
 
 
 def _draw_unseen(
-    axes: Any,
-    study: Study,
-    methods: Mapping[str, str | Estimator],
-    source: str,
+    axes: Any, study: Study, methods: Mapping[str, str | Estimator], source: str
 ) -> dict[str, float]:
     """Draw torques and errors on unseen motion; a grey line where a fold or run begins.
 
@@ -132,11 +129,7 @@ def _draw_unseen(
     torques_of = _on_unseen_folds if is_measured else _on_all_runs
     t, torque, predictions, starts = torques_of(study, methods)
     draw_torques(
-        axes,
-        t,
-        torque,
-        "measured" if is_measured else "recorded",
-        predictions,
+        axes, t, torque, "measured" if is_measured else "recorded", predictions
     )
     for axis in axes.flat:
         for start in starts[1:]:
@@ -169,13 +162,7 @@ def figure_1(study: Study) -> Any:
     source = "simulated" if study.run is None else "measured"
     routes = routes_of(study)
     n = study.problem.robot.n
-    figure, axes = new_figure(
-        n,
-        2,
-        1.35 * n + 0.8,
-        sharex=True,
-        width_ratios=(3, 2),
-    )
+    figure, axes = new_figure(n, 2, 1.35 * n + 0.8, sharex=True, width_ratios=(3, 2))
     methods = {name: routes[name] for name in _COMPARED if name in routes}
     errors = _draw_unseen(axes, study, methods, source)
     label_joints(axes, study.problem.robot.torque_units, "torque")
@@ -211,13 +198,7 @@ def figure_2(study: Study) -> Any:
         runs_by_source["measured"] = [study.run.window(0.0, folds[-1].stop)]
     n = study.problem.robot.n
     columns = len(runs_by_source)
-    figure, axes = new_figure(
-        n,
-        columns,
-        1.15 * n + 0.6,
-        sharex="col",
-        sharey="row",
-    )
+    figure, axes = new_figure(n, columns, 1.15 * n + 0.6, sharex="col", sharey="row")
     for column, (source, runs) in zip(axes.T, runs_by_source.items(), strict=True):
         _draw_positions(column, runs)
         _draw_limits(column, study.problem.robot.joints)

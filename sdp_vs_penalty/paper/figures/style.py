@@ -17,21 +17,9 @@ BLUE, RED, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#999999"
 DPI = 200
 #: Full width of a two-column page [inch].
 PAGE_WIDTH = 7.16
-_PENALTY_LOOK = {
-    "color": RED,
-    "linewidth": 0.9,
-    "linestyle": (0, (4, 3)),
-}
-_P_HAT_LOOK = {
-    "color": GREEN,
-    "linewidth": 0.9,
-    "linestyle": (0, (1, 1)),
-}
-_DELTA_LOOK = {
-    "color": PURPLE,
-    "linewidth": 0.9,
-    "linestyle": (0, (6, 2, 1, 2)),
-}
+_PENALTY_LOOK = {"color": RED, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+_P_HAT_LOOK = {"color": GREEN, "linewidth": 0.9, "linestyle": (0, (1, 1))}
+_DELTA_LOOK = {"color": PURPLE, "linewidth": 0.9, "linestyle": (0, (6, 2, 1, 2))}
 #: One look a role, the same in every figure. What is drawn first is thick, what comes
 #: on top is thin or has gaps, each in another place, so that lines that coincide all
 #: stay visible.
@@ -122,29 +110,15 @@ def draw_torques(
         What errors are multiplied by.
     """
     for j, (left, right) in enumerate(axes):
-        left.plot(
-            t,
-            known[:, j],
-            label=name,
-            **LOOKS["measured"],
-        )
+        left.plot(t, known[:, j], label=name, **LOOKS["measured"])
         for method, torque in estimates.items():
             look = LOOKS[method]
             error = scale * (torque - known)[:, j]
-            left.plot(
-                t,
-                torque[:, j],
-                label=method,
-                **look,
-            )
+            left.plot(t, torque[:, j], label=method, **look)
             right.plot(t, error, label=method, **look)
 
 
-def label_joints(
-    axes: Any,
-    units: Sequence[str],
-    what: str,
-) -> None:
+def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
     """Write joint number and unit left of each row, and time below the last row.
 
     Parameters
@@ -163,10 +137,7 @@ def label_joints(
 
 
 def legend_below(
-    figure: Any,
-    axis: Any,
-    n_columns: int = 5,
-    handle_length: float = 2.5,
+    figure: Any, axis: Any, n_columns: int = 5, handle_length: float = 2.5
 ) -> None:
     """Put one legend below all axes; each label appears once.
 

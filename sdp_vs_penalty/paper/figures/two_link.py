@@ -38,12 +38,7 @@ def figure_8(study: Study) -> Any:
         The arm in 3D, and a section of each link.
     """
     problem = study.problem
-    figure, axes = new_figure(
-        1,
-        3,
-        4.2,
-        width_ratios=(1.4, 1, 1),
-    )
+    figure, axes = new_figure(1, 3, 4.2, width_ratios=(1.4, 1, 1))
     # The first panel becomes three-dimensional.
     position = axes[0, 0].get_subplotspec()
     axes[0, 0].remove()
@@ -60,19 +55,9 @@ def figure_8(study: Study) -> Any:
         _section(axis, problem, link, plane)
         for name, (links, color, line, marker) in estimates.items():
             look = {"color": color, "linestyle": line}
-            axis.plot(
-                *_ellipse(links[link], plane),
-                linewidth=1.3,
-                **look,
-            )
+            axis.plot(*_ellipse(links[link], plane), linewidth=1.3, **look)
             c = links[link, 1:4] / links[link, 0]
-            axis.plot(
-                *c[list(plane)],
-                marker=marker,
-                markersize=4,
-                label=name,
-                **look,
-            )
+            axis.plot(*c[list(plane)], marker=marker, markersize=4, label=name, **look)
     legend_below(figure, axes[0, 1])
     figure.suptitle(
         "The 2R from its parameters. Sections: link shapes, and where a centre of mass"
@@ -114,11 +99,7 @@ _POSE = (0.6, 0.7)
 _VIEW = {"elev": 18, "azim": -65}
 #: Length of a frame's axes [m]; x, y, z as everywhere in robotics: red, green, blue.
 _AXIS_LENGTH = 0.25
-_AXIS_COLORS = {
-    "x": style.RED,
-    "y": style.GREEN,
-    "z": style.BLUE,
-}
+_AXIS_COLORS = {"x": style.RED, "y": style.GREEN, "z": style.BLUE}
 
 
 def _robot(axis: Any, problem: Problem) -> None:
@@ -134,17 +115,9 @@ def _robot(axis: Any, problem: Problem) -> None:
     for number, frame in enumerate(frames):
         _draw_frame(axis, frame, number)
     axis.set_box_aspect((1, 1, 1.6))
-    axis.set(
-        xlim=(-0.6, 0.6),
-        ylim=(-0.6, 0.6),
-        zlim=(0.0, 1.92),
-    )
+    axis.set(xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), zlim=(0.0, 1.92))
     across = [-0.5, 0.0, 0.5]
-    axis.set(
-        xticks=across,
-        yticks=across,
-        zticks=[0.0, 0.5, 1.0, 1.5],
-    )
+    axis.set(xticks=across, yticks=across, zticks=[0.0, 0.5, 1.0, 1.5])
     axis.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axis.view_init(**_VIEW)
 
@@ -171,20 +144,11 @@ def _draw_frame(axis: Any, frame: Array, number: int) -> None:
     origin = frame[:3, 3]
     for k, (letter, color) in enumerate(_AXIS_COLORS.items()):
         end = origin + _AXIS_LENGTH * frame[:3, k]
-        axis.plot(
-            *np.column_stack([origin, end]),
-            color=color,
-            linewidth=1.2,
-        )
+        axis.plot(*np.column_stack([origin, end]), color=color, linewidth=1.2)
         axis.text(*end, f"${letter}_{number}$", fontsize=7, color=color)
 
 
-def _section(
-    axis: Any,
-    problem: Problem,
-    link: int,
-    plane: tuple[int, int],
-) -> None:
+def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> None:
     """Draw a section of a link's shape in its frame, with a margin of half its size
     around it.
 
@@ -194,18 +158,10 @@ def _section(
     """
     along, x, radius = radius_profile(problem, link)
     edge = np.column_stack(
-        [
-            np.concatenate([x, x[::-1]]),
-            np.concatenate([radius, -radius[::-1]]),
-        ]
+        [np.concatenate([x, x[::-1]]), np.concatenate([radius, -radius[::-1]])]
     )
     edge = edge if plane[0] == along else edge[:, ::-1]
-    axis.fill(
-        *edge.T,
-        color=style.GREY,
-        alpha=0.3,
-        linewidth=0,
-    )
+    axis.fill(*edge.T, color=style.GREY, alpha=0.3, linewidth=0)
     axis.set_aspect("equal")
     axis.set_title(f"link {link + 1}, section in its frame")
     axis.set_xlabel(f"$c_{{{link + 1}{'xyz'[plane[0]]}}}$ [m]")
@@ -254,13 +210,7 @@ def figure_9(study: Study) -> Any:
     t = np.arange(0.0, x.trajectory.duration, 0.02)
     states = x.trajectory.states(t)
     true = robot.inverse_dynamics(x.links.ravel(), *states)
-    figure, axes = new_figure(
-        robot.n,
-        2,
-        4.2,
-        sharex=True,
-        width_ratios=(3, 2),
-    )
+    figure, axes = new_figure(robot.n, 2, 4.2, sharex=True, width_ratios=(3, 2))
     links = {
         method: study.links(method, data).ravel() for method in ("lmi-sdp", "penalty")
     }
@@ -315,10 +265,7 @@ def figure_10(study: Study) -> Any:
     n = study.problem.robot.n
     figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)
     # Three of the parameters that make the same torques but cannot exist, of each kind.
-    unfeasible = [
-        *w.boxed[:3],
-        *w.unbounded[:3],
-    ]
+    unfeasible = [*w.boxed[:3], *w.unbounded[:3]]
     # From back to front.
     lines = (
         ([*w.feasible.values(), *w.penalty_runs], _FEASIBLE),
@@ -330,23 +277,12 @@ def figure_10(study: Study) -> Any:
         axis = axes[k, j]
         bounds = w.intervals
         axis.fill_between(
-            w.t,
-            bounds.lower_bound[:, j, k],
-            bounds.upper_bound[:, j, k],
-            **_POSSIBLE,
+            w.t, bounds.lower_bound[:, j, k], bounds.upper_bound[:, j, k], **_POSSIBLE
         )
         for wrenches, look in lines:
             for values in wrenches:
-                axis.plot(
-                    w.t,
-                    values[:, j, k],
-                    **look,
-                )
-        _limit_to_interval(
-            axis,
-            bounds.lower[:, j, k],
-            bounds.upper[:, j, k],
-        )
+                axis.plot(w.t, values[:, j, k], **look)
+        _limit_to_interval(axis, bounds.lower[:, j, k], bounds.upper[:, j, k])
         component, unit = [*COMPONENTS.items()][k]
         symbol = f"${component[0]}_{component[1]}$"
         if component == "nz":
@@ -383,11 +319,7 @@ _UNFEASIBLE: dict[str, Any] = {
     "linestyle": ":",
     "label": "unfeasible",
 }
-_TRUE: dict[str, Any] = {
-    "color": style.BLACK,
-    "linewidth": 1.4,
-    "label": "p_real",
-}
+_TRUE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}
 
 
 def _limit_to_interval(axis: Any, lower: Array, upper: Array) -> None:

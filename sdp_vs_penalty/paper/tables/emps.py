@@ -64,11 +64,7 @@ def emps(study: Study) -> Table:
         estimate = estimate_parameters(study.problem, filtered, method, options)
         constants_of_estimate = _constants(estimate)
         unseen = cross_validate(
-            study.problem,
-            tracking,
-            method,
-            folds=FOLDS,
-            seed=study.seed,
+            study.problem, tracking, method, folds=FOLDS, seed=study.seed
         )
         rows.append(
             _row(
@@ -87,15 +83,7 @@ def emps(study: Study) -> Table:
         options = PoseOptions(effects=effects, seed=study.seed)
         estimate = estimate_parameters(study.problem, filtered, method, options)
         name = f"{method}, asymmetric"
-        rows.append(
-            _row(
-                study,
-                name,
-                _constants(estimate),
-                tracking,
-                pulses,
-            )
-        )
+        rows.append(_row(study, name, _constants(estimate), tracking, pulses))
     errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
     return Table(
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
@@ -147,10 +135,7 @@ def _row(
         "offset_N",
         "asymmetric_N_s_per_m",
     )
-    row: Row = {
-        "estimate": estimate,
-        **dict(zip(names, constants, strict=True)),
-    }
+    row: Row = {"estimate": estimate, **dict(zip(names, constants, strict=True))}
     runs = {"tracking": tracking, "pulses": pulses}
     for name, run in runs.items():
         force = torque_errors(compress(FilteredRuns.of(run, settings), model), theta)[1]
@@ -173,9 +158,7 @@ def _constants(estimate: Estimate) -> tuple[float, ...]:
 
 
 def simulated(
-    run: Measurements,
-    constants: tuple[float, ...],
-    substeps: int = 4,
+    run: Measurements, constants: tuple[float, ...], substeps: int = 4
 ) -> Array:
     """Simulate the position of the axis from the measured force alone.
 

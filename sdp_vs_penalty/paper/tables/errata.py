@@ -167,11 +167,7 @@ def _two_link(problem: Problem) -> dict[int, str]:
 def _free_of_link_1(problem: Problem) -> str:
     """Say which inertias of link 1 no base parameter contains."""
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
-    columns = zip(
-        inertia.PARAMETERS,
-        base[:, :10].T,
-        strict=True,
-    )
+    columns = zip(inertia.PARAMETERS, base[:, :10].T, strict=True)
     free = [
         f"{name}1" for name, column in columns if not column.any() and name[0] == "I"
     ]

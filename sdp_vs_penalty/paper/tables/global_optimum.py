@@ -130,11 +130,7 @@ def global_optima(study: Study) -> Table:
     return Table(
         f"Global optimum of the published penalised objective, {study.problem.title}",
         rows,
-        notes(
-            "global",
-            searches=_searches_in_words(study),
-            exact="; ".join(exact),
-        ),
+        notes("global", searches=_searches_in_words(study), exact="; ".join(exact)),
         _headline(searched),
         digits=5,
     )
@@ -164,12 +160,7 @@ def penalised_optima(study: Study) -> list[Searched]:
         Both problems for each data set.
     """
     items = [
-        _Item(
-            data.label,
-            study.task(data),
-            two_step,
-            _effort(study, data),
-        )
+        _Item(data.label, study.task(data), two_step, _effort(study, data))
         for data in study.whole
         for two_step in (False, True)
     ]

@@ -95,11 +95,7 @@ def _frame_from_json(held: Mapping[str, Any] | None) -> pandas.DataFrame | None:
     """Make a data frame from the JSON of :func:`_frame_to_json`."""
     if held is None:
         return None
-    return pandas.DataFrame(
-        held["cells"],
-        columns=held["columns"],
-        dtype=object,
-    )
+    return pandas.DataFrame(held["cells"], columns=held["columns"], dtype=object)
 
 
 @cache
@@ -117,12 +113,7 @@ def _files_of_problem(folder: Path | None) -> str:
     if folder is None:
         return ""
     names = (folder / "errata.toml", folder / "simulation.toml")
-    return _hash_of(
-        [
-            *names,
-            *sorted((folder / "published").glob("*.csv")),
-        ]
-    )
+    return _hash_of([*names, *sorted((folder / "published").glob("*.csv"))])
 
 
 def _real_files(problem: str) -> str:

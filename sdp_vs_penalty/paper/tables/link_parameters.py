@@ -45,9 +45,7 @@ def denavit_hartenberg(study: Study) -> Table:
     """
     rows: list[Row] = []
     for row, joint in zip(
-        study.problem.published["table_VI"],
-        study.problem.robot.joints,
-        strict=True,
+        study.problem.published["table_VI"], study.problem.robot.joints, strict=True
     ):
         frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
         a = frame[0, 3]
@@ -68,10 +66,7 @@ def denavit_hartenberg(study: Study) -> Table:
 
 
 def link_table(
-    study: Study,
-    name: str,
-    title: str,
-    chosen: Callable[[str], bool],
+    study: Study, name: str, title: str, chosen: Callable[[str], bool]
 ) -> Table:
     """Build a table of link parameters about the centres of mass.
 
@@ -95,10 +90,7 @@ def link_table(
     Table
     """
     box = study.problem.box
-    bounds = {
-        "parameter": list(entries(len(box))),
-        "lower": box[..., 0].ravel(),
-    }
+    bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}
     bounds |= {
         "upper": box[..., 1].ravel(),
         "unit": ["kg", *["m"] * 3, *["kg*m^2"] * 6] * len(box),
@@ -135,10 +127,7 @@ def link_table(
         notes_text,
         _headline(study, rows.index),
     )
-    columns = [
-        *(printed[0] if printed else bounds),
-        *study.compared_columns,
-    ]
+    columns = [*(printed[0] if printed else bounds), *study.compared_columns]
     return table.shortened([*columns, "true_simulated"])
 
 
@@ -187,9 +176,7 @@ def sources(study: Study, data: Data) -> pandas.Series:
         )
     is_determined = is_data_determined(task, gradients.reshape(-1, len(theta)))
     return pandas.Series(
-        np.where(is_determined, "data", "prior"),
-        list(entries(len(gradients))),
-        object,
+        np.where(is_determined, "data", "prior"), list(entries(len(gradients))), object
     )
 
 
@@ -230,12 +217,7 @@ def by_name(links: Array) -> pandas.Series:
     return pandas.Series(barycentric.ravel(), list(entries(len(links))))
 
 
-def _maker(
-    name: str,
-    title: str,
-    letters: str,
-    *problems: str,
-) -> TableSpec:
+def _maker(name: str, title: str, letters: str, *problems: str) -> TableSpec:
     """Return the registration of a table of link parameters, of the entries whose names
     begin with these letters.
 
@@ -249,10 +231,7 @@ def _maker(
         chosen=lambda parameter: parameter[0] in letters,
     )
     return TableSpec(
-        name,
-        f"Table {name}: {title}, published and ours.",
-        build,
-        problems,
+        name, f"Table {name}: {title}, published and ours.", build, problems
     )
 
 

@@ -104,16 +104,7 @@ def routes(study: Study) -> Table:
     if data is not study.simulated:
         study.judge_unseen((method, None) for method in names.values())
         judged = {name: study.unseen(method) for name, method in names.items()}
-    rows = [
-        _row(
-            study,
-            data,
-            name,
-            names,
-            judged,
-        )
-        for name in names
-    ]
+    rows = [_row(study, data, name, names, judged) for name in names]
     return Table(
         f"One problem, two routes: {study.problem.title}",
         rows,

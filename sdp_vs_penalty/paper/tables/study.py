@@ -243,11 +243,7 @@ class Frozen(Estimator):
         links = task.model.rigid_indices
         theta[links] = self.links.ravel()
         theta[np.delete(np.arange(len(theta)), links)] = self.others
-        return Fit(
-            refitted(task.data, theta),
-            Objective(task.data),
-            task.constraints,
-        )
+        return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
 
 
 def refitted(data: LeastSquares, links_given: Array) -> Array:
@@ -563,9 +559,7 @@ class Study:
         return cast(Result, self._made[method, data])
 
     def estimate(
-        self,
-        methods: Iterable[str | Estimator],
-        sets: Sequence[Data],
+        self, methods: Iterable[str | Estimator], sets: Sequence[Data]
     ) -> None:
         """Compute the estimate of every method from every data set, in parallel.
 
@@ -785,10 +779,7 @@ class Study:
         begin = time.process_time()
         options = PoseOptions(seed=self.seed)
         estimate = estimate_parameters(
-            self.problem,
-            box,
-            "reverse-engineering",
-            options,
+            self.problem, box, "reverse-engineering", options
         )
         seconds = time.process_time() - begin
         return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
@@ -799,18 +790,11 @@ def _task(study: Study, data: Data) -> Task:
     bounds.
     """
     study.progress(f"compressing the {data.label} run")
-    return make_task(
-        study.problem,
-        data.model,
-        data.regression,
-        seed=study.seed,
-    )
+    return make_task(study.problem, data.model, data.regression, seed=study.seed)
 
 
 def _unseen_key(
-    method: str | Estimator,
-    effects: Sequence[str | Effect] | None,
-    n_folds: int,
+    method: str | Estimator, effects: Sequence[str | Effect] | None, n_folds: int
 ) -> tuple[Any, ...]:
     """Return the key of a cross-validation among the results of a study."""
     named = None if effects is None else tuple(effects)
@@ -832,9 +816,7 @@ def _judged(estimator_and_fold: tuple[Estimator, FoldData]) -> Fold:
 
 
 def _folds(
-    study: Study,
-    effects: tuple[Any, ...] | None,
-    n_folds: int,
+    study: Study, effects: tuple[Any, ...] | None, n_folds: int
 ) -> tuple[Split, list[FoldData]]:
     """Compress the training and test rows of each fold of the real run.
 

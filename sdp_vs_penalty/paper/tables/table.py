@@ -45,11 +45,7 @@ class TableSpec:
         """
         study.progress(f"table {self.name}")
         table = self.build(study)
-        return replace(
-            table,
-            name=self.name,
-            caption=table.caption or study.sentence,
-        )
+        return replace(table, name=self.name, caption=table.caption or study.sentence)
 
 
 def register_table(
@@ -98,9 +94,7 @@ class Table:
     everything: pandas.DataFrame | None = None
 
     def shortened(
-        self,
-        columns: Iterable[str],
-        rows: Iterable[bool] | None = None,
+        self, columns: Iterable[str], rows: Iterable[bool] | None = None
     ) -> Table:
         """Return the table with some of its columns and rows shown.
 
@@ -195,11 +189,7 @@ class Table:
             CSV first.
         """
         base = Path(folder) / f"table_{self.name}"
-        forms = {
-            ".csv": self.csv(),
-            ".md": self.markdown(),
-            ".tex": self.latex(),
-        }
+        forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
         if self.everything is not None:
             forms["_all.csv"] = exact_csv(self.everything)
         with folder_lock(Path(folder), patience=WRITERS_PATIENCE):

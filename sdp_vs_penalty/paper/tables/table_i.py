@@ -130,9 +130,7 @@ START_SLOPES = (4.0, 10.0, 25.0)
 
 
 def fit_sigmoid(
-    problem: Problem,
-    rows_of: RowsOf,
-    oversampling: float = 1.0,
+    problem: Problem, rows_of: RowsOf, oversampling: float = 1.0
 ) -> SigmoidFit:
     """Fit base parameters pi and friction phi of all joints together.
 
@@ -183,10 +181,7 @@ def _least_squares(data: "_Data", x: Array, weights: Array) -> Array:
 
 
 def _with_intervals(
-    data: "_Data",
-    x: Array,
-    weights: Array,
-    oversampling: float,
+    data: "_Data", x: Array, weights: Array, oversampling: float
 ) -> SigmoidFit:
     """Return phi with standard deviations and 95 % intervals, from the Jacobian J of
     the fit.
@@ -267,13 +262,7 @@ class _Data:
         """
         n = self.robot.n
         linear = np.zeros(self.rigid.shape[2] + n)
-        return np.concatenate(
-            [
-                linear,
-                np.full(n, np.log(slope)),
-                np.zeros(n),
-            ]
-        )
+        return np.concatenate([linear, np.full(n, np.log(slope)), np.zeros(n)])
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -286,20 +275,8 @@ class _Data:
         n = self.robot.n
         free = np.full(self.rigid.shape[2] + n, np.inf)
         shift = np.full(n, LARGEST_SHIFT)
-        low = np.concatenate(
-            [
-                -free,
-                np.full(n, np.log(FLATTEST)),
-                -shift,
-            ]
-        )
-        high = np.concatenate(
-            [
-                free,
-                np.full(n, np.log(STEEPEST)),
-                shift,
-            ]
-        )
+        low = np.concatenate([-free, np.full(n, np.log(FLATTEST)), -shift])
+        high = np.concatenate([free, np.full(n, np.log(STEEPEST)), shift])
         return low, high
 
     def weights(self, x: Array) -> Array:
@@ -429,11 +406,7 @@ class _Data:
         return out
 
 
-def residual_rms(
-    problem: Problem,
-    parts: Sequence[RowsOf],
-    fit: SigmoidFit,
-) -> Array:
+def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
     """Return the RMS residual (n,) [N m] of a fit on other rows; ``parts`` are
     functions from a model to its rows, one for each run, which count together."""
     residuals = [_Data(problem, rows_of).residual(fit.x) for rows_of in parts]
@@ -519,11 +492,7 @@ def _fits_with_noise(study: Study) -> list[SigmoidFit]:
 
 
 def _row(
-    name: str,
-    joints: Array,
-    unit: str,
-    what: str,
-    covered: float | None = None,
+    name: str, joints: Array, unit: str, what: str, covered: float | None = None
 ) -> Row:
     """Return a row of the table: one parameter of all joints.
 
@@ -534,10 +503,7 @@ def _row(
 
 
 def _rows_of(
-    what: str,
-    fit: SigmoidFit,
-    covered: Array | None = None,
-    ends: bool = True,
+    what: str, fit: SigmoidFit, covered: Array | None = None, ends: bool = True
 ) -> list[Row]:
     """Return the table's rows of phi_1, phi_2 and phi_3, each with the ends of its 95 %
     interval if ``ends``.
@@ -548,23 +514,10 @@ def _rows_of(
     rows = []
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):
         share = None if covered is None else float(covered[k])
-        rows.append(
-            _row(
-                f"phi_{k + 1}",
-                fit.phi[:, k],
-                unit,
-                what,
-                share,
-            )
-        )
+        rows.append(_row(f"phi_{k + 1}", fit.phi[:, k], unit, what, share))
         for word in ("lower", "upper") if ends else ():
             rows.append(
-                _row(
-                    f"phi_{k + 1}",
-                    getattr(fit, word)[:, k],
-                    unit,
-                    f"{what}, {word}",
-                )
+                _row(f"phi_{k + 1}", getattr(fit, word)[:, k], unit, f"{what}, {word}")
             )
     return rows
 

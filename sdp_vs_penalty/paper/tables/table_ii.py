@@ -34,13 +34,7 @@ def exciting_trajectory(study: Study) -> Table:
     optimum = optimised(study)
     columns = list(published[0])
     # The coefficients as printed.
-    rows: list[Row] = [
-        {
-            **row,
-            "trajectory": "published",
-        }
-        for row in published
-    ]
+    rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
 
     def add(name: str, trajectory: str, *values: float) -> None:
         """Add a row: its name, then one value for each joint (or one value alone)."""

@@ -158,28 +158,15 @@ def base_parameter_table(study: Study) -> Table:
     return table.shortened(dict.fromkeys(columns))
 
 
-def _numbered(
-    study: Study,
-    keys: list[str],
-    n_base: int,
-) -> pandas.DataFrame:
+def _numbered(study: Study, keys: list[str], n_base: int) -> pandas.DataFrame:
     """Return number and symbol of each row, for a robot without a published table.
 
     keys : names of the rows; the first n_base are base parameters.
     """
-    symbols = [
-        *base_parameter_symbols(study.problem).values(),
-        *keys[n_base:],
-    ]
-    numbers = [
-        *range(1, len(keys) - 1),
-        None,
-        None,
-    ]
+    symbols = [*base_parameter_symbols(study.problem).values(), *keys[n_base:]]
+    numbers = [*range(1, len(keys) - 1), None, None]
     return pandas.DataFrame(
-        {"row": numbers, "coefficient": symbols},
-        keys,
-        dtype=object,
+        {"row": numbers, "coefficient": symbols}, keys, dtype=object
     )
 
 
@@ -188,13 +175,7 @@ def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
     (torques of the true links at chosen states) by their names ``base``, with the
     condition number and the relative error [%]."""
     retrieved = study.reverse_engineered
-    values = dict(
-        zip(
-            base,
-            study.base @ retrieved.theta,
-            strict=True,
-        )
-    )
+    values = dict(zip(base, study.base @ retrieved.theta, strict=True))
     return values | {key: retrieved.details[name] for key, name in _DETAILS.items()}
 
 
@@ -234,19 +215,14 @@ def _effect_parameter_names(data: Data) -> list[str]:
 
 
 def _published(
-    printed: Sequence[Mapping[str, str]],
-    keys: list[str],
-    base: int,
+    printed: Sequence[Mapping[str, str]], keys: list[str], base: int
 ) -> pandas.DataFrame:
     """Return the paper's columns as printed, with its condition numbers and errors
     below.
 
     keys : names of all rows of the table; base : number of base parameters.
     """
-    names = [
-        *keys[:base],
-        *(row["coefficient"] for row in printed[base:]),
-    ]
+    names = [*keys[:base], *(row["coefficient"] for row in printed[base:])]
     fits = pandas.DataFrame(_PUBLISHED_FITS, [_CONDITION, _ERROR])
     rows = pandas.concat(
         [pandas.DataFrame(printed, names, dtype=object), fits]
@@ -257,9 +233,7 @@ def _published(
 
 
 def _estimates(
-    study: Study,
-    data: Data,
-    base_names: tuple[str, ...],
+    study: Study, data: Data, base_names: tuple[str, ...]
 ) -> dict[str, dict[str, float]]:
     """Return the columns of the table for one data set: name of column -> row -> value.
 

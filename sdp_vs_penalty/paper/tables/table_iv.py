@@ -77,11 +77,7 @@ def _published_rows(study: Study) -> list[Row]:
     """Return the paper's rows as printed."""
     joints = [f"joint_{j + 1}" for j in range(study.problem.robot.n)]
     return [
-        _row(
-            row["estimate"],
-            [row[joint] for joint in joints],
-            "published",
-        )
+        _row(row["estimate"], [row[joint] for joint in joints], "published")
         for row in study.problem.published.get("table_IV", [])
     ]
 
@@ -121,15 +117,7 @@ def _judged_rows(study: Study, data: Data) -> list[Row]:
         theta = study.theta(method, judged)
         mse, relative = judged.errors(theta)
         interval = None if is_repeated else _over_runs(judged, theta)
-        rows.append(
-            _row(
-                f"{name}_{ending}",
-                mse.tolist(),
-                label,
-                relative,
-                interval,
-            )
-        )
+        rows.append(_row(f"{name}_{ending}", mse.tolist(), label, relative, interval))
     return rows
 
 

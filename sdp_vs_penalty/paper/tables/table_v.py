@@ -189,9 +189,7 @@ def _follow(kind: type[Engine], commanded: Commanded) -> dict[str, Array]:
     """
     q, step = commanded.q, commanded.step
     torque, pose = kind(commanded.robot, commanded.links).follow(
-        q[0],
-        np.diff(q, axis=0) / step,
-        step,
+        q[0], np.diff(q, axis=0) / step, step
     )
     there = commanded.poses
     distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
@@ -201,9 +199,7 @@ def _follow(kind: type[Engine], commanded: Commanded) -> dict[str, Array]:
 
 
 def inverse_dynamics_error(
-    kind: type[Engine],
-    robot: Robot,
-    links: Array,
+    kind: type[Engine], robot: Robot, links: Array
 ) -> float | None:
     """Return the largest difference of torques between an engine and Pinocchio.
 
@@ -286,13 +282,7 @@ def measured_runs(study: Study) -> Played:
 
     spline = scipy.interpolate.CubicSpline(t, rows.motion.q)
     motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
-    played = _played(
-        study,
-        data,
-        motion,
-        float(t[-1]),
-        MEASURED_STEP,
-    )
+    played = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
     return {
         kind: x if isinstance(x, str) else less_measured(x)
         for kind, x in played.items()
@@ -300,11 +290,7 @@ def measured_runs(study: Study) -> Played:
 
 
 def _played(
-    study: Study,
-    data: Data,
-    motion: Course,
-    duration: float,
-    step: float,
+    study: Study, data: Data, motion: Course, duration: float, step: float
 ) -> Played:
     """Let every engine follow a motion with the links identified from a data set.
 
@@ -349,22 +335,10 @@ def engines(study: Study) -> Table:
     # The paper's table; it has no standard deviations.
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
-        rows.append(
-            {
-                **row,
-                **by_joint([None] * n, "std_joint"),
-                **about,
-            }
-        )
+        rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
     # Pose errors that stand in the paper's text.
     for engine, pose in _PUBLISHED_POSE.items():
-        figures = dict(
-            zip(
-                _NO_RUN,
-                (*pose, None),
-                strict=True,
-            )
-        )
+        figures = dict(zip(_NO_RUN, (*pose, None), strict=True))
         about = {"motion": "published (text)", **figures, "status": "published"}
         not_published = [None] * n  # torque errors of the joints
         joints = {**by_joint(not_published), **by_joint(not_published, "std_joint")}
@@ -381,12 +355,7 @@ def engines(study: Study) -> Table:
         notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),
         digits=3,
     )
-    columns = [
-        "engine",
-        *by_joint([None] * n),
-        "motion",
-        *_POSE_FIGURES,
-    ]
+    columns = ["engine", *by_joint([None] * n), "motion", *_POSE_FIGURES]
     if any(row["status"] not in ("run", "published") for row in rows):
         columns.append("status")
     return table.shortened(columns)
@@ -407,12 +376,7 @@ _PUBLISHED_POSE = {
 }
 
 
-def _row(
-    study: Study,
-    data: Data,
-    kind: type[Engine],
-    run: EngineRun | str,
-) -> Row:
+def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> Row:
     """Return an engine's row: mean and standard deviation of its torque error for each
     joint [N m], errors of the last frame's position [mm] and orientation [degrees], and
     its status.

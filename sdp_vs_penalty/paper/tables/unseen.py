@@ -80,17 +80,9 @@ def data_needed(study: Study) -> Table:
         for length in _LENGTHS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
-            about = {
-                "data": data.label,
-                "seconds": length,
-                "windows": len(windows),
-            }
+            about = {"data": data.label, "seconds": length, "windows": len(windows)}
             rows += [
-                {
-                    **about,
-                    "method": m,
-                    **_errors(study, data, windows, m),
-                }
+                {**about, "method": m, **_errors(study, data, windows, m)}
                 for m in _METHODS
             ]
     # The rows of the longest window of the last data set, for the headline.
@@ -111,9 +103,7 @@ def data_needed(study: Study) -> Table:
 
 
 def _phase_windows(
-    real: Data,
-    most_windows: int,
-    cell: float,
+    real: Data, most_windows: int, cell: float
 ) -> Callable[[int], list[_Window]]:
     """Return a function that cuts training windows of a length from the periodic
     motion.
@@ -141,9 +131,7 @@ def _phase_windows(
     clear = math.ceil(all_phases.guard / cell)  # cells that the filters reach
     split = PhaseFolds(all_phases.clocks, count)
     cells = compress_cells(
-        FilteredRuns.of(real.train, real.preprocessing),
-        real.model,
-        split,
+        FilteredRuns.of(real.train, real.preprocessing), real.model, split
     )
     starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
 
@@ -182,9 +170,7 @@ def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window
     """
     seconds = round(float(data.train.t[-1] - data.train.t[0]))
     blocks = compress(
-        FilteredRuns.of(data.train, data.preprocessing),
-        data.model,
-        seconds,
+        FilteredRuns.of(data.train, data.preprocessing), data.model, seconds
     )
     # Rows of each block; the first and the last complete one.
     rows = np.zeros(len(blocks.blocks))
@@ -206,12 +192,7 @@ def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window
     return chosen
 
 
-def _errors(
-    study: Study,
-    data: Data,
-    windows: list[_Window],
-    method: str,
-) -> Row:
+def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Row:
     """Return a method's held-out errors [%]: median, smallest and largest over the
     windows.
 
@@ -220,12 +201,7 @@ def _errors(
     """
     pairs = []
     for train, test in windows:
-        task = make_task(
-            study.problem,
-            data.model,
-            train,
-            seed=study.seed,
-        )
+        task = make_task(study.problem, data.model, train, seed=study.seed)
         estimator = study.estimator(method)
         if isinstance(estimator, Penalty):
             estimator = replace(estimator, starts=1)  # to save time
@@ -236,9 +212,7 @@ def _errors(
         refit = refitted(test.least_squares(), links)
         pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
     frame = pandas.DataFrame(
-        pairs,
-        columns=["error_percent", "links_error_percent"],
-        dtype=float,
+        pairs, columns=["error_percent", "links_error_percent"], dtype=float
     )
     words = "median", "min", "max"
     return {
@@ -304,12 +278,7 @@ def unseen(study: Study) -> Table:
     )
 
 
-def _rows(
-    study: Study,
-    run: Measurements,
-    method: str,
-    added: str,
-) -> list[Row]:
+def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]:
     """Return the table's rows of one method: one for each fold of the real run, then
     one for all folds together ("all"), then one for repeated motion ("repeatability").
 
@@ -318,10 +287,7 @@ def _rows(
     separated by ", "; "" for none.
     """
     problem = study.problem
-    effects = [
-        *problem.default_effects,
-        *(text for text in added.split(", ") if text),
-    ]
+    effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
     result = study.unseen(method, effects)
     train, test = halves(run)
     runs = read_and_filter(problem, train)

@@ -26,11 +26,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
-from sdp_vs_penalty.paper.memo import (
-    program_version,
-    remembered_arrays,
-    task_content,
-)
+from sdp_vs_penalty.paper.memo import program_version, remembered_arrays, task_content
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table, notes, register_table
 from sdp_vs_penalty.problem.problem import Problem
@@ -43,21 +39,11 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.solvers.extremes import Slice
 
 #: Components of a wrench, and their units.
-COMPONENTS = {
-    "fx": "N",
-    "fy": "N",
-    "fz": "N",
-    "nx": "N*m",
-    "ny": "N*m",
-    "nz": "N*m",
-}
+COMPONENTS = {"fx": "N", "fy": "N", "fz": "N", "nx": "N*m", "ny": "N*m", "nz": "N*m"}
 
 
 def wrench_regressor(
-    robot: Robot,
-    q: ArrayLike,
-    dq: ArrayLike,
-    ddq: ArrayLike,
+    robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
 ) -> Array:
     """Return the regressor Y of the joints' wrenches in the links' parameters.
 
@@ -133,9 +119,7 @@ class WrenchIntervals:
 
 
 def wrench_intervals(
-    feasible: Slice,
-    regressor: Array,
-    progress: Progress = no_progress,
+    feasible: Slice, regressor: Array, progress: Progress = no_progress
 ) -> WrenchIntervals:
     """Return the smallest and largest value of every wrench component.
 
@@ -166,10 +150,7 @@ def wrench_intervals(
 
 
 def unfeasible_retrievals(
-    problem: Problem,
-    pi: Array,
-    count: int,
-    boxed: bool,
+    problem: Problem, pi: Array, count: int, boxed: bool
 ) -> Iterator[Array]:
     """Yield links that make the right torques but cannot exist physically.
 
@@ -296,13 +277,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
     held = remembered_arrays("wrenches", content, partial(_computed, study, Y))
     intervals = WrenchIntervals(**{name: held[name] for name in _ENDS})
-    named = dict(
-        zip(
-            estimates,
-            _wrenches(Y, estimates.values()),
-            strict=True,
-        )
-    )
+    named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
     return WrenchStudy(
         t=t,
         true=Y @ x.links.ravel(),
@@ -344,10 +319,7 @@ def _computed(study: Study, Y: Array) -> dict[str, Array]:
         name: np.array(_wrenches(Y, retrieved) or none)
         for name, retrieved in searches.items()
     }
-    return {
-        **{name: getattr(intervals, name) for name in _ENDS},
-        **wrenches,
-    }
+    return {**{name: getattr(intervals, name) for name in _ENDS}, **wrenches}
 
 
 def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
@@ -375,12 +347,7 @@ def penalty_links(study: Study) -> list[Array]:
     links_found = []
     p = len(task.bound)
     interior = interior_point(task, task.constraints)
-    everywhere = Slice(
-        task.constraints,
-        np.zeros((0, p)),
-        interior,
-        task.bound,
-    )
+    everywhere = Slice(task.constraints, np.zeros((0, p)), interior, task.bound)
     rng = np.random.default_rng(study.seed)
     estimator = Penalty(body=False, thickness=0.0, starts=1)
     for k in range(PenaltyPaper.runs):

@@ -52,12 +52,7 @@ class Bullet(Engine):
             self.bullet.changeDynamics(self.body, k, **free)
         self.bullet.setGravity(*self.robot.gravity)
 
-    def torque(
-        self,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array:
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the torque that Bullet's inverse dynamics gives for one state.
 
         Parameters
@@ -83,12 +78,7 @@ class Bullet(Engine):
         """
         self.bullet.setTimeStep(step)
         for j in range(self.robot.n):
-            self.bullet.resetJointState(
-                self.body,
-                j,
-                start[j],
-                0.0,
-            )
+            self.bullet.resetJointState(self.body, j, start[j], 0.0)
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         """Simulate one step with velocity motors at ``velocity`` (n,) [rad/s, m/s].
@@ -103,10 +93,7 @@ class Bullet(Engine):
             "forces": [np.inf] * len(joints),
         }
         bullet.setJointMotorControlArray(
-            self.body,
-            joints,
-            bullet.VELOCITY_CONTROL,
-            **motor_options,
+            self.body, joints, bullet.VELOCITY_CONTROL, **motor_options
         )
         bullet.stepSimulation()
         # Bullet returns tuples: entry 3 of a joint's state is its motor torque, entries
@@ -114,11 +101,7 @@ class Bullet(Engine):
         torque = np.array(
             [state[3] for state in bullet.getJointStates(self.body, joints)]
         )
-        link = bullet.getLinkState(
-            self.body,
-            joints[-1],
-            computeForwardKinematics=1,
-        )
+        link = bullet.getLinkState(self.body, joints[-1], computeForwardKinematics=1)
         return (
             torque,
             np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3)),

@@ -39,12 +39,7 @@ class Dart(Engine):
         for k in range(self.skeleton.getNumJoints()):
             self.skeleton.getJoint(k).setLimitEnforcement(False)
 
-    def torque(
-        self,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array:
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the torque that DART's inverse dynamics gives for one state.
 
         Parameters

@@ -61,9 +61,7 @@ class Engine(ABC):
             if link[0] <= 0.0:
                 where = f"link {k} (on joint {joint.name!r})"
                 raise InputError(
-                    "it has no mass, which physics engines refuse",
-                    "give it one",
-                    where,
+                    "it has no mass, which physics engines refuse", "give it one", where
                 )
         self.load()
 
@@ -79,12 +77,7 @@ class Engine(ABC):
     def load(self) -> None:
         """Build the robot inside the engine."""
 
-    def inverse_dynamics(
-        self,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array | None:
+    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Return the torques of N states by the engine's inverse dynamics.
 
         Parameters
@@ -105,12 +98,7 @@ class Engine(ABC):
         torques = [self.torque(*state) for state in states]
         return None if torques[0] is None else np.array(torques, float)
 
-    def torque(
-        self,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array | None:
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Return the torque of one state by the engine's inverse dynamics.
 
         Parameters
@@ -130,10 +118,7 @@ class Engine(ABC):
         return None
 
     def follow(
-        self,
-        start: Array,
-        velocities: Array,
-        step: float,
+        self, start: Array, velocities: Array, step: float
     ) -> tuple[Array, Array]:
         """Simulate the robot along commanded joint velocities, starting from rest.
 

@@ -39,12 +39,7 @@ class MuJoCo(Engine):
         self.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_INVDISCRETE
         self.data: Any = mujoco.MjData(self.model)
 
-    def torque(
-        self,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array:
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the torque that MuJoCo's inverse dynamics gives for one state.
 
         Parameters
@@ -91,11 +86,7 @@ class MuJoCo(Engine):
         model = self.model
         data = self.data
         acceleration = (velocity - data.qvel) / model.opt.timestep
-        data.qfrc_applied = torque = self.torque(
-            data.qpos,
-            data.qvel,
-            acceleration,
-        )
+        data.qfrc_applied = torque = self.torque(data.qpos, data.qvel, acceleration)
         mujoco.mj_step(model, data)
         mujoco.mj_kinematics(model, data)
         return torque, data.xmat[-1].reshape(3, 3), data.xpos[-1]

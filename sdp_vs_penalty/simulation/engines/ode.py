@@ -34,11 +34,7 @@ from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 class _Mass(Structure):
     """dMass: mass, centre (dVector3), inertia (dMatrix3)."""
 
-    _fields_ = [
-        ("mass", c_double),
-        ("c", c_double * 4),
-        ("I", c_double * 12),
-    ]
+    _fields_ = [("mass", c_double), ("c", c_double * 4), ("I", c_double * 12)]
 
 
 class _Feedback(Structure):
@@ -48,17 +44,8 @@ class _Feedback(Structure):
 
 
 #: The C types of the letters in :data:`_SIGNATURES`.
-_TYPES: dict[str, Any] = {
-    "-": None,
-    "p": c_void_p,
-    "i": c_int,
-    "d": c_double,
-}
-_TYPES |= {
-    "D": POINTER(c_double),
-    "M": POINTER(_Mass),
-    "F": POINTER(_Feedback),
-}
+_TYPES: dict[str, Any] = {"-": None, "p": c_void_p, "i": c_int, "d": c_double}
+_TYPES |= {"D": POINTER(c_double), "M": POINTER(_Mass), "F": POINTER(_Feedback)}
 #: dParamFMax and dParamVel of ode/common.h: largest force and velocity of a motor.
 _MAX_FORCE = 5
 _VELOCITY = 2
@@ -146,25 +133,13 @@ class Ode(Engine):
             # Centre of mass at the body's origin (zeros), then I11, I22, I33, I12, I13,
             # I23.
             ode.dMassSetParameters(
-                byref(mass),
-                p[0],
-                0.0,
-                0.0,
-                0.0,
-                xx,
-                yy,
-                zz,
-                xy,
-                xz,
-                yz,
+                byref(mass), p[0], 0.0, 0.0, 0.0, xx, yy, zz, xy, xz, yz
             )
             if not ode.dMassCheck(byref(mass)):
                 where = f"link {k + 1} (on joint {self.robot.joints[k].name!r})"
                 what = "ODE refuses its inertia, which is not positive definite"
                 raise InputError(
-                    what,
-                    "identify with a minimum thickness (lmi-sdp-thickness)",
-                    where,
+                    what, "identify with a minimum thickness (lmi-sdp-thickness)", where
                 )
             self.masses.append(mass)
             self.centres[k] = p[1:4]
@@ -173,18 +148,11 @@ class Ode(Engine):
         axes = np.array([joint.axis for joint in self.robot.joints])
         revolute = np.array([joint.kind == "revolute" for joint in self.robot.joints])
         by_moment = np.where(revolute[:, None], axes, 0.0)
-        by_force = np.where(
-            revolute[:, None],
-            np.cross(axes, self.centres),
-            axes,
-        )
+        by_force = np.where(revolute[:, None], np.cross(axes, self.centres), axes)
         self.by_wrench = np.stack([by_force, by_moment], axis=2)
 
     def follow(
-        self,
-        start: Array,
-        velocities: Array,
-        step: float,
+        self, start: Array, velocities: Array, step: float
     ) -> tuple[Array, Array]:
         """Simulate the robot along commanded velocities (N, n), starting from rest.
 
@@ -227,9 +195,7 @@ class Ode(Engine):
             joint_made = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None))
             parent = joint.parent
             ode.dJointAttach(
-                joint_made,
-                body,
-                None if parent < 0 else self.bodies[parent],
+                joint_made, body, None if parent < 0 else self.bodies[parent]
             )
             if kind == "Hinge":
                 ode.dJointSetHingeAnchor(joint_made, *frame[:3, 3])

@@ -33,11 +33,7 @@ Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves
 #: most.
-LEVELS = {
-    "strong": 2.0,
-    "medium": 0.5,
-    "weak": 0.125,
-}
+LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
 
 
 @dataclass(frozen=True)
@@ -87,10 +83,7 @@ class Hidden:
         return self.change(world, motion, self.size)
 
     def sized(
-        self,
-        world: World,
-        motions: Sequence[TrueMotion],
-        factor: float,
+        self, world: World, motions: Sequence[TrueMotion], factor: float
     ) -> Hidden:
         """Return the effect scaled to a given strength.
 
@@ -132,11 +125,7 @@ class Hidden:
             "joints": [joint + 1 for joint in self.joints],
             "size": size,
         }
-        return {
-            **about,
-            "shape": dict(self.shape),
-            **self.details,
-        }
+        return {**about, "shape": dict(self.shape), **self.details}
 
 
 def made(name: str, world: World, joint: int, rng: Generator) -> Hidden:
@@ -169,11 +158,7 @@ def _made_again(
     return replace(made(name, *deepcopy(made_of)), size=size)
 
 
-def torques(
-    world: World,
-    motion: TrueMotion,
-    hidden: Sequence[Hidden],
-) -> list[Array]:
+def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
     """Return the torque that each effect adds.
 
     Torque channels (gain, delay, filter) act on the sum of all others, so they are
@@ -229,12 +214,7 @@ def at_joint(
     Hidden
         The effect, of size 1.
     """
-    return Hidden(
-        (joint,),
-        partial(_change_of_joint, joint, law),
-        number,
-        shape,
-    )
+    return Hidden((joint,), partial(_change_of_joint, joint, law), number, shape)
 
 
 def _change_of_joint(
@@ -267,29 +247,19 @@ def plain(
     Maker
     """
 
-    def make(
-        world: World,
-        joint: int,
-        rng: np.random.Generator,
-    ) -> Hidden:
+    def make(world: World, joint: int, rng: np.random.Generator) -> Hidden:
         """Make the effect on one joint (from 0), with its sign drawn if the torque is
         signed."""
         side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
         return at_joint(
-            joint,
-            lambda world, motion: side * law(world, joint, motion),
-            side,
+            joint, lambda world, motion: side * law(world, joint, motion), side
         )
 
     return make
 
 
 def shifted(
-    joint: int,
-    shift: Change,
-    number: float,
-    size: float,
-    rates: bool = True,
+    joint: int, shift: Change, number: float, size: float, rates: bool = True
 ) -> Hidden:
     """Make an effect by which a link stands at q + shift, while its encoder shows q.
 
@@ -322,13 +292,7 @@ def shifted(
             moved = replace(motion, q=moved.q)
         return world.rigid(moved) - world.rigid(motion)
 
-    return Hidden(
-        (joint,),
-        change,
-        number,
-        size=size,
-        shift=shift,
-    )
+    return Hidden((joint,), change, number, size=size, shift=shift)
 
 
 def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
@@ -400,11 +364,7 @@ def sign(world: World, joint: int, motion: TrueMotion) -> Array:
     return world.share(motion)[:, joint]
 
 
-def log_uniform(
-    rng: np.random.Generator,
-    low: float,
-    high: float,
-) -> float:
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw a number between two limits whose logarithm is uniformly distributed.
 
     Parameters
@@ -473,20 +433,11 @@ def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
         speed = motion.dq[:, joint] / vs
         return sign(world, joint, motion) * np.exp(-(speed**2))
 
-    return at_joint(
-        joint,
-        law,
-        vs=vs,
-        delta=2.0,
-    )
+    return at_joint(joint, law, vs=vs, delta=2.0)
 
 
 def _presliding(
-    world: World,
-    joint: int,
-    rng: Generator,
-    low: float = 0.001,
-    high: float = 0.01,
+    world: World, joint: int, rng: Generator, low: float = 0.001, high: float = 0.01
 ) -> Hidden:
     """Make presliding hysteresis on a joint (from 0): after a reversal, friction builds
     up over a travel d.
@@ -510,12 +461,7 @@ def _behind(t: Array, speed: Array, d: float) -> Array:
     """Return the state z (N,) of Dahl's friction, from -1 to 1, which follows the sign
     of a velocity ``speed`` (N,) over a travel d [rad, m]: dz/dt = dq / d - |dq| z / d.
     """
-    states = bristles(
-        t,
-        speed[:, None],
-        np.array([d]),
-        np.ones_like,
-    )
+    states = bristles(t, speed[:, None], np.array([d]), np.ones_like)
     return states[:, 0]
 
 
@@ -579,13 +525,7 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
             return np.asarray(side * speed)
         return np.asarray(side * np.tanh(speed / width))
 
-    return at_joint(
-        joint,
-        law,
-        side,
-        i=float(i + 1),
-        form=float(form),
-    )
+    return at_joint(joint, law, side, i=float(i + 1), form=float(form))
 
 
 def _belt(world: World, joint: int, rng: Generator) -> Hidden:
@@ -627,13 +567,7 @@ def _warming(world: World, joint: int, rng: Generator) -> Hidden:
             dry_or_viscous = motion.dq[:, joint]
         return np.exp(-motion.t / T) * dry_or_viscous
 
-    return at_joint(
-        joint,
-        law,
-        None,
-        form=float(form),
-        T=T,
-    )
+    return at_joint(joint, law, None, form=float(form), T=T)
 
 
 def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
@@ -655,13 +589,7 @@ def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
             return np.asarray(thickness * motion.dq[:, joint])
         return np.asarray(thickness * sign(world, joint, motion))
 
-    return at_joint(
-        joint,
-        law,
-        law=1.0 + viscous,
-        by=1.0,
-        warm=warm,
-    )
+    return at_joint(joint, law, law=1.0 + viscous, by=1.0, warm=warm)
 
 
 def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
@@ -700,22 +628,14 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
             friction = friction * np.exp(-((v / vs) ** 2))
         return np.outer(size * friction, c)
 
-    law_constants = {
-        3: {"d": d},
-        4: {"vs": vs},
-    }.get(law, {})
+    law_constants = {3: {"d": d}, 4: {"vs": vs}}.get(law, {})
     shape = {
         f"c{first + 1}": 1.0,
         f"c{first + 2}": ratio,
         "law": float(law),
         **law_constants,
     }
-    return Hidden(
-        (first, first + 1),
-        change,
-        1.0,
-        shape,
-    )
+    return Hidden((first, first + 1), change, 1.0, shape)
 
 
 def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
@@ -752,12 +672,7 @@ def _slip(world: World, joint: int, rng: Generator) -> Hidden:
             torque[k] = weight @ stretch
         return torque
 
-    return at_joint(
-        joint,
-        law,
-        None,
-        d=d,
-    )
+    return at_joint(joint, law, None, d=d)
 
 
 def _position(world: World, joint: int, rng: Generator) -> Hidden:
@@ -778,12 +693,7 @@ def _position(world: World, joint: int, rng: Generator) -> Hidden:
         wave = np.cos(k * motion.q[:, joint] + phase)
         return np.asarray(wave * sign(world, joint, motion))
 
-    return at_joint(
-        joint,
-        law,
-        None,
-        k=k,
-    )
+    return at_joint(joint, law, None, k=k)
 
 
 #: By the library's name of each.
@@ -822,13 +732,7 @@ def _drift(world: World, joint: int, rng: Generator) -> Hidden:
     """Make a torque offset of a joint (from 0) that decays as a sensor warms up: tau =
     size exp(-t / T), with T [s] drawn at random."""
     T = float(rng.uniform(40.0, 150.0))
-    return at_joint(
-        joint,
-        lambda _, motion: np.exp(-motion.t / T),
-        None,
-        form=2.0,
-        T=T,
-    )
+    return at_joint(joint, lambda _, motion: np.exp(-motion.t / T), None, form=2.0, T=T)
 
 
 def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
@@ -921,19 +825,10 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
         delayed = tau.copy()
         t = motion.t
         for joint in channels:
-            delayed[:, joint] = np.interp(
-                t - size,
-                t,
-                tau[:, joint],
-            )
+            delayed[:, joint] = np.interp(t - size, t, tau[:, joint])
         return delayed - tau
 
-    return Hidden(
-        joints,
-        change,
-        size=1e-3,
-        channel=True,
-    )
+    return Hidden(joints, change, size=1e-3, channel=True)
 
 
 def _filter(world: World, joint: int, rng: Generator) -> Hidden:
@@ -944,39 +839,19 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
         """Return the added torque (N, n) [N m, N] at this size."""
         # Effects are sized on a coarse grid, where a filter is read from a finer one.
         step = min(float(motion.t[1] - motion.t[0]), 0.25e-3)
-        t = np.arange(
-            motion.t[0],
-            motion.t[-1],
-            step,
-        )
+        t = np.arange(motion.t[0], motion.t[-1], step)
         # Filter on the fine grid, then return to the motion's instants.
         tau = world.torque(motion)
         fine = _resample(t, motion.t, tau)
-        passed = first_order(
-            fine,
-            float(t[1] - t[0]),
-            T,
-        )
+        passed = first_order(fine, float(t[1] - t[0]), T)
         return _resample(motion.t, t, passed) - tau
 
-    return Hidden(
-        (),
-        change,
-        size=1e-3,
-        channel=True,
-    )
+    return Hidden((), change, size=1e-3, channel=True)
 
 
 def _resample(t: Array, t_known: Array, values: Array) -> Array:
     """Interpolate values (M, n), known at t_known (M,), at the times t (N,): (N, n)."""
-    columns = [
-        np.interp(
-            t,
-            t_known,
-            column,
-        )
-        for column in values.T
-    ]
+    columns = [np.interp(t, t_known, column) for column in values.T]
     return np.column_stack(columns)
 
 
@@ -985,10 +860,7 @@ def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
     at q +- size [rad, m]."""
     side = float(rng.choice([-1.0, 1.0]))
     return shifted(
-        joint,
-        lambda _, motion, a: np.full(len(motion.t), a * side),
-        side,
-        1e-3,
+        joint, lambda _, motion, a: np.full(len(motion.t), a * side), side, 1e-3
     )
 
 
@@ -1007,12 +879,7 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
             lag = -c * world.rigid(displaced(motion, joint, lag))[:, joint]
         return lag
 
-    return shifted(
-        joint,
-        shift,
-        1.0,
-        1e-5,
-    )
+    return shifted(joint, shift, 1.0, 1e-5)
 
 
 def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
@@ -1089,11 +956,7 @@ def _gear_error(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def newmark(
-    t: Array,
-    mass: Array,
-    damping: Array,
-    stiffness: Array,
-    force: Array,
+    t: Array, mass: Array, damping: Array, stiffness: Array, force: Array
 ) -> Array:
     """Solve m x'' + d x' + k x = force by Newmark's method of average acceleration.
 
@@ -1139,13 +1002,7 @@ def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
         tau = world.rigid(motion)[:, joint]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
-    return shifted(
-        joint,
-        shift,
-        1.0,
-        1e-4,
-        rates=False,
-    )
+    return shifted(joint, shift, 1.0, 1e-4, rates=False)
 
 
 def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
@@ -1160,12 +1017,7 @@ def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
         tilted.gravity.linear = world.built.gravity.linear + across
         return world.rigid(motion, tilted) - world.rigid(motion)
 
-    return Hidden(
-        (),
-        change,
-        1.0,
-        size=0.1,
-    )
+    return Hidden((), change, 1.0, size=0.1)
 
 
 def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
@@ -1175,12 +1027,7 @@ def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
     The motors carry -size J^T (F, M), with the Jacobian J of the last joint. F is of
     the order of 1 N and M of 0.1 N m at size 1; the joint is not used.
     """
-    force = np.concatenate(
-        [
-            rng.normal(size=3),
-            0.1 * rng.normal(size=3),
-        ]
-    )
+    force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
@@ -1204,21 +1051,11 @@ def _payload(world: World, joint: int, rng: Generator) -> Hidden:
     def change(world: World, motion: TrueMotion, mass: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         loaded = pin.Model(world.built)
-        ball = pin.Inertia(
-            mass,
-            centre,
-            pin.Inertia.FromSphere(mass, 0.05).inertia,
-        )
+        ball = pin.Inertia(mass, centre, pin.Inertia.FromSphere(mass, 0.05).inertia)
         loaded.inertias[world.arm.last] = world.built.inertias[world.arm.last] + ball
         return world.rigid(motion, loaded) - world.rigid(motion)
 
-    return Hidden(
-        (),
-        change,
-        1.0,
-        size=0.1,
-        details={"com": centre.tolist()},
-    )
+    return Hidden((), change, 1.0, size=0.1, details={"com": centre.tolist()})
 
 
 def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
@@ -1233,10 +1070,7 @@ def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
         slip = 1e-4 * size
         turn = np.rad2deg(2e-4 * size)
         displaced_world = misplaced(
-            world.built,
-            slip,
-            turn,
-            np.random.default_rng(seed),
+            world.built, slip, turn, np.random.default_rng(seed)
         )
         return world.rigid(motion, displaced_world) - world.rigid(motion)
 
@@ -1244,11 +1078,7 @@ def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 #: Dahl's friction over a travel that hardly shows.
-_stiction = partial(
-    _presliding,
-    low=0.0005,
-    high=0.001,
-)
+_stiction = partial(_presliding, low=0.0005, high=0.001)
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: Springs, of joints and of gears, and mixed channels, that no class of the challenge
@@ -1262,10 +1092,7 @@ SPRINGS: Mapping[str, Maker] = {
     "torque_crosstalk": _crosstalk,
 }
 #: What a diagnosis meets as a nuisance.
-NUISANCE: Mapping[str, Maker] = {
-    "kinematic_error": _misplaced,
-    "stiction": _stiction,
-}
+NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": _stiction}
 MACHINE: Mapping[str, Maker] = {
     "joint_spring": plain(lambda world, joint, motion: motion.q[:, joint]),
     "torque_offset": plain(

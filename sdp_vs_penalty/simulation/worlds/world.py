@@ -39,13 +39,7 @@ class Arm:
         """(n,) typical speed of each joint: 1 rad/s, or 0.5 m/s for a prismatic one."""
         return np.where(self.rotary, 1.0, 0.5)
 
-    def inverse_dynamics(
-        self,
-        model: Any,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-    ) -> Array:
+    def inverse_dynamics(self, model: Any, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the rigid-body torques of a Pinocchio model along a motion.
 
         With q_all = B q + shift for all joints, those that follow others included, the
@@ -69,19 +63,11 @@ class Arm:
         """
         B = self.follows
         torque_of_all = inverse_dynamics(
-            model,
-            q @ B.T + self.shift,
-            dq @ B.T,
-            ddq @ B.T,
+            model, q @ B.T + self.shift, dq @ B.T, ddq @ B.T
         )
         return torque_of_all @ B
 
-    def last_jacobian(
-        self,
-        model: Any,
-        data: Any,
-        q: Array,
-    ) -> Array:
+    def last_jacobian(self, model: Any, data: Any, q: Array) -> Array:
         """Return the Jacobian of the joint that carries the last link.
 
         Parameters
@@ -99,20 +85,12 @@ class Arm:
             Linear, then angular velocity, in world axes.
         """
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
-        J = pin.getJointJacobian(
-            model,
-            data,
-            self.last,
-            pin.LOCAL_WORLD_ALIGNED,
-        )
+        J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
 
 
 def misplaced(
-    model: Any,
-    metres: float,
-    degrees: float,
-    rng: np.random.Generator,
+    model: Any, metres: float, degrees: float, rng: np.random.Generator
 ) -> Any:
     """Displace every joint's frame at random, as manufacturing tolerances do.
 
@@ -142,12 +120,7 @@ def misplaced(
     return built
 
 
-def inverse_dynamics(
-    model: Any,
-    q: Array,
-    dq: Array,
-    ddq: Array,
-) -> Array:
+def inverse_dynamics(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
     """Return M(q) ddq + C(q, dq) dq + g(q) along a motion, by Pinocchio's RNEA.
 
     Parameters
@@ -218,10 +191,7 @@ class DryFriction:
 
 
 def bristles(
-    t: Array,
-    dq: Array,
-    travel: Array,
-    level: Callable[[Array], Array],
+    t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]
 ) -> Array:
     """Integrate the bristle state z of the Dahl and LuGre friction models.
 
@@ -251,11 +221,7 @@ def bristles(
     reverses = before * after < 0.0
     change = np.where(reverses, before - after, 1.0)
     share = np.where(reverses, before / change, 1.0)  # of the step before rest
-    mean_velocity = np.where(
-        reverses,
-        0.5 * before,
-        0.5 * (before + after),
-    )
+    mean_velocity = np.where(reverses, 0.5 * before, 0.5 * (before + after))
     # Decay and goal of each step up to the reversal, and of what follows it. A step
     # without a reversal has no second part: share is 1.
     first = _step_of_bristles(mean_velocity, share, step, travel, level)
@@ -275,11 +241,7 @@ def bristles(
 
 
 def _step_of_bristles(
-    dq: Array,
-    share: Array,
-    step: float,
-    travel: Array,
-    level: Callable[[Array], Array],
+    dq: Array, share: Array, step: float, travel: Array, level: Callable[[Array], Array]
 ) -> tuple[Array, Array]:
     """Return how the bristle state moves in a step at constant velocity.
 
@@ -357,10 +319,7 @@ class World:
             [N m, N].
         """
         return self.arm.inverse_dynamics(
-            model or self.built,
-            motion.q,
-            motion.dq,
-            motion.ddq,
+            model or self.built, motion.q, motion.dq, motion.ddq
         )
 
     def friction(self, motion: TrueMotion) -> Array:
