@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects.position import TorqueRipple
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import as_slice
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import ROUNDED_ANGLE, Robot
 
@@ -68,12 +69,9 @@ class RigidBody(Effect):
         for joint, links in enumerate(self.robot.subtree):
             # Places of the ten parameters of each link that the joint carries.
             indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
-            # On a serial arm these links are consecutive: a slice avoids a copy.
-            serial = len(links) and links == tuple(range(links[0], links[-1] + 1))
-            link_indices = (
-                slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
-            )
-            blocks.append(Block(joint, indices, regressor[:, joint, link_indices]))
+            # On a serial arm these links are consecutive.
+            columns = regressor[:, joint, as_slice(indices)]
+            blocks.append(Block(joint, indices, columns))
         return blocks
 
     def torque(self, theta: Array, motion: Motion) -> Array:

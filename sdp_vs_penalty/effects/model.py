@@ -18,7 +18,7 @@ from sdp_vs_penalty.effects.effect import (
     Parameter,
 )
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, as_slice
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Instants whose torque is worked out at a time: columns are many times as large as it.
@@ -242,14 +242,8 @@ class Model:
         out = np.zeros((self.robot.n, len(motion.t), len(self.parameters)))
         for k, indices in enumerate(self.indices):
             for block in blocks.get(k, ()):
-                places = indices[block.parameters]
-                target = out[block.joint]
-                if np.all(
-                    np.diff(places) == 1
-                ):  # a slice is copied several times as fast
-                    target[:, places[0] : places[-1] + 1] = block.columns
-                else:
-                    target[:, places] = block.columns
+                places = as_slice(indices[block.parameters])
+                out[block.joint][:, places] = block.columns
         if self.gains is not None:
             out *= np.asarray(self.gains)[:, None, None]
         return out
