@@ -65,6 +65,7 @@ EXTRAS = (
     "rosbags",
     "h5py",
     "openpyxl",
+    "xacro",
     "plotly",
     "nicegui",
     "scs",

@@ -37,7 +37,7 @@ from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.urdf import load_urdf, placed_links
+from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, rpy_of
 
 #: What may hold a < or > that is none of a tag's; then a whole tag, in which quotes may
 #: hold a >.
@@ -325,30 +325,6 @@ def _joint(root: Any, robot: Robot, part: LinkPart, content: Content) -> None:
         element(
             joint_element, "mimic", joint=leader, multiplier=multiplier, offset=offset
         )
-
-
-def rpy_of(rotation: Array) -> Array:
-    """Return roll, pitch and yaw of R = Rz(yaw) Ry(pitch) Rx(roll).
-
-    They reproduce R up to rounding, also at a pitch of 90 degrees, where roll and yaw
-    turn about the same axis: the roll is computed after yaw and pitch are undone, so
-    that it makes up for the rounding of the yaw.
-
-    Parameters
-    ----------
-    rotation : (3, 3)
-        R.
-
-    Returns
-    -------
-    (3,)
-        [rad].
-    """
-    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    y_after_yaw = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-    roll = np.arctan2(-y_after_yaw @ rotation[:, 2], y_after_yaw @ rotation[:, 1])
-    return np.array([roll, pitch, yaw])
 
 
 def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:

@@ -28,13 +28,13 @@ from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
-from sdp_vs_penalty.robot.geometry import Geometry, link_geometry
+from sdp_vs_penalty.robot.geometry import Geometry
 from sdp_vs_penalty.robot.inertia import why_impossible
 from sdp_vs_penalty.robot.joint import parse_held, parse_mechanism, parse_transmission
-from sdp_vs_penalty.robot.model_files import described_robot, expanded_robot, is_mjcf
+from sdp_vs_penalty.robot.model_files import described_robot
 from sdp_vs_penalty.robot.plausible_units import limits_in_degrees
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot.robot_file import RobotFile, load_robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Every field of a problem.toml: each holds what its example does. Numbers in a list
@@ -195,8 +195,8 @@ def _robot_of(
     gravity = (x, y, z)
     if "urdf" in kinematics:
         file = folder / kinematics["urdf"]
-        robot, links = load_urdf(file, gravity, held)
-        return _RobotParts(robot, links, link_geometry(file, held))
+        parts = load_robot(file, gravity, held)
+        return _RobotParts(parts.robot, parts.links, parts.geometry)
     fields = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
     limits = [
         {field: float(kinematics[field][joint]) for field in fields}
@@ -413,8 +413,8 @@ def load_problem(
     Parameters
     ----------
     source : str or Path
-        A built-in name, a folder with a problem.toml, a URDF, xacro or MJCF file, or a
-        name of the package robot_descriptions.
+        A built-in name, a folder with a problem.toml, a URDF, xacro, SDF or MJCF file,
+        or a name of the package robot_descriptions.
     gravity : (3,) sequence of float, optional
         The gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
     held : mapping of str to float, optional
@@ -439,8 +439,7 @@ def load_problem(
             path / "problem.toml", partial(_from_toml, path, held or {})
         )
     elif os.path.isfile(path):
-        with expanded_robot(path) as file:
-            problem = _from_robot_file(path, file, held)
+        problem = _from_robot_file(path, load_robot(path, held=held))
     elif re.fullmatch(r"[a-z0-9_]+_description", str(source)):
         return load_problem(described_robot(str(source)), gravity, held)
     else:
@@ -453,36 +452,25 @@ def load_problem(
     return problem if gravity is None else problem.with_gravity(gravity)
 
 
-def _from_robot_file(
-    path: Path, file: Path, held: Mapping[str, float] | None
-) -> Problem:
-    """Build the problem of a robot file (URDF or MJCF), without a problem.toml.
+def _from_robot_file(path: Path, file: RobotFile) -> Problem:
+    """Build the problem of a robot's file, without a problem.toml.
 
-    ``path`` is the user's file (perhaps a xacro, a template), ``file`` the file that it
-    expands to; ``held`` are positions [rad, m] at which joints are fixed. Bounds of the
-    masses follow from the file's masses.
+    ``path`` is the user's file, ``file`` what it states. Bounds of the masses follow
+    from the file's masses.
     """
-    values: dict[str, float] = {}
-    geometry: Sequence[Geometry | None] | None = None
-    if is_mjcf(file):
-        from sdp_vs_penalty.robot.mjcf import load_mjcf
-
-        robot, links, values = load_mjcf(file, held=held)
-        # Servo gains are named k...; tell the user how to give them to `identify`.
-        gains = [f"{n}={x:g}" for n, x in values.items() if n.startswith("k")]
-        if gains:
-            text = f"{path}: gains of position actuators, for a log without torque"
-            warnings.warn(f"{text}: --known {','.join(gains)}", Remark, stacklevel=3)
-    else:
-        robot, links = load_urdf(file, held=held)
-        geometry = link_geometry(file, held)
+    robot, links, values = file.robot, file.links, file.values
+    # Servo gains are named k...; tell the user how to give them to `identify`.
+    gains = [f"{n}={x:g}" for n, x in values.items() if n.startswith("k")]
+    if gains:
+        text = f"{path}: gains of position actuators, for a log without torque"
+        warnings.warn(f"{text}: --known {','.join(gains)}", Remark, stacklevel=3)
     # Bounds of the masses [kg]; all other bounds stay open.
     masses = links[:, 0]
     box = open_box(robot.links, lowest_masses(masses))
     box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * masses)
-    bodies = link_bodies(robot, box[:, 1:4], links, geometry)
+    bodies = link_bodies(robot, box[:, 1:4], links, file.geometry)
     nominal, sources = plausible_links(robot, links, bodies)
-    for remark in _remarks_on(robot, links):
+    for remark in _remarks_on(file):
         warnings.warn(f"{path}: {remark}", Remark, stacklevel=3)
     return Problem(
         name=robot.name,
@@ -492,21 +480,15 @@ def _from_robot_file(
         nominal_links=nominal,
         bodies=bodies,
         nominal_from=sources,
-        nominal_values=values,
+        nominal_values=dict(values),
     )
 
 
-def _remarks_on(robot: Robot, links: Array) -> Iterator[str]:
-    """Yield what is odd about a robot's file and changes no estimate: links that cannot
-    exist, limits in degrees.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    links : (links, 10) array
-        Standard parameters as the file has them.
+def _remarks_on(file: RobotFile) -> Iterator[str]:
+    """Yield what is odd about a robot's file: links that cannot exist, limits in
+    degrees, couplings that are left out.
     """
+    robot, links = file.robot, file.links
     names_by_reason: dict[tuple[str, str], list[str]] = {}
     for k, link in zip(robot.link_joints, links, strict=True):
         why = why_impossible(link)
@@ -522,6 +504,11 @@ def _remarks_on(robot: Robot, links: Array) -> Iterator[str]:
     in_degrees = limits_in_degrees(robot.joints)
     if in_degrees:
         yield in_degrees
+    if file.couplings:
+        yield (
+            f"{', '.join(file.couplings)}: not read: the arm is the tree of joints"
+            " without what couples its links besides"
+        )
 
 
 def lowest_masses(nominal: Array) -> Array:

@@ -18,6 +18,7 @@ __getattr__ = lazy_exports(
     isolated="parse_isolated ParserEndedError",
     mesh="read_mesh",
     mjcf="load_mjcf",
+    robot_file="as_urdf load_robot RobotFile",
     plausible_units="LinkSizes odd_units",
     arrays="Array",
 )

@@ -118,7 +118,7 @@ def _visual_surfaces(path: Path, link: Any, placement: Array) -> Iterator[Array]
         element = visual.find("geometry/mesh")
         if element is None:
             continue
-        file = _mesh_file(path, element.get("filename") or "")
+        file = mesh_file(path, element.get("filename") or "")
         scale = _lengths(element, "scale", 3, "1 1 1")
         mesh = None if file is None else read_mesh(file, scale, triangles=True)
         if mesh is None or not len(mesh.triangles):
@@ -268,7 +268,7 @@ def _write_collision_copy(urdf: Path, copy: Path) -> bool:
     for element in robot.iterfind("link/collision/geometry/mesh"):
         name = element.get("filename") or ""
         if name not in names:
-            file = _mesh_file(urdf, name)
+            file = mesh_file(urdf, name)
             mesh = None if file is None else read_mesh(file, np.ones(3), triangles=True)
             if mesh is None:
                 return False
@@ -379,7 +379,7 @@ def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
 
     None if the file is missing or cannot be read.
     """
-    file = _mesh_file(path, filename)
+    file = mesh_file(path, filename)
     if file is None:
         return None
     mesh = read_mesh(file, scale)
@@ -392,8 +392,16 @@ def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
     return Geometry(points, mesh.volume if is_solid else 0.0)
 
 
-def _mesh_file(path: Path, filename: str) -> Path | None:
-    """Return the path of a mesh file, None if there is none."""
+def mesh_file(path: Path, filename: str) -> Path | None:
+    """Return the path of a mesh file, None if there is none.
+
+    Parameters
+    ----------
+    path : Path
+        The robot's file.
+    filename : str
+        The mesh, as that file names it.
+    """
     for place in _places(path, filename):
         # os.path.isfile: False also for a name that is too long or holds a zero byte.
         if os.path.isfile(place):
@@ -409,10 +417,26 @@ def _places(path: Path, filename: str) -> Iterator[Path]:
         yield folder / filename.removeprefix("file://")
         return
     package, _, path_in_package = filename.partition("://")[2].partition("/")
-    for above in (folder, *folder.parents):
+    for above in package_folders(path):
         if above.name == package:
             yield above / path_in_package
         yield above / package / path_in_package
+
+
+def package_folders(path: Path) -> Iterator[Path]:
+    """Yield the folders in which packages of ROS may lie that a robot's file names.
+
+    Parameters
+    ----------
+    path : Path
+        The robot's file.
+
+    Yields
+    ------
+    Path
+        The folders above it, then those on ROS's search paths.
+    """
+    yield from path.resolve().parents
     for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         for root in filter(None, os.environ.get(variable, "").split(os.pathsep)):
-            yield Path(root) / inside / package / path_in_package
+            yield Path(root) / inside

@@ -5,10 +5,12 @@ loss and the gains of position actuators.
 MuJoCo parses in a process of its own: a broken file ends that process.
 """
 
+import os
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,13 +64,11 @@ _ARRAYS = (
     "jnt_type",
     "qpos0",
 )
-#: Files that an MJCF file names, in its folder or in one below it.
-_ASSETS = (".stl", ".obj", ".msh", ".png", ".skn", ".hf", ".xml")
-#: Folders and files that are looked at, and bytes that count for the limits of memory
-#: and time.
-_MAX_FOLDERS = 50
-_MAX_FILES = 2000
-_MAX_BYTES = 2**28
+#: Size of a file for which :func:`memory_for` allows 2 GB: meshes may lie anywhere,
+#: hence one limit for all.
+_N_BYTES = 2**26
+_NEEDS_MEMORY = "MuJoCo needs more than 2 GB of memory for it"
+_MESHES_REMEDY = "write an <inertial> into each body: their meshes are then not read"
 #: MuJoCo's numbers of kinds (mjtJoint, mjtEq, mjtTrn, mjtBias).
 _SLIDE = 2
 _HINGE = 3
@@ -88,6 +88,7 @@ class MujocoModel:
     name : of the model; "" without
     gravity : (3,) [m/s^2]
     joint_names : of all joints in MuJoCo's order
+    equalities : what each of them couples, in words
     arrays : by the names that MuJoCo's manual gives to fields of mjModel
     """
 
@@ -95,6 +96,7 @@ class MujocoModel:
     name: str
     gravity: tuple[float, float, float]
     joint_names: tuple[str, ...]
+    equalities: tuple[str, ...]
     arrays: Arrays
 
     def row(self, field: str, index: int) -> Array:
@@ -198,9 +200,19 @@ def _compiled(path: Path) -> MujocoModel:
     and its joints. Raises InputError for a file that MuJoCo does not read.
     """
     try:
-        first, *named_arrays = parse_isolated(
-            model_arrays, path, prepare=load_mujoco, n_bytes=_n_bytes_around(path)
-        )
+        # MuJoCo writes its log file into the folder in which it works.
+        with tempfile.TemporaryDirectory() as folder:
+            first, *named_arrays = parse_isolated(
+                model_arrays,
+                path.absolute(),
+                folder,
+                prepare=load_mujoco,
+                n_bytes=_N_BYTES,
+            )
+    except InputError as error:
+        raise InputError(error.what, error.remedy, path) from error
+    except MemoryError as error:
+        raise InputError(_NEEDS_MEMORY, _MESHES_REMEDY, path) from error
     except ImportError as error:
         raise missing_extra("MJCF files need", "engines") from error
     except ParserEndedError as error:
@@ -211,7 +223,9 @@ def _compiled(path: Path) -> MujocoModel:
     # "0:robot", "1:joint", ....
     x, y, z = arrays.pop("gravity").tolist()
     names = [name for part in named_arrays for name in part]
-    model_name, *joint_names = names
+    model_name, *names = names
+    n_joints = len(arrays["jnt_type"])
+    joint_names, equalities = names[:n_joints], names[n_joints:]
     # A joint without a name is called by its number.
     names_of_joints = tuple(
         text.partition(":")[2] or f"joint{k}"
@@ -222,25 +236,9 @@ def _compiled(path: Path) -> MujocoModel:
         name=model_name.partition(":")[2],
         gravity=(x, y, z),
         joint_names=names_of_joints,
+        equalities=tuple(text.partition(":")[2] for text in equalities),
         arrays=arrays,
     )
-
-
-def _n_bytes_around(path: Path) -> int:
-    """Return the bytes of a file and of the meshes and textures in its folder and
-    below.
-
-    They limit memory and time of the parser, since the file may name them.
-    """
-    n_bytes = path.stat().st_size
-    for folder in (path.parent, *islice(path.parent.glob("*/"), _MAX_FOLDERS)):
-        files = islice(folder.iterdir(), _MAX_FILES)
-        n_bytes += sum(
-            file.stat().st_size
-            for file in files
-            if file.suffix.lower() in _ASSETS and file.is_file()
-        )
-    return min(n_bytes, _MAX_BYTES)
 
 
 def load_mujoco() -> None:
@@ -249,19 +247,21 @@ def load_mujoco() -> None:
     import mujoco  # noqa: F401
 
 
-def model_arrays(path: str) -> Iterator[Arrays]:
+def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
     """Yield the fields of a compiled MuJoCo model as arrays, then the names of the
-    model and of its joints.
+    model, of its joints and equalities.
 
     It runs in a child process, which a broken file can end. Only arrays pass from it to
     the parent process, so a name is the key of an empty array, with its number in
     front: {"0:panda": []}, {"1:joint1": []}, ... Number 0 is the model; joints count
-    from 1.
+    from 1; then what each equality couples.
 
     Parameters
     ----------
     path : str
-        An MJCF file.
+        An MJCF file, from the root of the file system.
+    folder : str
+        Folder to work in, where MuJoCo may write its log.
 
     Yields
     ------
@@ -273,21 +273,84 @@ def model_arrays(path: str) -> Iterator[Arrays]:
     ------
     InputError
         MuJoCo does not read the file.
+    MemoryError
+        The meshes of bodies without an <inertial> are too large.
     """
     import mujoco
 
+    os.chdir(folder)
     try:
-        model = mujoco.MjModel.from_xml_path(path)
+        spec = mujoco.MjSpec.from_file(path)
+        _drop_shapes(spec)
+        model = spec.compile()
     except ValueError as error:
-        what = (str(error).splitlines() or ["no reason given"])[0][:200]
-        raise InputError(
-            f"MuJoCo does not read it ({what})", "correct it", Path(path)
-        ) from error
+        reason = (str(error).splitlines() or ["no reason given"])[0][:200]
+        if "unknown exception" in reason:  # as it calls C++'s bad_alloc
+            raise MemoryError from error
+        raise InputError(f"MuJoCo does not read it ({reason})", "correct it") from error
     fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
     yield {"gravity": np.array(model.opt.gravity, float), **fields}
     yield {f"0:{_name_of_model(model)}": np.zeros(0)}
     for k in range(model.njnt):
         yield {f"{k + 1}:{model.joint(k).name}": np.zeros(0)}
+    for k in range(model.neq):
+        yield {f"{k}:{_equality_words(model, k)}": np.zeros(0)}
+
+
+def _equality_words(model: Any, k: int) -> str:
+    """Return what equality k of MuJoCo's model couples, such as "connect of 'rod' and
+    'crank'"."""
+    import mujoco
+
+    kind = mujoco.mjtEq(model.eq_type[k]).name.removeprefix("mjEQ_").lower()
+    objects = {
+        "joint": mujoco.mjtObj.mjOBJ_JOINT,
+        "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    }.get(kind, model.eq_objtype[k])
+    names = [
+        repr(mujoco.mj_id2name(model, objects, int(i)) or f"number {i}")
+        for i in (model.eq_obj1id[k], model.eq_obj2id[k])
+        if i >= 0
+    ]
+    return f"{kind} of {' and '.join(names)}"
+
+
+def _drop_shapes(spec: Any) -> None:
+    """Remove from MuJoCo's specification the shapes of bodies whose <inertial> it
+    takes, and the files that no other body needs: they may be missing, or large.
+
+    Nothing is removed from a file with tendons, which may run around shapes.
+    """
+    import mujoco
+
+    if (
+        spec.compiler.inertiafromgeom
+        == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    ):
+        return
+    if len(spec.tendons):
+        return
+    for element in (*spec.sensors, *spec.pairs, *spec.skins, *spec.keys):
+        spec.delete(element)
+    for body in list(spec.bodies):
+        if body.explicitinertial or body.name == "world":
+            for geom in list(body.geoms):
+                spec.delete(geom)
+    needed = {geom.meshname for geom in spec.geoms}
+    for mesh in list(spec.meshes):
+        if mesh.name not in needed:
+            spec.delete(mesh)
+    for material in list(spec.materials):
+        if all(geom.material != material.name for geom in spec.geoms):
+            spec.delete(material)
+    fields = {geom.hfieldname for geom in spec.geoms}
+    for field in list(spec.hfields):
+        if field.name not in fields:
+            spec.delete(field)
+    used = {name for material in spec.materials for name in material.textures}
+    for texture in list(spec.textures):
+        if texture.name not in used:
+            spec.delete(texture)
 
 
 def _name_of_model(model: object) -> str:
@@ -312,7 +375,7 @@ def _equalities(model: MujocoModel) -> tuple[dict[str, float], dict[str, Followe
         if not model.integer("eq_active0", k):
             continue
         if model.integer("eq_type", k) != _JOINT_EQUALITY:
-            what = "an equality other than of joints, as of a closed loop"
+            what = f"an equality that is no mimic joint: a {model.equalities[k]}, as of a closed loop"
             remedy = "cut the loop, for only trees can be identified"
             raise InputError(what, remedy, model.path)
         first = model.integer("eq_obj1id", k)

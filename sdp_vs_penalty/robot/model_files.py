@@ -1,36 +1,24 @@
-"""Files of robots by what they are: URDF, xacro that is expanded first, MJCF; and the
-names of the package robot_descriptions."""
+"""Which format a robot's file has: URDF, xacro, MJCF or SDF; and the names of the
+package robot_descriptions."""
 
 import importlib
 import re
 import shlex
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import read_bytes
+from sdp_vs_penalty.errors import InputError, install_command
+
+#: Comments, instructions and the document type: what may stand before the outermost
+#: element, or hold tags that are none.
+_NOT_ELEMENTS = re.compile(
+    rb"<!--.*?-->|<\?.*?\?>|<!DOCTYPE[^>\[]*(\[.*?\])?\s*>", re.DOTALL
+)
+_FORMATS = {b"mujoco": "mjcf", b"sdf": "sdf", b"robot": "urdf"}
 
 
-def is_mjcf(path: str | Path) -> bool:
-    """Return whether a file is a MuJoCo model, by its outermost element.
-
-    Parameters
-    ----------
-    path : path
-        An XML file.
-
-    Returns
-    -------
-    bool
-        True for MJCF.
-    """
-    return re.search(rb"<mujoco[\s>/]", read_bytes(path)) is not None
-
-
-def is_xacro(content: bytes) -> bool:
-    """Return whether a file holds macros of xacro.
+def format_of(content: bytes) -> str:
+    """Return the format of a robot's file by its elements; comments do not count.
 
     Parameters
     ----------
@@ -39,10 +27,14 @@ def is_xacro(content: bytes) -> bool:
 
     Returns
     -------
-    bool
-        True where it has to be expanded.
+    str
+        "xacro" (macros that have to be expanded), "mjcf", "sdf", "urdf" or "".
     """
-    return re.search(rb"<xacro:[a-z]", content) is not None
+    elements = _NOT_ELEMENTS.sub(b"", content)
+    if re.search(rb"<xacro:[a-z]", elements):
+        return "xacro"
+    outermost = re.match(rb"[^<]*<([\w:.-]+)", elements)
+    return _FORMATS.get(outermost[1], "") if outermost else ""
 
 
 def unexpanded(path: Path) -> InputError:
@@ -60,48 +52,12 @@ def unexpanded(path: Path) -> InputError:
     """
     out = path.with_suffix("") if path.suffix == ".xacro" else path
     out = out.with_name(f"{out.stem}_expanded.urdf")
-    command = f"xacro {shlex.quote(str(path))} > {shlex.quote(str(out))}"
-    remedy = f"expand it with `{command}`, or pip install xacro"
+    remedy = (
+        f"expand it with `xacro {shlex.quote(str(path))} > {shlex.quote(str(out))}`"
+    )
+    if find_spec("xacro") is None:
+        remedy += f", or {install_command('formats')}"
     return InputError("a xacro file, which is no URDF yet", remedy, path)
-
-
-@contextmanager
-def expanded_robot(path: Path) -> Iterator[Path]:
-    """Expand a xacro file into a URDF for the length of a block; a URDF stays as it is.
-
-    Parameters
-    ----------
-    path : Path
-        A URDF or xacro file.
-
-    Yields
-    ------
-    Path
-        The URDF.
-
-    Raises
-    ------
-    InputError
-        The package xacro is not installed, or refuses the file.
-    """
-    if not is_xacro(read_bytes(path)):
-        yield path
-        return
-    try:
-        import xacro
-    except ImportError as error:
-        raise unexpanded(path) from error
-    try:
-        text = xacro.process_file(str(path)).toxml()
-    except Exception as error:
-        what = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(
-            f"xacro does not expand it ({what})", "correct it", path
-        ) from error
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / f"{path.stem}.urdf"
-        out.write_text(text, encoding="utf-8")
-        yield out
 
 
 def described_robot(name: str) -> Path:

@@ -33,11 +33,14 @@ _SHORTEST_ARM = 0.1
 _LONGEST_ARM = 3.0
 #: A usual link's inertia is known to this factor either way from the robot's size.
 _INERTIA_ERROR = 30.0
-#: A range or a speed of a revolute joint beyond the first number [rad, rad/s] is none in
-#: radians: two turns to either side, five a second. Up to the second it is one in
-#: degrees; what is larger stands for "no limit".
+#: A range of a revolute joint beyond the first number [rad] is none in radians: two
+#: turns to either side. Up to the second it is one in degrees; what is larger stands
+#: for "no limit".
 _RANGE_IN_DEGREES = 12.6, 1440.0
-_SPEED_IN_DEGREES = 31.5, 1440.0
+#: The same of speeds [rad/s]. Small drives reach 40 rad/s, motors without a gear 100: a
+#: speed below is in degrees only where the ranges of the file are.
+_SPEED_IN_DEGREES = 100.0, 1440.0
+_SPEED_BESIDE_DEGREES = 12.6, 1440.0
 #: Lightest arm whose dynamics a drive could show [kg].
 _LIGHTEST = 1e-3
 
@@ -122,10 +125,9 @@ def limits_in_degrees(joints: Sequence[Joint]) -> str:
     turning = [joint for joint in joints if joint.kind == "revolute"]
     ranges = {joint.name: max(-joint.lower, joint.upper) for joint in turning}
     speeds = {joint.name: joint.velocity for joint in turning}
-    what = {
-        "positions": _in_degrees(ranges, *_RANGE_IN_DEGREES),
-        "velocities": _in_degrees(speeds, *_SPEED_IN_DEGREES),
-    }
+    positions = _in_degrees(ranges, *_RANGE_IN_DEGREES)
+    window = _SPEED_BESIDE_DEGREES if positions else _SPEED_IN_DEGREES
+    what = {"positions": positions, "velocities": _in_degrees(speeds, *window)}
     found = [
         f"{quantity} ({', '.join(names)})" for quantity, names in what.items() if names
     ]

@@ -7,6 +7,7 @@ q_m = n q; differential: q_m1,2 = n_a1,2 (n_j1 q_1 +- n_j2 q_2); four-bar: q_m1 
 n_j1 q_1, q_m2 = n_a2 (n_j2 q_2 + q_1).
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,7 +30,7 @@ from sdp_vs_penalty.robot.joint import (
     hold_followers,
     resolve_mimic_joints,
 )
-from sdp_vs_penalty.robot.model_files import is_xacro, unexpanded
+from sdp_vs_penalty.robot.model_files import format_of, unexpanded
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot, check_held
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
@@ -45,6 +46,16 @@ _MOST_LINKS = 500
 _OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF"}
 #: First bytes of a USD file: text or binary.
 _USD_STARTS = (b"#usda", b"PXR-USDC")
+
+#: A number as XML writes it: Python's float() also takes "1_000" and other scripts'
+#: digits, which no reader of URDF does.
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf|infinity|nan)",
+    re.ASCII | re.IGNORECASE,
+)
+_BLANKS = " \t\r\n"
+#: Elements that couple links beside the tree of joints, by parts of their names.
+_COUPLING = re.compile("constraint|loop|connect|weld|closure", re.IGNORECASE)
 
 #: Of one link the <link> elements that it is made of, with their poses (4, 4) in its
 #: frame.
@@ -81,11 +92,10 @@ def numbers_of(text: str, count: int) -> Array:
     (count,) array
         The numbers; NaN where the text does not hold as many.
     """
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.zeros(0)
-    return values if len(values) == count else np.full(count, np.nan)
+    words = re.findall(f"[^{_BLANKS}]+", text)
+    if len(words) != count or not all(map(_NUMBER.fullmatch, words)):
+        return np.full(count, np.nan)
+    return np.array([float(word) for word in words])
 
 
 def _numbers(
@@ -140,11 +150,55 @@ def pose_of(element: Any) -> Array:
         what = f"line {origin.sourceline}, <origin rpy={written[:40]!r}> is in degrees"
         radians = " ".join(f"{x:.12g}" for x in np.radians(angles))
         raise InputError(what, f'write radians, as in rpy="{radians}"')
-    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
-    out[0, :3] = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr]
-    out[1, :3] = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr]
-    out[2, :3] = [-sp, cp * sr, cp * cr]
+    out[:3, :3] = rotation_of_rpy(angles)
     return out
+
+
+def rotation_of_rpy(angles: Sequence[float] | Array) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Parameters
+    ----------
+    angles : (3,) sequence
+        Roll, pitch and yaw [rad].
+
+    Returns
+    -------
+    (3, 3) array
+        R.
+    """
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rpy_of(rotation: Array) -> Array:
+    """Return roll, pitch and yaw of R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    They reproduce R up to rounding, also at a pitch of 90 degrees, where roll and yaw
+    turn about the same axis: the roll is computed after yaw and pitch are undone, so
+    that it makes up for the rounding of the yaw.
+
+    Parameters
+    ----------
+    rotation : (3, 3)
+        R.
+
+    Returns
+    -------
+    (3,)
+        [rad].
+    """
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    y_after_yaw = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+    roll = np.arctan2(-y_after_yaw @ rotation[:, 2], y_after_yaw @ rotation[:, 1])
+    return np.array([roll, pitch, yaw])
 
 
 def read_inertial(link: Any) -> Array:
@@ -288,6 +342,34 @@ def placed_links(
     return [elements for k, elements in enumerate(parts) if k not in massless]
 
 
+def couplings(root: Any) -> list[str]:
+    """Return what couples links of a URDF beside its tree of joints, and is not read:
+    constraints and loops of its extensions.
+
+    Parameters
+    ----------
+    root : XML element
+        The <robot> element.
+
+    Returns
+    -------
+    list of str
+        Such as "<connect body1='a' body2='b'> (line 7)", in the order of the file.
+    """
+    out = []
+    for element in root.iter():
+        if not isinstance(element.tag, str):
+            continue
+        tag = etree.QName(element).localname
+        in_extension = element.getparent() is not None and (
+            element.getparent().tag in ("gazebo", "equality")
+        )
+        if _COUPLING.search(tag) or (in_extension and tag == "joint"):
+            words = [tag, *(f"{k}={v!r}" for k, v in element.attrib.items())]
+            out.append(f"<{' '.join(words)[:100]}> (line {element.sourceline})")
+    return out
+
+
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
     """Return (10,) standard parameters of each moving link, and the massless links.
 
@@ -333,7 +415,7 @@ def parse_urdf(path: str | Path) -> Any:
     if content.startswith(_USD_STARTS):
         remedy = "name the URDF from which this USD was made, or convert it to URDF"
         raise InputError("USD, not a URDF", remedy, path)
-    if is_xacro(content):
+    if format_of(content) == "xacro":
         raise unexpanded(Path(path))
     try:
         return etree.fromstring(content, parser)

@@ -53,7 +53,12 @@ def test_a_link_that_cannot_exist_is_said(mass, moments, why, stands_in, tmp_pat
     [
         ((0.2, 175.0, 2.0), "limits of positions (joint"),
         ((0.2, 2.5, 180.0), "limits of velocities (joint"),
+        (
+            (0.2, 175.0, 37.0),
+            "limits of positions (joint1, joint2, joint3) and velocities",
+        ),
         ((0.2, 6.3, 8.0), ""),  # one turn to either side, in radians
+        ((0.2, 2.5, 37.0), ""),  # a quadruped's drive: 353 turns a minute
         ((0.2, 1e16, 1e16), ""),  # no limit
     ],
 )

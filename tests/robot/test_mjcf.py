@@ -1,5 +1,5 @@
 """Robots from MJCF: the torque is MuJoCo's own to 1e-9 for arms in a row, with a mimic
-joint, a slide, armature and two trees; xacro and names of robot_descriptions."""
+joint, a slide, armature and two trees; names of robot_descriptions."""
 
 import sys
 from types import ModuleType
@@ -149,7 +149,7 @@ def test_a_model_is_identified_and_saved(name, tmp_path):
             "</mujoco>",
             '<equality><connect body1="tool" body2="pedestal" anchor="0 0 0"/></equality>'
             "</mujoco>",
-            "closed loop",
+            "connect of 'tool' and 'pedestal', as of a closed loop",
         ),
     ],
 )
@@ -159,30 +159,54 @@ def test_what_is_no_tree_of_hinges_and_slides_is_refused(old, new, words, tmp_pa
     refusal(lambda: load_problem(path), "arm.xml", words)
 
 
-def xacro_file(folder):
-    path = write_urdf(folder / "plain.urdf", "arm", (SHOULDER, ELBOW))
-    out = folder / "arm.urdf.xacro"
-    text = path.read_text().replace("</robot>", '<xacro:include filename="x"/></robot>')
-    out.write_text(
-        text.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ')
+MESHES = """<mujoco><compiler meshdir="assets/meshes"/><asset><mesh name="a" file="{}"/>
+<texture name="t" type="2d" file="none.png"/><material name="m" texture="t"/></asset><worldbody>
+<body name="upper"><joint name="j" axis="0 1 0"/>{}<geom type="mesh" mesh="a" material="m"/></body>
+</worldbody></mujoco>"""
+
+
+def test_meshes_of_bodies_with_an_inertial_are_not_read(tmp_path):
+    """They may lie anywhere, be large or missing: nothing of the robot depends on them."""
+    path = tmp_path / "arm.xml"
+    path.write_text(MESHES.format("gone.stl", inertial(2)))
+    assert load_mjcf(path)[1][:, 0] == pytest.approx([2.0])
+    path.write_text(MESHES.format("gone.stl", ""))
+    refusal(lambda: load_problem(path), "arm.xml", "gone.stl")
+
+
+def test_a_mesh_of_which_a_body_is_made_may_lie_two_folders_down(tmp_path):
+    """It takes 1.9 MB, of which MuJoCo needs 600 MB: more than the file's size allows."""
+    n = 300
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, n), np.linspace(0.01, 3.13, n // 2))
+    ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], -1)
+    a, b, c, d = ball[:-1, :-1], ball[1:, :-1], ball[1:, 1:], ball[:-1, 1:]
+    corners = np.concatenate(
+        [np.stack(x, 2).reshape(-1, 9) for x in ((a, b, c), (a, c, d))]
     )
-    return path, out
+    triangles = np.zeros(
+        len(corners), [("normal", "<f4", 3), ("at", "<f4", 9), ("x", "<u2")]
+    )
+    triangles["at"] = 0.1 * corners
+    (tmp_path / "assets/meshes").mkdir(parents=True)
+    (tmp_path / "assets/meshes/ball.stl").write_bytes(
+        b"\0" * 80 + np.uint32(len(triangles)).tobytes() + triangles.tobytes()
+    )
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        MESHES.format("ball.stl", "").replace(
+            'file="none.png"', 'builtin="flat" height="1" width="1"'
+        )
+    )
+    assert load_mjcf(path)[1][0, 0] == pytest.approx(4188.8e-3, rel=0.01)
 
 
-def test_xacro_is_refused_with_the_command_that_expands_it(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "xacro", None)
-    _, path = xacro_file(tmp_path)
-    refusal(lambda: load_problem(path), f"`xacro {path} > ", "pip install xacro")
-
-
-def test_xacro_is_expanded_where_its_package_is_installed(tmp_path, monkeypatch):
-    """By a package of the same name that knows one file."""
-    plain, path = xacro_file(tmp_path)
-    package = ModuleType("xacro")
-    document = type("Document", (), {"toxml": lambda self: plain.read_text()})
-    package.process_file = lambda name: document()  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "xacro", package)
-    assert load_problem(path).robot.n == 2
+def test_mujoco_leaves_no_log_in_the_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write(tmp_path, "slide")
+    key = '<keyframe><key qpos="nan 0"/></keyframe></mujoco>'  # MuJoCo warns of it
+    path.write_text(path.read_text().replace("</mujoco>", key))
+    assert load_mjcf(path)[0].n == 2
+    assert [x.name for x in tmp_path.iterdir()] == ["slide.xml"]
 
 
 def test_names_of_robot_descriptions(tmp_path, monkeypatch):
@@ -190,7 +214,7 @@ def test_names_of_robot_descriptions(tmp_path, monkeypatch):
     refusal(lambda: load_problem("panda_description"), "pip install robot_descriptions")
     package = ModuleType("robot_descriptions")
     one = ModuleType("own_description")
-    one.URDF_PATH = str(xacro_file(tmp_path)[0])  # type: ignore[attr-defined]
+    one.URDF_PATH = str(write_urdf(tmp_path / "plain.urdf", "arm", (SHOULDER, ELBOW)))  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "robot_descriptions", package)
     monkeypatch.setitem(sys.modules, "robot_descriptions.own_description", one)
     assert load_problem("own_description").robot.n == 2

@@ -11,7 +11,7 @@ from recorded import refusal, refusals, same_refusal
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import load_urdf
-from sdp_vs_penalty.robot.urdf import parse_urdf
+from sdp_vs_penalty.robot.urdf import numbers_of, parse_urdf
 
 #: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind
 #: two fixed joints, a camera arm as a branch, a fixed pedestal; link "upper" and the
@@ -107,6 +107,25 @@ def test_angles_in_degrees_are_refused_with_their_radians(place, tmp_path):
         InputError, match=r"in degrees.*1\.57079632679 0 -3\.14159265359"
     ):
         load_urdf(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e3", 1e3),
+        (" -.5\n", -0.5),
+        ("+2.E-3", 2e-3),
+        ("1_000", np.nan),
+        ("\u0661", np.nan),  # an Arabic one
+        ("1\u00a0", np.nan),  # a blank that is none of XML's
+        ("0x10", np.nan),
+        ("1,5", np.nan),
+        ("1 2", np.nan),
+        ("", np.nan),
+    ],
+)
+def test_numbers_are_those_of_xml(text, value):
+    np.testing.assert_array_equal(numbers_of(text, 1), [value])
 
 
 def test_macros_are_refused_by_every_reader(tmp_path):
