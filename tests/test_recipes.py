@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import sdp_vs_penalty.effects
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
-from sdp_vs_penalty import identify
+from sdp_vs_penalty import export, identify
 from sdp_vs_penalty.cli.verbs.list import details, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
@@ -27,6 +27,7 @@ from sdp_vs_penalty.simulation import (
     experiment,
     log_uniform,
 )
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.solvers import solver_types
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""
@@ -164,6 +165,17 @@ def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
         return np.asarray(side * q_0 * (stretched - 1.0 / stretched) / 2.0)
 
     return at_joint(j, law, side, q_0=q_0)
+
+
+def test_an_effect_of_one_file_is_exported_and_hidden(two_link, added, tmp_path):
+    """Its columns are its C code and its torque in a simulated world."""
+    MAKERS.pop(NAME)  # which states it a second time
+    runs = hidden_runs(two_link, [(NAME, [1])], "strong", seed=1)
+    assert runs.truth["effects"][0]["effect"] == NAME
+    estimate = identify(two_link, runs.runs[0], effects=f"rigid_body,{NAME}:2", check=False)
+    assert export(estimate, tmp_path / "model.h") == ()
+    code = (tmp_path / "model.h").read_text("utf-8")
+    assert "* 0.5 * sinh(q[1] / 0.5); /* hardening_spring */" in code
 
 
 def test_one_file_keeps_the_contracts_and_is_listed(added):

@@ -24,7 +24,6 @@ from sdp_vs_penalty.effects import (
     effect_types,
     on_the_arm,
 )
-from sdp_vs_penalty.effects.plain_words import SEEN_AGAINST
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -334,7 +333,7 @@ class Finding(Rated):
         """Name of the quantity against which charts draw the effect's torque, such as
         "velocity"; "" if no single signal shows it.
         """
-        return SEEN_AGAINST.get(self.effect, "")
+        return effect_types()[self.effect].seen_against
 
     @property
     def explanation(self) -> str:

@@ -229,6 +229,12 @@ class PreslidingHysteresis(StatefulEffect, JointEffect):
         " friction needs a travel of about d to change sign. The way back differs from"
         " the way there (hysteresis), which no function of velocity can imitate."
     )
+    in_words = "pre-sliding hysteresis"
+    on_the_arm = (
+        "after each reversal {joint} gives way like a spring for about {travel} "
+        "before its friction of {size} has turned round"
+    )
+    seen_against = "reversal"
     reference = "Dahl, Aerospace Corp. TR-0158 (1968); AIAA Journal 1976, eq. 5"
     symbol = "f_h"
     lower = 0.0
@@ -268,6 +274,8 @@ class Stiction(PreslidingHysteresis):
         " The positions stay alike meanwhile: over what travel it turns round"
         " (presliding) cannot be told."
     )
+    on_the_arm = "{joint} sticks at rest with up to {size}"
+    seen_against = "reversal"
     reference = (
         "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
     )
@@ -309,6 +317,12 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         " are as strong, f_m / 3. What depends on speed once all slip is"
         " stribeck_friction's."
     )
+    in_words = "Maxwell slip"
+    on_the_arm = (
+        "after each reversal of {joint} its friction of {size} builds up step by "
+        "step, over travels from {travel} on"
+    )
+    seen_against = "reversal"
     reference = (
         "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip),"
         " sec. III"
@@ -386,6 +400,11 @@ class LoadDependentHysteresis(PreslidingHysteresis):
         " slide; then it only takes energy. Before, they are a spring whose stiffness"
         " follows the load."
     )
+    on_the_arm = (
+        "the gear of {joint} loses {share} of the torque that it carries, and "
+        "yields {travel} after each reversal before it does"
+    )
+    seen_against = "reversal"
     reference = (
         "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
     )

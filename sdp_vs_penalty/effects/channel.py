@@ -24,7 +24,10 @@ class TorqueOffset(JointEffect):
         "The zero of a torque or current sensor, or a friction that differs by"
         " direction."
     )
+    on_the_arm = "the torque reading of {joint} is {signed} where it should be zero"
+    seen_against = "time"
     has_constant_part = True
+    simulator_field = "offset"
     reference = "Gaz et al., RA-L 2019, eq. 9"
     signless = True
     symbol = "f_o"
@@ -51,6 +54,8 @@ class TorqueGain(JointEffect):
         " or a drive's gain. It is identifiable because the other joints show the true"
         " inertia."
     )
+    on_the_arm = "the torque reading of {joint} is {share} too {sign:large|small}"
+    seen_against = "load"
     reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
     symbol = "g"
     units = ("-", "-")
@@ -94,6 +99,10 @@ class TorqueCrosstalk(WithPartner):
         " joint i: a torque sensor that feels the next one's load, a belt that carries"
         " some of it. i counts from 1; 0 means the previous joint (the next one for"
         " joint 1)."
+    )
+    on_the_arm = (
+        "the torque reading of {joint} holds {share} of the torque of "
+        "{other}{sign:|, with the sign reversed}"
     )
     reference = (
         "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 1"
@@ -181,6 +190,7 @@ class TorqueDelay(Delay, JointEffect):
         "This joint's torque is logged T_d later than its position: a filter in the"
         " drive, a slower bus. T is T_d."
     )
+    on_the_arm = "the torque of {joint} is logged {time} later than its position"
     symbol = "T_d"
 
     def column(self, motion: Motion, joint: int) -> Array:
@@ -196,6 +206,7 @@ class GlobalDelay(Delay):
         " for all channels. None is early: a joint that sticks or bends before it moves"
         " looks so. T is T_g."
     )
+    on_the_arm = "all torques are logged {time} later than the positions"
     symbol = "T_g"
     whole_robot = True
 
@@ -216,6 +227,9 @@ class TorqueFilter(DelayedTorque):
         " which the positions know nothing: a drive's current filter, which also delays"
         " (phase late), or one that looks both ways, as a mean of samples does (phase"
         " zero: tau_hat without the links' torque). T is T_f: all of the torque passes."
+    )
+    on_the_arm = (
+        "all torques have passed a filter of {time} that the positions have not"
     )
     symbol = "T_f"
     forward = "left out"  # no instant's torque is known from that instant's reading

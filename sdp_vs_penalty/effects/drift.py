@@ -82,6 +82,11 @@ class DriftOffset(Drift):
         "The zero of the torque channel drifts: a strain gauge or a current sensor that"
         " warms up. It depends on the time, not on the motion."
     )
+    on_the_arm = (
+        "the torque reading of {joint} drifts while the arm runs ({size}), as a "
+        "sensor that warms up does"
+    )
+    seen_against = "time"
     has_constant_part = True
     reference = "Doebelin, Measurement Systems, ch. 3 (zero drift)"
     signless = True
@@ -137,6 +142,8 @@ class DriftFriction(Rubbing, Drift):
         " linearly or settling with T. Settling is warming_friction without a"
         " thermometer: where logged temperatures explain as much, that is named."
     )
+    on_the_arm = "friction of {joint} changes while the arm runs ({size})"
+    seen_against = "time"
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
     symbol = "f_df"
     # Where temperatures are logged they are the cause, for which the clock can only
@@ -188,6 +195,8 @@ class WarmingFriction(Rubbing):
         " drift_friction with form 2 or 4, its special case, which a search names where"
         " no temperature was logged. For f_w >= 0 it never feeds energy."
     )
+    on_the_arm = "{joint} rubs {sign:less|more} as it warms up ({size})"
+    seen_against = "time"
     reference = (
         "Simoni, Beschi, Legnani, Visioli, IROS 2015; Carlson et al., Mech. Mach."
         " Theory 2015"

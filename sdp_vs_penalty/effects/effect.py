@@ -78,6 +78,11 @@ PARAMETER_RANGE = 1e4
 _USUAL_LINK = 1.5
 
 
+#: What simulators' files hold of a joint, and of the links.
+SimulatorField = Literal[
+    "", "links", "payload", "damping", "friction", "armature", "stiffness", "offset"
+]
+
 #: Share of the rows that a standstill reaches from which what holds a joint there
 #: shows.
 STANDS = 0.02
@@ -122,6 +127,15 @@ class Effect(ABC):
     equation: ClassVar[str]
     explanation: ClassVar[str]
     reference: ClassVar[str]
+    #: Its name within a sentence; that of the class in words.
+    in_words: ClassVar[str]
+    #: What it is on the arm, for a mechanical engineer; ``plain_words`` says which
+    #: fields it may have.
+    on_the_arm: ClassVar[str] = ""
+    #: The cause against which a person sees its torque in a log: "velocity".
+    seen_against: ClassVar[str] = ""
+    #: What a simulator's file calls its parameters; "" where it has no place for them.
+    simulator_field: ClassVar[SimulatorField] = ""
     #: Non-linear shape constants by name; an object's own may be more or fewer than its
     #: class's.
     shapes: Mapping[str, ShapeConstant] = {}
@@ -291,10 +305,12 @@ class Effect(ABC):
         return type(self)(self.robot, joints_of_result, **{**self.shape, **shape})
 
     def __init_subclass__(cls) -> None:
-        """Name each effect after its class, in snake case: ViscousFriction is
-        "viscous_friction"."""
+        """Name each effect after its class: ViscousFriction is "viscous_friction", in
+        words "viscous friction"."""
         if "equation" in vars(cls) and "name" not in vars(cls):
             cls.name = re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        if "equation" in vars(cls) and "in_words" not in vars(cls):
+            cls.in_words = cls.name.replace("_", " ")
 
     #: Lower bound of the parameters: 0 where physics fixes the sign.
     lower: ClassVar[float] = -np.inf

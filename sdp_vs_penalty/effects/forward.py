@@ -88,13 +88,15 @@ class _Probe(Motion):
         without the lead [s]."""
         return self.sign(joint)
 
-    def sign_along(self, ratios: Array) -> Array:
+    def sign_along(self, ratios: Array, width: float | None = None) -> Array:
         """Return the prescribed sign (N,) of dry friction along the contact with these
-        ratios (n,)."""
+        ratios (n,), or the smooth sign where no contact has them."""
         assert self.signs is not None
         assert self.contacts is not None
-        same = np.all(self.contacts == ratios, axis=1)
-        return self.signs[:, int(np.flatnonzero(same)[0])]
+        same = np.flatnonzero(np.all(self.contacts == ratios, axis=1))
+        if not len(same):
+            return super().sign_along(ratios, width)
+        return self.signs[:, int(same[0])]
 
 
 class Plant:

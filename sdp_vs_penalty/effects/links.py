@@ -38,6 +38,8 @@ class RigidBody(Effect):
         "Mass, centre of mass and inertia of every link determine the torque that"
         " accelerates the arm and holds it against gravity."
     )
+    on_the_arm = "the links of {joint} weigh what the model says"
+    simulator_field = "links"
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     signless = smooth = True
     sought = False  # a model without it has no torque to begin with
@@ -96,6 +98,9 @@ class Payload(Effect):
         " Its mass is only as accurate as the scale of the torque channels: gains that"
         " are 1 % off make it 1 % off, and these data cannot separate the two."
     )
+    on_the_arm = "the last link carries {size} more than in the model"
+    seen_against = "position"
+    simulator_field = "payload"
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     whole_robot = True
     signless = smooth = True
@@ -144,6 +149,11 @@ class ExternalWrench(Effect):
         " its joint's origin: a cable or a balancer that pulls, a tool that rests on"
         " something."
     )
+    on_the_arm = (
+        "something pulls the last link with {size}, mostly towards {towards} of "
+        "the world: a cable, a balancer or a contact"
+    )
+    seen_against = "position"
     has_constant_part = True
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 7.1"
     whole_robot = True
@@ -180,6 +190,9 @@ class RotorInertia(JointEffect):
         " link, so its inertia counts N^2 times on the joint's own axis. Only a"
         " motor-side torque contains it."
     )
+    on_the_arm = "the motor's rotor adds {size} to {joint}"
+    seen_against = "acceleration"
+    simulator_field = "armature"
     reference = (
         "Khalil, Dombre, Modeling, Identification and Control of Robots, sec. 9.4"
     )
@@ -205,6 +218,10 @@ class MotorInertia(JointEffect):
         " acceleration. With the link's it is rotor_inertia, which the links often"
         " absorb; this is the rest, which they cannot."
     )
+    on_the_arm = (
+        "the motor of {joint} turns an inertia of {size} that the gear keeps from "
+        "the link"
+    )
     reference = (
         "Albu-Schaeffer, Hirzinger, IEEE ICRA 2001 (both sides measured); Spong 1987"
     )
@@ -228,6 +245,11 @@ class BaseTilt(Effect):
         " two directions across the assumed one (x and y of an upright base). 0.17"
         " m/s^2 is one degree."
     )
+    on_the_arm = (
+        "the base is bolted {tilt} out of level, leaning towards {towards} (that "
+        "side is the low one)"
+    )
+    seen_against = "position"
     reference = (
         "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's"
         " acceleration)"
@@ -320,6 +342,8 @@ class JointZeroError(LinkDeviation):
         " neighbours' frames would do the same; on some joints the links' parameters"
         " absorb it.)"
     )
+    on_the_arm = "{joint} stands {length} {sign:beyond|short of} what its encoder says"
+    seen_against = "position"
     reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
     symbol = "e_0"
     units = ("rad", "m")
@@ -346,6 +370,11 @@ class GearError(LinkDeviation):
         " the more the link is shaken, on all joints that carry it: eccentric wheels,"
         " worn teeth, or a strain wave generator, which turns twice its ratio."
     )
+    on_the_arm = (
+        "the gear of {joint} turns unevenly: its link runs ahead and behind by "
+        "{length}{waves}"
+    )
+    seen_against = "position in a turn"
     reference = (
         "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
     )
@@ -456,6 +485,8 @@ class Backlash(LinkDeviation):
         " flank to flank counts too, whose velocity and acceleration the encoder does"
         " not show."
     )
+    on_the_arm = "the gear of {joint} has play: {length} to either side"
+    seen_against = "load"
     reference = "Nordin, Gutman, Automatica 2002"
     symbol = "b"
     units = ("rad", "m")
@@ -508,6 +539,11 @@ class BacklashInFlight(LinkDeviation):
         " jumps ahead by itself. Backlash of law = crosses follows the sign of the torque"
         " at once; here the link takes as long as its inertia M needs. b_f is about b."
     )
+    on_the_arm = (
+        "the gear of {joint} has play, {length} to either side, and its link flies "
+        "from flank to flank"
+    )
+    seen_against = "load"
     reference = "Nordin, Gutman, Automatica 2002; Moreau 1988 (impacts without rebound)"
     symbol = "b_f"
     units = ("rad", "m")
@@ -586,6 +622,10 @@ class JointElasticity(LinkDeviation):
         " below the gear's resonance, and band keeps to there: where friction turns"
         " round the motor shakes faster than its link can follow."
     )
+    on_the_arm = (
+        "the gear of {joint} yields by {length} for each {torque} that it carries"
+    )
+    seen_against = "load"
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_e"
     units = ("rad/(N*m)", "m/N")
@@ -634,6 +674,12 @@ class JointResonance(LinkDeviation):
         " motor-side encoder does not show this. Unlike joint_elasticity it holds up"
         " to and above the resonance. c_r is 1 / stiffness."
     )
+    in_words = "joint elasticity with resonance"
+    on_the_arm = (
+        "the gear of {joint} yields by {length} for each {torque} that it carries, "
+        "and its link swings on it"
+    )
+    seen_against = "load"
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_r"
     units = ("rad/(N*m)", "m/N")
@@ -788,6 +834,8 @@ class KinematicError(Effect):
         " Gravity and inertia act elsewhere. Single parameters are known no better than"
         " their intervals say; the torque is that of all."
     )
+    on_the_arm = "the joints sit beside their places in the model, by up to {slip}"
+    seen_against = "position"
     reference = (
         "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3"
     )

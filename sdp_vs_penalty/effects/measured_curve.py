@@ -229,6 +229,7 @@ class MeasuredCurve(JointEffect):
         " says, where it has one (values w1, w2, ...). Held constant outside of the"
         " table, where nothing is known of it."
     )
+    on_the_arm = "{joint} has a torque that repeats and has no name"
     reference = "Eilers, Marx, Statistical Science 1996 (penalised splines)"
     symbol = "curve"
     units = ("-", "-")

@@ -376,14 +376,16 @@ class Motion:
         velocity = self.dq[:, joint] + lead * acceleration
         return smooth_sign(velocity, self.width(joint), acceleration, self.within)
 
-    def sign_along(self, ratios: Array) -> Array:
+    def sign_along(self, ratios: Array, width: float | None = None) -> Array:
         """Compute the smooth sign of a combination of velocities.
 
         Parameters
         ----------
         ratios
-            (n,) factors of the joints' velocities. The largest width of these joints
-            counts.
+            (n,) factors of the joints' velocities.
+        width
+            Velocity over which the sign turns [rad/s, m/s]; None: the largest of these
+            joints'.
 
         Returns
         -------
@@ -393,7 +395,8 @@ class Motion:
         joint = _single_joint(ratios)
         if joint is not None:
             return self.sign(joint)
-        width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
+        if width is None:
+            width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
         return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
 
     def legs_along(self, ratios: Array) -> Legs:

@@ -8,57 +8,11 @@ from dataclasses import dataclass
 from math import asin, degrees, hypot, radians, sqrt
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: How a sentence of :func:`on_the_arm` begins.
 ON_THE_ARM = "On the arm: "
-#: Names that are not their code name with spaces.
-_NAMES = {
-    "asymmetric_coulomb_friction": "asymmetric Coulomb friction",
-    "coulomb_friction": "Coulomb friction",
-    "joint_resonance": "joint elasticity with resonance",
-    "maxwell_slip": "Maxwell slip",
-    "presliding_hysteresis": "pre-sliding hysteresis",
-    "stribeck_friction": "Stribeck friction",
-}
-#: What the torque of an effect is drawn against: the cause that a person sees in a log.
-SEEN_AGAINST = {
-    "asymmetric_coulomb_friction": "velocity",
-    "asymmetric_viscous_friction": "velocity",
-    "backlash": "load",
-    "backlash_in_flight": "load",
-    "base_tilt": "position",
-    "coulomb_friction": "velocity",
-    "drift_friction": "time",
-    "drift_offset": "time",
-    "elastic_coupling": "position",
-    "end_stop": "position",
-    "external_wrench": "position",
-    "friction_lead": "reversal",
-    "gear_error": "position in a turn",
-    "joint_elasticity": "load",
-    "joint_resonance": "load",
-    "joint_spring": "position",
-    "joint_zero_error": "position",
-    "kinematic_error": "position",
-    "load_dependent_friction": "load",
-    "load_dependent_hysteresis": "reversal",
-    "maxwell_slip": "reversal",
-    "payload": "position",
-    "position_dependent_friction": "position and direction",
-    "power_law_friction": "velocity",
-    "presliding_hysteresis": "reversal",
-    "rotor_inertia": "acceleration",
-    "sigmoid_friction": "velocity",
-    "stiction": "reversal",
-    "stiffening_spring": "position",
-    "stribeck_friction": "velocity",
-    "torque_gain": "load",
-    "torque_offset": "time",
-    "torque_ripple": "position in a turn",
-    "viscous_friction": "velocity",
-    "warming_friction": "time",
-}
 #: Joints and constants of an effect as it is written for a command.
 _WRITTEN = re.compile(r"(?P<name>\w+)(?::(?P<joints>[\d+]+))?(?:@(?P<constants>.*))?")
 #: Parameters of a joint's misplacement.
@@ -83,7 +37,8 @@ def effect_name(name: str) -> str:
     >>> effect_name("joint_spring"), effect_name("presliding_hysteresis")
     ('joint spring', 'pre-sliding hysteresis')
     """
-    return _NAMES.get(name, name.replace("_", " "))
+    kind = effect_types().get(name)
+    return name.replace("_", " ") if kind is None else kind.in_words
 
 
 def effect_in_words(text: str) -> str:
@@ -201,142 +156,6 @@ class _Sign:
         return positive if self.value >= 0.0 else negative
 
 
-#: What each effect is on the arm; :func:`_fields` says what the fields hold.
-SENTENCES = {
-    "rigid_body": "the links of {joint} weigh what the model says",
-    "asymmetric_coulomb_friction": (
-        "{joint} rubs {twice} harder in its {sign:positive|negative} direction than in"
-        " the other one"
-    ),
-    "asymmetric_viscous_friction": (
-        "{joint} is damped by {twice} more in its {sign:positive|negative} direction than"
-        " in the other one, as by a tight seal"
-    ),
-    "backlash": "the gear of {joint} has play: {length} to either side",
-    "backlash_in_flight": (
-        "the gear of {joint} has play, {length} to either side, and its link flies from"
-        " flank to flank"
-    ),
-    "base_tilt": (
-        "the base is bolted {tilt} out of level, leaning towards {towards} (that side is"
-        " the low one)"
-    ),
-    "coulomb_friction": "{joint} rubs with {size} at any speed",
-    "drift_friction": "friction of {joint} changes while the arm runs ({size})",
-    "drift_offset": (
-        "the torque reading of {joint} drifts while the arm runs ({size}), as a sensor"
-        " that warms up does"
-    ),
-    "elastic_coupling": (
-        "{joint} pull each other as by a spring of {size}: a belt, a cable or a balance"
-        " spring that runs over both"
-    ),
-    "end_stop": (
-        "{place} {joint} is pushed back as by a spring of {size}{per_degree}: an end"
-        " stop, a bumper or a taut cable"
-    ),
-    "external_wrench": (
-        "something pulls the last link with {size}, mostly towards {towards} of the"
-        " world: a cable, a balancer or a contact"
-    ),
-    "friction_lead": (
-        "dry friction of {joint} turns round {sign:before|after} its velocity does"
-        " ({size})"
-    ),
-    "gear_error": (
-        "the gear of {joint} turns unevenly: its link runs ahead and behind by"
-        " {length}{waves}"
-    ),
-    "global_delay": "all torques are logged {time} later than the positions",
-    "joint_coupling": (
-        "{joint} is dragged along when {other} moves ({size}), as where one motor drives"
-        " through the other's gear"
-    ),
-    "joint_elasticity": (
-        "the gear of {joint} yields by {length} for each {torque} that it carries"
-    ),
-    "joint_resonance": (
-        "the gear of {joint} yields by {length} for each {torque} that it carries, and"
-        " its link swings on it"
-    ),
-    "joint_spring": (
-        "{joint} is {sign:pulled back|pushed away} as by a spring of {size}{per_degree}:"
-        " a cable, a hose or a balance spring"
-    ),
-    "joint_zero_error": (
-        "{joint} stands {length} {sign:beyond|short of} what its encoder says"
-    ),
-    "kinematic_error": "the joints sit beside their places in the model, by up to {slip}",
-    "load_dependent_friction": (
-        "the gear of {joint} loses {share} of the torque that it carries"
-    ),
-    "load_dependent_hysteresis": (
-        "the gear of {joint} loses {share} of the torque that it carries, and yields"
-        " {travel} after each reversal before it does"
-    ),
-    "maxwell_slip": (
-        "after each reversal of {joint} its friction of {size} builds up step by step,"
-        " over travels from {travel} on"
-    ),
-    "measured_curve": "{joint} has a torque that repeats and has no name",
-    "motor_inertia": (
-        "the motor of {joint} turns an inertia of {size} that the gear keeps from the link"
-    ),
-    "payload": "the last link carries {size} more than in the model",
-    "position_dependent_friction": (
-        "{joint} rubs harder at some positions than at others, by up to {size}: a bent"
-        " shaft, a pressed cable or a worn gear"
-    ),
-    "power_law_friction": (
-        "friction of {joint} {sign:grows|falls} with its speed to the power {alpha}"
-        " ({size})"
-    ),
-    "presliding_hysteresis": (
-        "after each reversal {joint} gives way like a spring for about {travel} before"
-        " its friction of {size} has turned round"
-    ),
-    "rotor_inertia": "the motor's rotor adds {size} to {joint}",
-    "servo_feedforward": (
-        "the drive of {joint} adds torque in proportion to the commanded speed ({size})"
-    ),
-    "servo_integral": "the drive of {joint} adds up its position error ({size})",
-    "servo_position": "the drive of {joint} pulls it to its command with {size}",
-    "servo_velocity_loop": (
-        "the drive of {joint} adds up its velocity error, as a spring of {size} would pull"
-    ),
-    "sigmoid_friction": (
-        "close to standstill {joint} rubs {size} {sign:less|more} than when it moves"
-    ),
-    "stiction": "{joint} sticks at rest with up to {size}",
-    "stiffening_spring": (
-        "{joint} is held as by a spring that {sign:stiffens|yields} along its way"
-        " ({size}): a cable, a hose or a stop"
-    ),
-    "stribeck_friction": (
-        "{joint} rubs {size} {sign:more|less} when it creeps than when it moves fast"
-    ),
-    "torque_delay": "the torque of {joint} is logged {time} later than its position",
-    "torque_filter": (
-        "all torques have passed a filter of {time} that the positions have not"
-    ),
-    "torque_crosstalk": (
-        "the torque reading of {joint} holds {share} of the torque of {other}"
-        "{sign:|, with the sign reversed}"
-    ),
-    "torque_gain": "the torque reading of {joint} is {share} too {sign:large|small}",
-    "torque_offset": "the torque reading of {joint} is {signed} where it should be zero",
-    "torque_ripple": (
-        "the torque of {joint} waves by {size} as it turns{waves}: motor poles, gear teeth"
-        " or an eccentric gear"
-    ),
-    "transmission_friction": (
-        "the motor that turns {joint} together adds {size} of its own"
-    ),
-    "viscous_friction": "{joint} rubs harder the faster it moves: {size}",
-    "warming_friction": "{joint} rubs {sign:less|more} as it warms up ({size})",
-}
-
-
 def on_the_arm(fitted: FittedEffect) -> str:
     """Explain to a mechanical engineer what a fitted effect means on the arm.
 
@@ -356,13 +175,14 @@ def on_the_arm(fitted: FittedEffect) -> str:
     >>> on_the_arm(spring)[:62]
     'On the arm: joint 4 is pulled back as by a spring of 3.1 N m/r'
     """
+    kind = effect_types().get(fitted.name)
     default = f"{{joint}} has {effect_name(fitted.name)} of {{size}}"
-    sentence = SENTENCES.get(fitted.name, default)
+    sentence = (kind and kind.on_the_arm) or default
     return f"{ON_THE_ARM}{sentence.format(**_fields(fitted))}."
 
 
 def _fields(fitted: FittedEffect) -> dict[str, object]:
-    """Return the values of the placeholders in SENTENCES by their names, formatted as
+    """Return the values of the placeholders in an effect's ``on_the_arm`` by their names, formatted as
     words.
 
     Example: {"joint": "joint 4", "size": "3.1 N m/rad", "travel": "0.5°", ...}. All

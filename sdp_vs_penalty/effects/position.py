@@ -25,7 +25,13 @@ class JointSpring(JointEffect):
         "A torque that grows with the joint's position: cables and hoses that are wound"
         " up, a balance spring. Its rest position appears as part of the offset."
     )
+    on_the_arm = (
+        "{joint} is {sign:pulled back|pushed away} as by a spring of "
+        "{size}{per_degree}: a cable, a hose or a balance spring"
+    )
+    seen_against = "position"
     has_constant_part = True
+    simulator_field = "stiffness"
     reference = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
     signless = True
     symbol = "k_s"
@@ -43,6 +49,11 @@ class StiffeningSpring(JointEffect):
         " up, a hose, a bump stop. Its rest position appears in the lower powers and in"
         " the offset; the cubic part says how much it stiffens."
     )
+    on_the_arm = (
+        "{joint} is held as by a spring that {sign:stiffens|yields} along its way "
+        "({size}): a cable, a hose or a stop"
+    )
+    seen_against = "position"
     has_constant_part = True
     reference = (
         "Nayfeh, Mook, Nonlinear Oscillations, 1979, ch. 4 (Duffing's cubic spring)"
@@ -78,6 +89,11 @@ class EndStop(JointEffect):
         "From q0 on the joint is pushed back, as by a spring on one side only: an end"
         " stop, a bumper, a cable that is pulled taut. Before q0 nothing touches."
     )
+    on_the_arm = (
+        "{place} {joint} is pushed back as by a spring of {size}{per_degree}: an "
+        "end stop, a bumper or a taut cable"
+    )
+    seen_against = "position"
     reference = "Shaw, Holmes, J. Sound and Vibration 1983 (piecewise linear spring)"
     generalises = ("joint_spring",)  # where it touches all the way
     lower = 0.0
@@ -122,7 +138,7 @@ class EndStop(JointEffect):
         where it is below."""
         beyond = motion.q[:, joint] - self.shape["q0"]
         side = np.maximum if self.is_above else np.minimum
-        return np.asarray(side(beyond, 0.0))
+        return side(beyond, 0.0)
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """Give a reason to doubt a stop that was never reached, or never left."""
@@ -163,6 +179,11 @@ class TorqueRipple(JointEffect):
         " joint): motor poles, gear teeth, an eccentric gear or a strain wave"
         " generator, which turns twice its ratio."
     )
+    on_the_arm = (
+        "the torque of {joint} waves by {size} as it turns{waves}: motor poles, "
+        "gear teeth or an eccentric gear"
+    )
+    seen_against = "position in a turn"
     reference = (
         "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
     )
@@ -229,6 +250,11 @@ class PositionDependentFriction(JointEffect):
         " with twice k where waves = 2. Beside coulomb_friction on the same joint the"
         " sum is kept from becoming negative, so that it never feeds energy."
     )
+    on_the_arm = (
+        "{joint} rubs harder at some positions than at others, by up to {size}: a "
+        "bent shaft, a pressed cable or a worn gear"
+    )
+    seen_against = "position and direction"
     reference = (
         "Popovic, Goldenberg, IEEE Trans. Robotics and Automation 1998 (spectral"
         " friction model)"
@@ -268,15 +294,15 @@ class PositionDependentFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         """Return sign(dq) times cos and sin of each wave (N, 2 waves)."""
-        return motion.sign(joint)[:, None] * self._waves(
-            self.shape["k"] * motion.q[:, joint]
-        )
+        sign = motion.sign(joint)
+        waves = self._waves(self.shape["k"] * motion.q[:, joint])
+        return np.column_stack([sign * wave for wave in waves])
 
-    def _waves(self, phase: Array) -> Array:
+    def _waves(self, phase: Array) -> list[Array]:
         """Return cos(i phase) and sin(i phase) for i = 1 ... ``waves``, in turn, of a
-        phase (N,) [rad]: (N, 2 waves)."""
-        waves = np.arange(1.0, self.shape["waves"] + 1.0) * phase[:, None]
-        return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
+        phase (N,) [rad]: (N,) each."""
+        orders = range(1, int(self.shape["waves"]) + 1)
+        return [wave(i * phase) for i in orders for wave in (np.cos, np.sin)]
 
     def constraints(
         self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
@@ -302,7 +328,7 @@ class PositionDependentFriction(JointEffect):
         phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
         # Half a step from a stated phase a wave has fallen to this share of its peak.
         share_of_peak = np.cos(np.pi * self.shape["waves"] / _PHASES)
-        waves = self._waves(phases).T / share_of_peak  # (k, phases)
+        waves = np.array(self._waves(phases)) / share_of_peak  # (k, phases)
         coefficients = np.vstack([np.ones(_PHASES), waves])
         coulomb_index = {
             p.joint - 1: index

@@ -83,6 +83,7 @@ class ServoPosition(Servo):
         " less kd d ddq, to first order, which no motion without torque tells from a"
         " link that is lighter."
     )
+    on_the_arm = "the drive of {joint} pulls it to its command with {size}"
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
     sized_by = slice(0, 1)
     position_gains = slice(0, None, 2)
@@ -120,6 +121,7 @@ class ServoIntegral(ServoGain):
         " where the integral began: a torque_offset beside it holds that as well, and"
         " is no sensor's zero any more."
     )
+    on_the_arm = "the drive of {joint} adds up its position error ({size})"
     reference = "Astrom, Murray, Feedback Systems 2008, ch. 10"
     symbol = "ki"
     units = ("N*m/rad/s", "N/m/s")
@@ -141,6 +143,10 @@ class ServoVelocityLoop(ServoGain):
         " servo_position; of the second the integral of e is servo_integral (ki = kh"
         " w), and that of dq is this: a pull to where the joint began, which no motion"
         " tells from a joint_spring. In a cascade ki / kh = kp / kd."
+    )
+    on_the_arm = (
+        "the drive of {joint} adds up its velocity error, as a spring of {size} "
+        "would pull"
     )
     reference = (
         "Janot, Gautier, Brunot, Control Engineering Practice 2019 (EMPS); Corke, sec."
@@ -166,6 +172,9 @@ class ServoFeedforward(ServoGain):
         "The drive adds a torque in proportion to the commanded velocity; where it"
         " damps the error's rate, kc = kd. A late command looks like a negative one: kp"
         " e(t - T) is kp e - kp T dq_cmd, to first order in T."
+    )
+    on_the_arm = (
+        "the drive of {joint} adds torque in proportion to the commanded speed ({size})"
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.3"
     symbol = "kc"

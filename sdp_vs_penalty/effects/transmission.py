@@ -11,14 +11,7 @@ from sdp_vs_penalty.effects.bristles import (
     StatefulEffect,
     dahl,
 )
-from sdp_vs_penalty.effects.effect import (
-    Array,
-    Block,
-    Effect,
-    Motion,
-    Parameter,
-    smooth_sign,
-)
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.links import RotorInertia
 from sdp_vs_penalty.effects.partner import WithPartner, neighbours
 from sdp_vs_penalty.effects.shape import ShapeConstant
@@ -36,6 +29,10 @@ class JointCoupling(WithPartner):
         "The motion of joint i causes a torque on joint j, like friction in wrists"
         " whose motors sit one link further back and drive through each other's gears."
         " i counts from 1; 0 means the previous joint (the next one for joint 1)."
+    )
+    on_the_arm = (
+        "{joint} is dragged along when {other} moves ({size}), as where one motor "
+        "drives through the other's gear"
     )
     reference = (
         "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
@@ -78,16 +75,14 @@ class JointCoupling(WithPartner):
         partner = self.partner(joint)
         form = int(self.shape["form"])
         if form == 1:  # viscous
-            return np.array(motion.dq[:, partner])
+            return motion.dq[:, partner]
         if form == 2:  # dry, along the partner's motion
             return motion.sign(partner)
         # Dry, along the sum (form 3) or the difference (form 4) of both motions.
-        ratio = 1.0 if form == 3 else -1.0
-        velocity = motion.dq[:, joint] + ratio * motion.dq[:, partner]
-        acceleration = motion.ddq[:, joint] + ratio * motion.ddq[:, partner]
-        return smooth_sign(
-            velocity, width=motion.width(joint), rate=acceleration, within=motion.within
-        )
+        ratios = np.zeros(self.robot.n)
+        ratios[joint] = 1.0
+        ratios[partner] = 1.0 if form == 3 else -1.0
+        return motion.sign_along(ratios, motion.width(joint))
 
 
 class ElasticCoupling(Effect):
@@ -98,6 +93,11 @@ class ElasticCoupling(Effect):
         " directions; the others are what it holds each joint with. Its rest position"
         " appears as part of the offsets. Without joints, the last two."
     )
+    on_the_arm = (
+        "{joint} pull each other as by a spring of {size}: a belt, a cable or a "
+        "balance spring that runs over both"
+    )
+    seen_against = "position"
     has_constant_part = True
     reference = "Hogan, ASME J. Dynamic Systems, Measurement, and Control 1985, part I"
     joins = True
@@ -139,17 +139,19 @@ class ElasticCoupling(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        """Return for each joint the positions (N, k) by which each stiffness pulls it;
-        zero for stiffnesses of other joints."""
-        columns = np.zeros((len(self.joints), len(motion.q), len(self.pairs)))
-        for k, (i, j) in enumerate(self.pairs):
-            columns[self.joints.index(i), :, k] = motion.q[:, j]
-            columns[self.joints.index(j), :, k] = motion.q[:, i]
-        parameters = np.arange(len(self.pairs))
-        return [
-            Block(joint, parameters, of_joint)
-            for joint, of_joint in zip(self.joints, columns, strict=True)
-        ]
+        """Return for each joint the positions (N, k) by which its k stiffnesses pull
+        it."""
+        blocks = []
+        for joint in self.joints:
+            partner_by_parameter = {
+                k: second if joint == first else first
+                for k, (first, second) in enumerate(self.pairs)
+                if joint in (first, second)
+            }
+            columns = [motion.q[:, i] for i in partner_by_parameter.values()]
+            parameters = np.array([*partner_by_parameter])
+            blocks.append(Block(joint, parameters, np.column_stack(columns)))
+        return blocks
 
     @classmethod
     def candidates(
@@ -197,6 +199,7 @@ class TransmissionFriction(StatefulEffect):
         " inertia tell no ratio beside the joints' own: it is written as known, or"
         " as 1."
     )
+    on_the_arm = "the motor that turns {joint} together adds {size} of its own"
     reference = (
         "Janot, Vandanjon, Gautier, IEEE TCST 2014 (TX40); Wang et al., RA-L 2019"
         " (dVRK)"

@@ -16,6 +16,9 @@ class ViscousFriction(JointEffect):
         "Lubricant shear and damping: a torque against the motion that grows with"
         " speed."
     )
+    on_the_arm = "{joint} rubs harder the faster it moves: {size}"
+    seen_against = "velocity"
+    simulator_field = "damping"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_v"
     units = ("N*m*s/rad", "N*s/m")
@@ -35,6 +38,10 @@ class CoulombFriction(JointEffect):
         " Together with torque_offset it also covers a Coulomb friction that differs by"
         " direction."
     )
+    in_words = "Coulomb friction"
+    on_the_arm = "{joint} rubs with {size} at any speed"
+    seen_against = "velocity"
+    simulator_field = "friction"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_c"
     lower = 0.0
@@ -75,6 +82,11 @@ class FrictionLead(JointEffect):
         " (f_e < 0), as bristles do. f_e / f_c times the lead is how much earlier, to"
         " first order. A simulation from torques leaves it out."
     )
+    on_the_arm = (
+        "dry friction of {joint} turns round {sign:before|after} its velocity does "
+        "({size})"
+    )
+    seen_against = "reversal"
     reference = "Todorov, Erez, Tassa, IROS 2012 (MuJoCo); Dahl, AIAA Journal 1976"
     symbol = "f_e"
     sought = False
@@ -92,6 +104,11 @@ class AsymmetricViscousFriction(JointEffect):
         "Viscous friction with different slopes in the two directions: f_v + f_va"
         " forwards, f_v - f_va backwards. Typical of seals and preloaded gears."
     )
+    on_the_arm = (
+        "{joint} is damped by {twice} more in its {sign:positive|negative} "
+        "direction than in the other one, as by a tight seal"
+    )
+    seen_against = "velocity"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_va"
     units = ("N*m*s/rad", "N*s/m")
@@ -110,6 +127,12 @@ class AsymmetricCoulombFriction(JointEffect):
         " an offset; over a wide velocity v_s both vanish together near standstill,"
         " where an offset does not."
     )
+    in_words = "asymmetric Coulomb friction"
+    on_the_arm = (
+        "{joint} rubs {twice} harder in its {sign:positive|negative} direction "
+        "than in the other one"
+    )
+    seen_against = "velocity"
     has_constant_part = True
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_ca"
@@ -129,6 +152,11 @@ class PowerLawFriction(JointEffect):
         "Friction that is not linear in speed: alpha < 1 where the lubricant thins with"
         " shear and warms, alpha > 1 where it is churned (2: like drag)."
     )
+    on_the_arm = (
+        "friction of {joint} {sign:grows|falls} with its speed to the power "
+        "{alpha} ({size})"
+    )
+    seen_against = "velocity"
     reference = "Waiboer, Aarts, Jonker, ECCOMAS Multibody Dynamics 2005"
     symbol = "f_p"
     units = ("N*m*(s/rad)^alpha", "N*(s/m)^alpha")
@@ -170,6 +198,10 @@ class SigmoidFriction(JointEffect):
         " paper's Table I, whose phi_3 is an offset, or one with a longer tail. Near"
         " standstill there is less friction than Coulomb's law says."
     )
+    on_the_arm = (
+        "close to standstill {joint} rubs {size} {sign:less|more} than when it moves"
+    )
+    seen_against = "velocity"
     reference = (
         "Gaz et al., RA-L 2019, eq. 9 and Table I; Pennestri et al., Nonlinear Dynamics"
         " 2016"
@@ -196,8 +228,7 @@ class SigmoidFriction(JointEffect):
         sigmoid = _RISES[self.shapes["law"].written(self.shape["law"])]
         v0 = self.shape["v0"]
         deviation = sigmoid(motion.dq[:, joint] / v0) - motion.sign(joint)
-        is_wider = v0 >= WIDER_THAN_SIGN * motion.width(joint)
-        return deviation if is_wider else np.zeros_like(deviation)
+        return deviation * (v0 >= WIDER_THAN_SIGN * motion.width(joint))
 
 
 class StribeckFriction(JointEffect):
@@ -210,6 +241,11 @@ class StribeckFriction(JointEffect):
         " apart and the friction falls by f_st towards its Coulomb level, within about"
         " the Stribeck velocity vs, or with a long tail."
     )
+    in_words = "Stribeck friction"
+    on_the_arm = (
+        "{joint} rubs {size} {sign:more|less} when it creeps than when it moves fast"
+    )
+    seen_against = "velocity"
     reference = (
         "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7; tail:"
         " Hess, Soom, ASME J. Tribology 1990"
@@ -259,6 +295,8 @@ class LoadDependentFriction(JointEffect):
         " efficiency. It is the links' torque: motor friction and rotor do not pass"
         " through the gear."
     )
+    on_the_arm = "the gear of {joint} loses {share} of the torque that it carries"
+    seen_against = "load"
     reference = "Hamon, Gautier, Garrec, IROS 2010; Wahrburg et al., ICRA 2018"
     symbol = "f_l"
     units = ("-", "-")

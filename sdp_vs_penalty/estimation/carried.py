@@ -11,8 +11,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
-PAYLOAD = "payload"
-
 
 def payload_parameters(estimate: Estimate) -> tuple[int, Array] | None:
     """Return the index of a payload's mass in theta, and its (10,) standard parameters
@@ -24,7 +22,7 @@ def payload_parameters(estimate: Estimate) -> tuple[int, Array] | None:
         The model.
     """
     for effect, indices in estimate.model.parts:
-        if effect.name == PAYLOAD:
+        if effect.simulator_field == "payload":
             return int(indices[0]), estimate.theta[indices]
     return None
 
@@ -86,7 +84,7 @@ def doubts_of_payload(estimate: Estimate) -> list[str]:
             f"payload: its mass of {mass} may be zero (± {half_width:.2g} kg): measure"
             " with the load on"
         )
-    return [*doubts, *_doubt_of_density(PAYLOAD, theta)]
+    return [*doubts, *_doubt_of_density("payload", theta)]
 
 
 def doubts_of_bodies(estimate: Estimate) -> list[str]:

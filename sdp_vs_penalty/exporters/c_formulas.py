@@ -1,233 +1,202 @@
-"""Effects as lines of C: torque that has a closed form in q, dq, ddq and the links' load.
+"""Effects as lines of C, traced from the columns that they compute with NumPy.
 
-Each line adds to ``tau`` what one effect makes on one joint. Numbers are written so that
-they read back to the same double.
+An effect states its law once, as columns of the motion. Here the same code runs on a
+motion whose signals are names of C variables instead of numbers: each operation of
+NumPy becomes the text of its C counterpart. An effect whose columns need more than q,
+dq, ddq and the links' load at one instant has no closed form, and is left out.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any, cast
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.effects.velocity_friction import WIDER_THAN_SIGN
+from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import number
 from sdp_vs_penalty.robot.arrays import Array
 
 
-def _sign(estimate: Estimate, joint: int) -> str:
-    """Return C code for the smooth sign of a joint's velocity, tanh(dq / width)."""
-    width = number(estimate.model.sign_width[joint])
-    return f"tanh(dq[{joint}] / {width})"
+class NoClosedFormError(Exception):
+    """The columns of an effect need what C code of one instant does not have."""
 
 
-def _asymmetric_viscous(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for tau_j = f |dq_j|: a torque of joint j (from 0) proportional to
-    its speed.
-
-    e : the effect; theta : (1,) f, its parameter on this joint; m : the model.
-    """
-    return f"{number(theta[0])} * fabs(dq[{j}])"
-
-
-def _asymmetric_coulomb(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for tau_j = f |tanh(dq_j / width)|: a torque of joint j (from 0)
-    that is constant while it moves.
-
-    e : the effect; theta : (1,) f, its parameter on this joint; m : the model.
-    """
-    return f"{number(theta[0])} * fabs({_sign(m, j)})"
-
-
-def _power_law(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for tau_j = f tanh(dq_j / width) |dq_j|^alpha: friction of joint j
-    (from 0).
-
-    e : the effect, with its shape constant alpha; theta : (1,) f; m : the model.
-    """
-    alpha = number(e.shape["alpha"])
-    return f"{number(theta[0])} * {_sign(m, j)} * pow(fabs(dq[{j}]), {alpha})"
-
-
-def _sigmoid(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for tau_j = f (s(dq_j / v0) - tanh(dq_j / width)): friction of
-    joint j (from 0) that rises slowly, less Coulomb's jump.
-
-    s is tanh, atan or an algebraic function. The code is "0.0" if s rises as fast as
-    the smooth sign, as in the effect's own columns. e : the effect; theta : (1,) f; m :
-    the model.
-    """
-    if e.shape["v0"] < WIDER_THAN_SIGN * m.model.sign_width[j]:
-        return "0.0"
-    x = f"dq[{j}] / {number(e.shape['v0'])}"
-    rise = {
-        "tanh": f"tanh({x})",
-        "atan": f"2.0 / 3.14159265358979323846 * atan({x})",
-        "algebraic": f"({x}) / hypot(1.0, {x})",
-    }[e.shapes["law"].written(e.shape["law"])]
-    return f"{number(theta[0])} * ({rise} - {_sign(m, j)})"
-
-
-def _stribeck(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for friction of joint j (from 0) that falls with speed (Stribeck).
-
-    tau_j = f tanh(dq_j / width) g(x) with x = (|dq_j| / vs)^delta; g is exp(-x) for law
-    1 (dip), 1 / (1 + x) for law 2 (tail). e : the effect; theta : (1,) f; m : the
-    model.
-    """
-    vs = number(e.shape["vs"])
-    delta = number(e.shape["delta"])
-    x = f"pow(fabs(dq[{j}]) / {vs}, {delta})"
-    falls = f"exp(-{x})" if e.shape["law"] == 1.0 else f"1.0 / (1.0 + {x})"
-    return f"{number(theta[0])} * {_sign(m, j)} * ({falls})"
-
-
-def _load_dependent(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for tau_j = f |load_j| tanh(dq_j / width): dry friction of joint j
-    (from 0) proportional to the torque of the links.
-
-    e : the effect; theta : (1,) f, its parameter on this joint; m : the model.
-    """
-    return f"{number(theta[0])} * fabs(load[{j}]) * {_sign(m, j)}"
-
-
-def _spring(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for tau_j = k q_j: a spring at joint j (from 0).
-
-    e : the effect; theta : (1,) k, its stiffness; m : the model.
-    """
-    return f"{number(theta[0])} * q[{j}]"
-
-
-def _waves(e: Effect, j: int, theta: Array) -> str:
-    """Return C code for sum_i a_i cos(i k q_j) + b_i sin(i k q_j), waves over the
-    position of joint j (from 0).
-
-    e : the effect, with the wave number k; theta : a_1, b_1, a_2, b_2, ...
-    """
-    k = e.shape["k"]
-    terms = []
-    for i, (a, b) in enumerate(theta.reshape(-1, 2), start=1):
-        phase = f"{number(i)} * {number(k)} * q[{j}]"
-        terms.append(f"{number(a)} * cos({phase}) + {number(b)} * sin({phase})")
-    return " + ".join(terms)
-
-
-def _ripple(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for the torque ripple of joint j.
-
-    e : the effect; theta : its parameters on this joint; m : the model.
-    """
-    return _waves(e, j, theta)
-
-
-def _position_dependent(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for dry friction of joint j that varies with its position.
-
-    e : the effect; theta : its parameters on this joint; m : the model.
-    """
-    return f"{_sign(m, j)} * ({_waves(e, j, theta)})"
-
-
-def _coupling(e: Any, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for friction of joint j (from 0) that depends on the velocity of
-    its partner joint i.
-
-    Form 1 is viscous, f dq_i; forms 2 to 4 are dry, f tanh(v / width) with v = dq_i,
-    dq_j + dq_i, or dq_j - dq_i. e : the effect; theta : (1,) f; m : the model.
-    """
-    i = e.partner(j)
-    form = int(e.shape["form"])
-    width = number(m.model.sign_width[j])
-    motion = {
-        1: f"dq[{i}]",
-        2: _sign(m, i),
-        3: f"tanh((dq[{j}] + dq[{i}]) / {width})",
-        4: f"tanh((dq[{j}] - dq[{i}]) / {width})",
-    }[form]
-    return f"{number(theta[0])} * {motion}"
-
-
-def _stiffening(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for a spring of joint j (from 0) with a cubic law.
-
-    e : the effect; theta : (3,) factors of q, q^2 and q^3; m : the model.
-    """
-    first, second, third = (number(x) for x in theta)
-    q = f"q[{j}]"
-    return f"{q} * ({first} + {q} * ({second} + {q} * {third}))"
-
-
-def _end_stop(e: Any, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for a spring that joint j (from 0) touches on one side of q0.
-
-    e : the effect, with its shape constants q0 and side; theta : (1,) stiffness; m : the
-    model.
-    """
-    side = "fmax" if e.is_above else "fmin"
-    return f"{number(theta[0])} * {side}(q[{j}] - {number(e.shape['q0'])}, 0.0)"
-
-
-def _elastic_coupling(e: Any, j: int, theta: Array, m: Estimate) -> str:
-    """Return C code for the pull on joint j (from 0) of a spring over several joints.
-
-    e : the effect; theta : all its stiffnesses, in the order of e.pairs; m : the model.
-    """
-    pulls = [
-        f"{number(stiffness)} * q[{second if j == first else first}]"
-        for stiffness, (first, second) in zip(theta, e.pairs, strict=True)
-        if j in (first, second)
-    ]
-    return " + ".join(pulls)
-
-
-Formula = Callable[[Any, int, Array, Estimate], str]
-#: By the name of an effect what it makes on a joint (from 0), given its parameters there.
-FORMULAS: Mapping[str, Formula] = {
-    "asymmetric_viscous_friction": _asymmetric_viscous,
-    "asymmetric_coulomb_friction": _asymmetric_coulomb,
-    "power_law_friction": _power_law,
-    "sigmoid_friction": _sigmoid,
-    "stribeck_friction": _stribeck,
-    "load_dependent_friction": _load_dependent,
-    "joint_spring": _spring,
-    "stiffening_spring": _stiffening,
-    "end_stop": _end_stop,
-    "torque_ripple": _ripple,
-    "position_dependent_friction": _position_dependent,
-    "joint_coupling": _coupling,
-    "elastic_coupling": _elastic_coupling,
+#: How operations of NumPy are written in C.
+_OPERATIONS: dict[Any, str] = {
+    np.add: "({} + {})",
+    np.subtract: "({} - {})",
+    np.multiply: "{} * {}",
+    np.divide: "{} / {}",
+    np.negative: "(-{})",
+    np.power: "pow({}, {})",
+    np.square: "pow({}, 2.0)",
+    np.absolute: "fabs({})",
+    np.exp: "exp({})",
+    np.log: "log({})",
+    np.sinh: "sinh({})",
+    np.cosh: "cosh({})",
+    np.sqrt: "sqrt({})",
+    np.tanh: "tanh({})",
+    np.arctan: "atan({})",
+    np.cos: "cos({})",
+    np.sin: "sin({})",
+    np.hypot: "hypot({}, {})",
+    np.maximum: "fmax({}, {})",
+    np.minimum: "fmin({}, {})",
 }
+
+
+class Expressions(np.lib.mixins.NDArrayOperatorsMixin):
+    """Columns (1, k) of C expressions, which NumPy's functions take as an array."""
+
+    def __init__(self, *texts: str) -> None:
+        """Keep the C code of k columns."""
+        self.texts = texts
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """One row, k columns."""
+        return 1, len(self.texts)
+
+    def __len__(self) -> int:
+        """The number of rows."""
+        return 1
+
+    def reshape(self, *shape: int) -> Expressions:
+        """Return the columns as they are: they have one row in every shape."""
+        return self
+
+    def __array_ufunc__(
+        self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any
+    ) -> Expressions:
+        """Write an operation of NumPy on columns as C."""
+        if method != "__call__" or options or ufunc not in _OPERATIONS:
+            raise NoClosedFormError(ufunc.__name__)
+        operands = [_texts(x) for x in inputs]
+        n_columns = max(len(texts) for texts in operands)
+        rows = [texts * (n_columns // len(texts)) for texts in operands]
+        if ufunc is np.divide:  # a / b * c is not a / (b * c)
+            rows[1] = tuple(f"({b})" if " " in b else b for b in rows[1])
+        form = _OPERATIONS[ufunc]
+        return Expressions(*(form.format(*row) for row in zip(*rows, strict=True)))
+
+    def __array_function__(
+        self, function: Callable[..., Any], types: Any, args: Any, kwargs: Any
+    ) -> Expressions:
+        """Stack columns side by side; no other function of arrays has a C
+        counterpart."""
+        if function is not np.column_stack:
+            raise NoClosedFormError(function.__name__)
+        (columns,) = args
+        return Expressions(*(text for x in columns for text in _texts(x)))
+
+    def __array__(self, *args: Any, **options: Any) -> Array:
+        """Refuse: code has no values."""
+        raise NoClosedFormError("values")
+
+
+def _texts(columns: Any) -> tuple[str, ...]:
+    """Return the C code of columns: of expressions, or of numbers (1, k)."""
+    if isinstance(columns, Expressions):
+        return columns.texts
+    return tuple(number(x) for x in np.atleast_1d(columns).ravel())
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """A C array with an entry a joint, read as NumPy reads the columns of (N, n)."""
+
+    #: Name of the array.
+    name: str
+
+    def __getitem__(self, key: tuple[slice, int]) -> Expressions:
+        """Return the entry of one joint (from 0), for ``signal[:, joint]``."""
+        _, joint = key
+        return Expressions(f"{self.name}[{joint}]")
+
+    def __array__(self, *args: Any, **options: Any) -> Array:
+        """Refuse: a variable has no values."""
+        raise NoClosedFormError(self.name)
+
+
+class _TracedMotion:
+    """A motion whose signals are variables of the C header.
+
+    t : of one instant; sign_width : (n,) velocities [rad/s, m/s] over which signs turn.
+    """
+
+    t = np.zeros(1)
+    q = _Signal("q")
+    dq = _Signal("dq")
+    ddq = _Signal("ddq")
+    link_torque = _Signal("load")
+    within = None
+
+    def __init__(self, sign_width: Sequence[float]) -> None:
+        """Keep the model's widths of a turning sign."""
+        self.sign_width = sign_width
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse what the header does not have: a current model, a command, a past."""
+        raise NoClosedFormError(name)
+
+    def width(self, joint: int) -> float:
+        """Return the velocity over which a joint's sign turns [rad/s, m/s]."""
+        return self.sign_width[joint]
+
+    def sign(self, joint: int, width: float | None = None) -> Any:
+        """Return tanh(dq / width) of a joint, from 0."""
+        return np.tanh(self.dq[:, joint] / (width or self.width(joint)))  # type: ignore[operator]
+
+    def sign_ahead(self, joint: int, lead: float) -> Any:
+        """Return tanh((dq + lead ddq) / width) of a joint, from 0."""
+        velocity = self.dq[:, joint] + lead * self.ddq[:, joint]  # type: ignore[operator]
+        return np.tanh(velocity / self.width(joint))
+
+    def sign_along(self, ratios: Array, width: float | None = None) -> Any:
+        """Return the smooth sign of a combination of velocities, ratios (n,)."""
+        joints = np.flatnonzero(ratios).tolist()
+        terms = [ratios[j] * self.dq[:, j] for j in joints]  # type: ignore[operator]
+        velocity = reduce(np.add, terms)
+        return np.tanh(velocity / (width or max(self.width(j) for j in joints)))
+
+
+def has_closed_form(effect: Effect, estimate: Estimate) -> bool:
+    """Return whether C code of one instant can compute an effect's torque."""
+    return bool(_terms(effect, np.zeros(len(effect.parameters)), estimate))
+
+
+def _terms(effect: Effect, theta: Array, estimate: Estimate) -> list[tuple[int, str]]:
+    """Return the joints (from 0) on which an effect with parameters theta (k,) acts, and
+    the C code of its torque there; nothing for an effect without a closed form."""
+    if effect.has_memory or effect.follows_clock or effect.needs_torque:
+        return []
+    motion = cast(Motion, _TracedMotion(estimate.model.sign_width))
+    try:
+        blocks = effect.blocks(motion)
+    except NoClosedFormError:
+        return []
+    return [
+        (
+            block.joint,
+            " + ".join(
+                f"{number(theta[p])} * {text}"
+                for p, text in zip(block.parameters, _texts(block.columns), strict=True)
+            ),
+        )
+        for block in blocks
+    ]
 
 
 def formulas(estimate: Estimate) -> Iterator[str]:
     """Yield a line of C for each effect of the model and each joint that it acts on.
 
-    Effects without a formula are left out.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-
-    Returns
-    -------
-    iterator of str
-        In the model's order.
+    Effects without a closed form are left out.
     """
     for effect, indices in estimate.model.parts:
-        formula = FORMULAS.get(effect.name)
-        if formula is None:
-            continue
-        theta_of_effect = estimate.theta[indices]
-        n_joints = len(effect.joints)
-        # One parameter acts on all joints, or each joint has as many of them.
-        theta_by_joint = (
-            np.tile(theta_of_effect, (n_joints, 1))
-            if effect.joins
-            else theta_of_effect.reshape(n_joints, -1)
-        )
-        for joint, theta in zip(effect.joints, theta_by_joint, strict=True):
-            term = formula(effect, joint, theta, estimate)
+        for joint, term in _terms(effect, estimate.theta[indices], estimate):
             yield f"tau[{joint}] += {term}; /* {effect.name} */"

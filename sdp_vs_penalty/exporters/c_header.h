@@ -1,8 +1,8 @@
 /* Joint torques of $robot, identified by $method; written by sdp-vs-penalty.
 
    void @_torque(q, dq, ddq, tau): joints in order $joints, in rad or m, N m or N.
-   tau = M(q) ddq + C(q, dq) dq + g(q) + armature ddq + damping dq + friction tanh(dq / width) + offset
-   and the formulas at its end, by recursive Newton-Euler (Luh, Walker, Paul 1980). C99, no library but libm.
+   tau = M(q) ddq + C(q, dq) dq + g(q), by recursive Newton-Euler (Luh, Walker, Paul 1980), and a formula an effect
+   at its end. C99, no library but libm.
    Not in this file: $left. */
 #ifndef @_H
 #define @_H
@@ -87,18 +87,9 @@ static inline void @_torque(const double q[], const double dq[], const double dd
   static const double mass[@_N] = $mass;
   static const double first[@_N][3] = $first;
   static const double inertia[@_N][3][3] = $inertia;
-  static const double damping[@_N] = $damping;
-  static const double friction[@_N] = $friction;
-  static const double per_width[@_N] = $per_width;
-  static const double armature[@_N] = $armature;
-  static const double offset[@_N] = $offset;
   double load[@_N]; /* the links' torque on each joint */
   @_links(q, dq, ddq, mass, first, inertia, load);
-  for (int i = 0; i < @_N; i++) {
-    tau[i] = armature[i] * ddq[i] + damping[i] * dq[i] + offset[i];
-    tau[i] += friction[i] * tanh(dq[i] * per_width[i]);
-    tau[i] += load[i];
-  }
+  for (int i = 0; i < @_N; i++) tau[i] = load[i];
 $formulas
 }
 #endif

@@ -9,10 +9,12 @@ from string import Template
 import numpy as np
 
 from sdp_vs_penalty.effects import effect_in_words
+from sdp_vs_penalty.effects.effect import SimulatorField
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.carried import payload_parameters
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
-from sdp_vs_penalty.exporters.content import HELD, Content, Options, about_joints
+from sdp_vs_penalty.exporters.c_formulas import formulas, has_closed_form
+from sdp_vs_penalty.exporters.content import Content, Options, about_joints
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -21,8 +23,9 @@ ENDING = ".h"
 FILE = "model.h"
 ABOUT = "a C header without dependencies"
 
-#: Effects that the header holds as arrays, and those that it holds as formulas.
-HOLDS = HELD | {"rotor_inertia", "torque_offset", *FORMULAS}
+#: The header holds bodies as arrays, all else as formulas.
+HOLDS: frozenset[SimulatorField] = frozenset({"links", "payload"})
+HOLDS_FORMULAS = True
 
 #: @ stands for the robot's name, $word for an entry of :func:`write`.
 _TEMPLATE = Path(__file__).parent / "c_header.h"
@@ -43,7 +46,11 @@ def write(estimate: Estimate, options: Options) -> Written:
         )
     # Refuses what no simulator or controller should be given.
     content = Content.of(estimate)
-    left = tuple(e.brief for e in model.effects if e.name not in HOLDS)
+    left = tuple(
+        e.brief
+        for e in model.effects
+        if e.simulator_field not in HOLDS and not has_closed_form(e, estimate)
+    )
     name = _c_name(robot.name)
     lines = [*_load_without_payload(estimate, name), *formulas(estimate)]
     # "@" in the template is the robot's name as a C identifier.
@@ -56,13 +63,8 @@ def write(estimate: Estimate, options: Options) -> Written:
         n=robot.n,
         **_joint_arrays(robot),
         **_link_arrays(content.links),
-        per_width=_braces(1.0 / np.asarray(model.sign_width)),
         # Gravity as an upward acceleration of the base.
         up=_braces(-np.array(robot.gravity, float)),
-        damping=_braces(content.damping),
-        friction=_braces(content.friction),
-        armature=_braces(content.armature),
-        offset=_braces(content.offset),
         formulas="\n".join(f"  {line}" for line in lines),
     )
     return text.encode(), left
@@ -109,8 +111,13 @@ def _load_without_payload(estimate: Estimate, name: str) -> list[str]:
     Friction that depends on load was identified without the payload, which ``tau``
     holds. Empty if the model lacks one of the two.
     """
-    names = {effect.name for effect in estimate.model.effects}
-    if not {"payload", "load_dependent_friction"} <= names:
+    has_payload = payload_parameters(estimate) is not None
+    formulas_of_load = (
+        e
+        for e in estimate.model.effects
+        if e.needs_links and has_closed_form(e, estimate)
+    )
+    if not has_payload or not any(formulas_of_load):
         return []
     arrays = _link_arrays(about_joints(estimate.robot, estimate.links))
     return [

@@ -1,7 +1,7 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from lxml import etree
 
+from sdp_vs_penalty.effects.effect import Effect, SimulatorField
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.carried import payload_parameters
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -19,18 +20,14 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Effects with a place in some simulator's file, and what they are there.
-_PLACES = {
-    "viscous_friction": "damping",
-    "coulomb_friction": "friction",
-    "rotor_inertia": "armature",
-    "joint_spring": "stiffness",
-    "torque_offset": "offset",
-}
-#: Of these the ones that may be negative.
-_SIGNLESS = ("stiffness", "offset")
+#: Fields of a joint in simulators' files (:attr:`Effect.simulator_field`).
+_JOINT_FIELDS = ("damping", "friction", "armature", "stiffness", "offset")
+#: Those that may be negative: together they are a spring with its rest position.
+_SPRING_FIELDS = ("stiffness", "offset")
 #: What every simulator's file holds.
-HELD = frozenset({"rigid_body", "payload", "viscous_friction", "coulomb_friction"})
+FIELDS: frozenset[SimulatorField] = frozenset(
+    {"links", "payload", "damping", "friction"}
+)
 
 
 @dataclass(frozen=True)
@@ -132,10 +129,14 @@ class Content:
                 "write .json instead",
             )
         links = about_joints(robot, _with_payload(estimate))
-        has_place = (*_PLACES, *HELD, "servo_position")
-        of_springs = ("joint_spring", "torque_offset")
-        springs = tuple(e.brief for e in model.effects if e.name in of_springs)
-        others = tuple(e.brief for e in model.effects if e.name not in has_place)
+        springs = tuple(
+            e.brief for e in model.effects if e.simulator_field in _SPRING_FIELDS
+        )
+        others = tuple(
+            e.brief
+            for e in model.effects
+            if not e.simulator_field and e.position_gains is None
+        )
         servo, delay = _servo_gains(estimate)
         if delay:
             others += (
@@ -177,12 +178,13 @@ def _joint_values(estimate: Estimate) -> dict[str, Array]:
 
     Raises InputError for one that is negative and would feed energy into a simulation.
     """
-    values = {name: np.zeros(estimate.robot.n) for name in _PLACES.values()}
+    values = {name: np.zeros(estimate.robot.n) for name in _JOINT_FIELDS}
+    field_by_effect = {e.name: e.simulator_field for e in estimate.model.effects}
     for p, value in zip(estimate.model.parameters, estimate.theta, strict=True):
-        place = _PLACES.get(p.effect)
-        if place is None:
+        place = field_by_effect[p.effect]
+        if place not in values:
             continue
-        if value < 0.0 and place not in _SIGNLESS:
+        if value < 0.0 and place not in _SPRING_FIELDS:
             raise InputError(
                 f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a"
                 f" negative {place} would feed energy into a simulation",
@@ -223,13 +225,13 @@ def _with_payload(estimate: Estimate) -> Array:
     last.
     """
     links = np.array(estimate.links)
-    load = np.array([p.effect == "payload" for p in estimate.model.parameters])
-    if load.any():
-        links[-1] += estimate.theta[load].reshape(-1, links.shape[1]).sum(axis=0)
+    load = payload_parameters(estimate)
+    if load is not None:
+        links[-1] += load[1]
     return links
 
 
-def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
+def with_effects(estimate: Estimate, holds: Callable[[Effect], bool]) -> Estimate:
     """Return a copy of a model with some of its effects only, and without a verdict.
 
     This is the model that a file holds which has a place for these effects only.
@@ -239,8 +241,8 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
     ----------
     estimate : Estimate
         The model.
-    held : collection of str
-        Names of the effects to keep.
+    holds : callable
+        Whether to keep an effect.
 
     Returns
     -------
@@ -250,7 +252,7 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
     remaining = [
         (effect, indices)
         for effect, indices in model.parts
-        if effect.name in held or effect.forward == "drive"
+        if holds(effect) or effect.forward == "drive"
     ]
     effects = tuple(effect for effect, _ in remaining)
     index = np.sort(np.concatenate([indices for _, indices in remaining]))

@@ -8,6 +8,6 @@ ENDING = ".drake.urdf"
 FILE = "robot.drake.urdf"
 ABOUT = "for Drake, with rotor inertias"
 EDITS = True
-HOLDS = urdf.HOLDS | {"rotor_inertia"}
+HOLDS = urdf.HOLDS | {"armature"}
 RESTS = True
 write = partial(urdf.write, drake=True)

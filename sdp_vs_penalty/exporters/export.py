@@ -12,6 +12,7 @@ from sdp_vs_penalty.errors import InputError, Remark, printable
 from sdp_vs_penalty.estimation.carried import doubts_of_bodies
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.exporters.c_formulas import has_closed_form
 from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
 from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.files import write_bytes
@@ -113,7 +114,7 @@ def friction_at_rest(estimate: Estimate, out: str | Path) -> str:
     joints = {
         joint
         for effect in estimate.model.effects
-        if effect.name == "coulomb_friction"
+        if effect.simulator_field == "friction"
         for joint in effect.joints
     }
     if not joints or not getattr(format_of(out), "RESTS", False):
@@ -142,8 +143,18 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
         A copy without the effects that the format has no place for. None for formats
         that hold no model of the torque (tables, payloads).
     """
-    held = getattr(format_of(out), "HOLDS", None)
-    return None if held is None else with_effects(estimate, held)
+    home = format_of(out)
+    fields = getattr(home, "HOLDS", None)
+    holds_formulas = getattr(home, "HOLDS_FORMULAS", False)
+    if fields is None:
+        return None
+    return with_effects(
+        estimate,
+        lambda effect: (
+            effect.simulator_field in fields
+            or (holds_formulas and has_closed_form(effect, estimate))
+        ),
+    )
 
 
 def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from typing import Protocol
 
+from sdp_vs_penalty.effects.effect import SimulatorField
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options
 
@@ -13,8 +14,9 @@ Written = tuple[bytes, tuple[str, ...]]
 class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
-    Four more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
-    the names of the effects that have a place in them (:class:`HoldsModel`).
+    Five more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
+    the fields that they have (:class:`HoldsModel`), ``HOLDS_FORMULAS = True`` of those
+    that hold every effect with a closed form as well.
     ``EDITS = True`` is of formats that can edit the user's own file, ``options.urdf``.
     ``BODIES = False`` is of formats that hold neither links nor a payload, ``RESTS =
     True`` of formats whose simulators hold a joint at rest by dry friction.
@@ -57,5 +59,5 @@ class ExportFormat(Protocol):
 class HoldsModel(ExportFormat, Protocol):
     """A format that holds a model of the torque, judged as it is exported."""
 
-    #: Names of the effects that have a place in it.
-    HOLDS: Collection[str]
+    #: The fields that it has a place for.
+    HOLDS: Collection[SimulatorField]

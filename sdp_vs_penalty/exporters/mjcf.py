@@ -9,7 +9,7 @@ from lxml import etree
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
-    HELD,
+    FIELDS,
     Content,
     LinkPart,
     Options,
@@ -26,7 +26,7 @@ from sdp_vs_penalty.robot.robot import Robot
 ENDING = ".xml"
 FILE = "robot.xml"
 ABOUT = "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears"
-HOLDS = HELD | {"rotor_inertia", "joint_spring", "torque_offset"}
+HOLDS = FIELDS | {"armature", "stiffness", "offset"}
 RESTS = True
 
 

@@ -8,7 +8,7 @@ from lxml import etree
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
-    HELD,
+    FIELDS,
     Content,
     Options,
     element,
@@ -22,7 +22,7 @@ from sdp_vs_penalty.robot.urdf import rpy_of
 ENDING = ".sdf"
 FILE = "robot.sdf"
 ABOUT = "SDFormat, for Gazebo"
-HOLDS = HELD
+HOLDS = FIELDS
 RESTS = True
 
 

@@ -20,7 +20,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
-    HELD,
+    FIELDS,
     Content,
     Inertial,
     LinkPart,
@@ -199,7 +199,7 @@ ENDING = ".urdf"
 FILE = "robot.urdf"
 ABOUT = "for ROS and simulators"
 EDITS = True
-HOLDS = HELD
+HOLDS = FIELDS
 RESTS = True
 
 

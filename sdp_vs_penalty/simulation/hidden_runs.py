@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.effect import Effect, JointEffect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.problem.load import as_problem
@@ -405,15 +406,18 @@ def _sized_effects(
     which it can act, and left out where it makes no torque. Raises InputError for an
     effect that cannot be simulated, or that makes no torque on a joint that was named.
     """
-    if name not in MAKERS:
+    kind = effect_types()[name]
+    if name not in MAKERS and not issubclass(kind, JointEffect):
         raise InputError(
             f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}"
         )
-    kind = effect_types()[name]
     all_joints = [0] if kind.whole_robot else kind(problem.robot).joints
     sized_effects = []
     for joint in joints or all_joints:
-        unsized = made(name, world, joint, rng)
+        if name in MAKERS:
+            unsized = made(name, world, joint, rng)
+        else:
+            unsized = _of_columns(kind(problem.robot, [joint]))
         sized = unsized.sized(world, motions, factor)
         if sized is not unsized:
             sized_effects.append(sized)
@@ -423,6 +427,22 @@ def _sized_effects(
                 f"{name} makes no torque {where}", "hide it elsewhere, or hide another"
             )
     return sized_effects
+
+
+def _of_columns(effect: Effect) -> Hidden:
+    """Hide an effect that no world states a second time: by its own columns, each of
+    its parameters as large as its size."""
+    number = 1.0 if len(effect.parameters) == 1 else None
+    change = partial(_torque_of_columns, effect)
+    return Hidden(effect.joints, change, number, shape=effect.shape, effect=effect.name)
+
+
+def _torque_of_columns(
+    effect: Effect, world: World, motion: TrueMotion, size: float
+) -> Array:
+    """Return the torque (N, n) of an effect, each of its parameters of one size."""
+    states = Motion(motion.t, motion.q, motion.dq, motion.ddq)
+    return effect.torque(np.full(len(effect.parameters), size), states)
 
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:

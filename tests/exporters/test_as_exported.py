@@ -16,14 +16,19 @@ from small_runs import write_run
 from sdp_vs_penalty import Estimate, export, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, effect_types
-from sdp_vs_penalty.exporters.c_formulas import FORMULAS
 from sdp_vs_penalty.exporters.export import as_exported, formats
 from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
-#: Effects whose columns follow from q, dq and ddq alone, each on joint 2 of two.
+#: Effects with a closed form in q, dq, ddq and the load, each on joint 2 of two.
 OF_MOTION = {
+    "asymmetric_viscous_friction": ("",),
+    "asymmetric_coulomb_friction": ("",),
+    "load_dependent_friction": ("",),
+    "friction_lead": ("lead=0.005",),
+    "joint_spring": ("",),
+    "stiffening_spring": ("",),
     "sigmoid_friction": ("law=1@v0=0.2", "law=2@v0=0.2", "law=3@v0=0.2"),
     "stribeck_friction": ("law=1@vs=0.2", "law=2@vs=0.1"),
     "power_law_friction": ("alpha=0.7",),
@@ -34,8 +39,8 @@ OF_MOTION = {
 }
 WRITTEN = [
     f"{name}:2@{shape}" if shape else f"{name}:2"
-    for name in FORMULAS
-    for shape in OF_MOTION.get(name, ("",))
+    for name, shapes in OF_MOTION.items()
+    for shape in shapes
 ]
 WRITTEN.append("elastic_coupling:1+2")
 

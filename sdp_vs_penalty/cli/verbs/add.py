@@ -133,11 +133,11 @@ def _say_sizes(effects: Any, model: Any, added: Any) -> None:
     from sdp_vs_penalty.estimation import carried
 
     for finding in () if isinstance(effects, str) else effects.beside_curves:
-        if finding.effect != carried.PAYLOAD:
+        if finding.effect != "payload":
             size = size_in_model(finding, model).size_text
             console.say(f"{finding.title}: {size}")
     for effect, indices in model.model.parts:
-        if effect in added and effect.name == carried.PAYLOAD:
+        if effect in added and effect.simulator_field == "payload":
             console.paragraph(carried.payload_in_words(model))
             for doubt in carried.doubts_of_payload(model):
                 console.warn(doubt)
