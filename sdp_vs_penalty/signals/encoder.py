@@ -12,7 +12,13 @@ _ROUNDING = 1e-9
 
 
 def lattice_step(values: Array) -> float:
-    """Resolution of a channel: the smallest step between different values.
+    """Resolution of a channel: the smallest step between different values, if the values
+    are those of a counter; else 0.
+
+    A counter of N samples on M = range / step levels repeats N - M (1 - exp(-N / M)) of
+    them; values that all differ repeat none. And where it changes, its fourth
+    differences are whole steps, whereas those of a smooth motion, which may come back to
+    the same values without noise, are far smaller. Half of either is asked for.
 
     Parameters
     ----------
@@ -25,9 +31,18 @@ def lattice_step(values: Array) -> float:
         The step, in the channel's unit.
     """
     levels = np.unique(values)
-    steps = np.diff(levels)
-    steps = steps[steps > _ROUNDING * (levels[-1] - levels[0])]
-    return float(steps.min()) if len(steps) else 0.0
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > _ROUNDING * (levels[-1] - levels[0])]
+    if len(values) < 5 or not len(gaps):
+        return 0.0
+    step = float(gaps.min())
+    n_levels = (levels[-1] - levels[0]) / step + 1.0
+    expected_repeats = len(values) + n_levels * np.expm1(-len(values) / n_levels)
+    changes = np.abs(np.diff(values)) > 0.5 * step
+    is_near_change = np.convolve(changes, np.ones(4), "valid") > 0.5
+    jerks = np.abs(np.diff(values, 4))[is_near_change] > 0.5 * step
+    is_repeated = len(values) - len(levels) >= 0.5 * expected_repeats
+    return step if is_repeated and len(jerks) and jerks.mean() > 0.5 else 0.0
 
 
 def lattice_step_bound(values: Array) -> float:

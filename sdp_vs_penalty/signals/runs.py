@@ -18,6 +18,8 @@ from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle
 #: one's noise.
 _LARGEST_NOISE = 0.01
+#: A servo that holds its joint gives way to the others' motion by at most this share of it.
+_HELD = 0.02
 
 #: A step this long is no sampling but a pause [s]; and the grid has at most so many
 #: points a sample.
@@ -57,12 +59,14 @@ def sample_rate(run: Measurements) -> float:
 
 
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:
-    """Return which joints (n,) move at all, rather than flicker about one position.
+    """Return which joints (n,) move at all, rather than flicker about one position or
+    give way to the others' motion.
 
     A joint moves if the standard deviation of its position is large, or large compared
-    with its changes from row to row. A noisy position changes as much from row to row
-    as it ever does (the ratio is 0.7 for white noise, up to 1.5 for the idle joints of
-    a real arm), a smooth motion far less (over 100).
+    with its changes from row to row and with that of the joint that moves most. A noisy
+    position changes as much from row to row as it ever does (the ratio is 0.7 for white
+    noise, up to 1.5 for the idle joints of a real arm), a smooth motion far less (over
+    100).
     """
     # Sums over the rows of displacements, their squares, and squared steps.
     total = np.zeros(run.n)
@@ -79,7 +83,10 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     variance = square / count - (total / count) ** 2
     spread = np.sqrt(np.maximum(variance, 0.0))
     step = np.sqrt(steps / max(count - 1, 1))
-    return np.asarray((spread > 4.0 * step) | (spread > _LARGEST_NOISE))
+    is_smooth = spread > 4.0 * step
+    largest = np.max(spread, initial=0.0, where=is_smooth)
+    is_free = spread > _HELD * largest
+    return np.asarray((is_smooth & is_free) | (spread > _LARGEST_NOISE))
 
 
 class Movement:

@@ -64,6 +64,16 @@ def test_what_moves_at_all():
     ).tolist() == [True, False, False, True]
 
 
+def test_a_joint_that_its_servo_holds_does_not_move():
+    """It gives way to the weight of the others, smoothly and by 5 mrad of their 1 rad; a
+    joint that goes as far as that by itself moves."""
+    t = 0.01 * np.arange(2000)
+    sag, swing = 5e-3 * np.sin(1.3 * t), np.sin(1.3 * t + 0.2)
+    for others, moves in ((swing, [False, True]), (0.1 * swing, [True, True])):
+        run = log(t, np.column_stack([sag, others]))
+        assert runs.moving_joints(run).tolist() == moves
+
+
 def test_an_instant_is_of_motion_where_half_a_second_goes_as_far_as_the_share():
     """Of a quarter of a second to either side; a joint that only flickers does not
     count."""
