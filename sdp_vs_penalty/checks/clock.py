@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from sdp_vs_penalty.data.formats.inferred_units import unit_of_dates
 from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range
+from sdp_vs_penalty.data.stretches import is_set_back
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
 
@@ -217,10 +219,9 @@ def _goes_on(glance: RunSummary, rows: NDArray[np.intp]) -> Rows:
 
 
 def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error about rows whose time lies before that of an earlier row.
-
-    The clock was set back, several runs are in the file, or, where fewer than RUN rows
-    lie between, rows are misplaced; the repair differs.
+    """Yield an error about rows whose time lies before that of an earlier row, and a
+    warning where the clock was set back, or several runs are in the file: each stretch
+    is then a run.
 
     Parameters
     ----------
@@ -235,31 +236,33 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
         return
-    lengths = np.diff(bad, prepend=0, append=len(glance.run.t) - 1)
+    severity: Literal["error", "warning"] = "error"
     repair: Callable[[Measurements], Measurements]
     if is_last_row_first(glance.steps):
         how = "the last row comes first"
         remedy = "turn the order of the rows round"
         repair = _first_row_first
-    elif np.any(lengths <= RUN):
+    elif not is_set_back(glance.run.t):
         how = "the rows there do not continue the motion"
         remedy = "delete the rows whose time lies before that of an earlier row"
         repair = _without_rows_before
     elif _goes_on(glance, bad).all():
+        severity = "warning"
         how = "the motion continues without a break"
-        remedy = CONTINUE
+        remedy = f"no action needed: a run begins there (or {CONTINUE})"
         repair = partial(_stepping_on, step=glance.usual_step)
     else:
+        severity = "warning"
         how = "several runs are in the file"
         remedy = (
-            "let each begin a second after the end of the one before (or write a file"
-            " each)"
+            "no action needed: a run begins there (or let each begin a second after the"
+            " end of the one before)"
         )
         repair = partial(_stepping_on, step=max(1.0, 50.0 * glance.usual_step))
     seconds = float(-glance.steps[bad].min())
     yield Issue(
         kind="time runs backwards",
-        severity="error",
+        severity=severity,
         where=rows_text(bad + 3),
         what=f"the clock is set back {formatting.times(len(bad))}, by up to {seconds:.3g} s: {how}.",
         certainty=READ,
@@ -532,7 +535,7 @@ def _clock_step(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
         what=f"the clock jumps ahead by up to {glance.steps[rows].max():.3g} s while the"
         " moving arm does not: the clock was set, and no sample is missing.",
         certainty=likely("the distance travelled is that of one usual step"),
-        remedy=CONTINUE,
+        remedy=f"no action needed: the run is split there (or {CONTINUE})",
         repair=partial(with_time_steps, where=is_wrong, steps=glance.usual_step),
         figures=_rows_and_seconds(glance, rows),
     )

@@ -34,6 +34,7 @@ from sdp_vs_penalty.checks.constants import (
 )
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
+from sdp_vs_penalty.data.stretches import recorded_seconds
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
@@ -213,7 +214,7 @@ class Likelihood:
 
         A torque behind a low-pass has two independent samples a second and hertz.
         """
-        seconds = float(np.ptp(self.data.motion.t))
+        seconds = recorded_seconds(self.data.motion.t)
         n_samples = 2.0 * self.data.cutoff * seconds * len(self.joints)
         n_shared = len(self.fit(self.as_logged).theta)
         n_parameters = n_shared + self.n * self.data.own_columns.shape[2]

@@ -262,7 +262,7 @@ class RegressionData:
 
         assert settings.torque_cutoff is not None
         # Rows are independent of each other up to half their rate (Nyquist).
-        seconds = max(float(run.t[-1] - run.t[0]), 1e-9)
+        seconds = max(run.seconds, 1e-9)
         half_rate_of_rows = ROWS / (2.0 * seconds)  # [Hz]
         cutoff = min(settings.torque_cutoff, half_rate_of_rows)
         filters = RunFilter(run, replace(settings, torque_cutoff=cutoff))

@@ -24,6 +24,7 @@ from sdp_vs_penalty.data.measurements import (
     without_traces,
 )
 from sdp_vs_penalty.data.store import iter_chunks
+from sdp_vs_penalty.data.stretches import is_set_back
 from sdp_vs_penalty.errors import (
     InputError,
     MissingJoints,
@@ -614,7 +615,8 @@ def is_last_row_first(steps: Array) -> bool:
 def _require_advancing_clock(
     path: str | Path, m: Measurements, word: str, first: int
 ) -> None:
-    """Raise RepairableError where time repeats or runs backwards.
+    """Raise RepairableError where time repeats, or rows lie before earlier ones; a
+    clock that was set back begins another run.
 
     ``first`` is the number of the first sample in messages, ``word`` how they call a
     sample.
@@ -622,7 +624,8 @@ def _require_advancing_clock(
     stays = np.concatenate(
         [a + np.flatnonzero(np.diff(x) <= 0) for a, x in iter_chunks(m.t, overlap=1)]
     )
-    if len(stays) == 0:
+    repeats = any(np.any(np.diff(x) == 0) for _, x in iter_chunks(m.t, overlap=1))
+    if len(stays) == 0 or (is_set_back(m.t) and not repeats):
         return
     row = int(stays[0])
     how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"

@@ -19,6 +19,7 @@ from sdp_vs_penalty.data.store import (
     digest,
     iter_chunks,
 )
+from sdp_vs_penalty.data.stretches import recorded_seconds, rows_behind_pauses
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array, wrong_shape
@@ -231,6 +232,31 @@ class Measurements(Shown):
                 self.rows(s, name) for s, name in zip(slices, self.names, strict=True)
             ]
         return [self.rows(run == k, name) for k, name in enumerate(self.names)]
+
+    @cached_property
+    def cut_at_pauses(self) -> Measurements:
+        """The same samples, each stretch between two pauses of the clock a run by
+        itself ("run.csv, stretch 2 of 3"); the same object where no run has a pause."""
+        pauses = [rows_behind_pauses(run.t) for run in self.runs()]
+        if not any(map(len, pauses)):
+            return self
+        index = np.zeros(len(self.t), np.int64)
+        names = list[str]()
+        for k, (name, rows) in enumerate(zip(self.names, pauses, strict=True)):
+            n_samples = self.runs()[k].samples
+            number = np.searchsorted(rows, np.arange(n_samples), side="right")
+            of_run = slice(None) if self.run is None else self.run == k
+            index[of_run] = len(names) + number
+            count = len(rows) + 1
+            names += [f"{name}, stretch {j} of {count}" for j in range(1, count + 1)]
+            if count == 1:
+                names[-1] = name
+        return replace(self, run=index, names=tuple(names))
+
+    @property
+    def seconds(self) -> float:
+        """How long the runs last together [s], pauses of their clocks left out."""
+        return sum(recorded_seconds(run.t) for run in self.runs() if run.samples)
 
     def window(self, start: float, stop: float) -> Measurements:
         """Cut a window of time out of each run.

@@ -49,9 +49,10 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     InputError
         Naming the run, row and column; for angles a RepairableError.
     """
+    for run in measurements.cut_at_pauses.runs():
+        _check_derivative(robot, run)
     for run in measurements.runs():
         check_torque(run)
-        _check_derivative(robot, run)
         _check_side(robot, run)
         far = far_outside(robot, run.q)
         smallest, largest = column_range(run.q)

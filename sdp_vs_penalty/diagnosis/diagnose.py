@@ -132,7 +132,7 @@ def diagnose(
     share = model.preprocessing.standstill
     still = sum(
         still_seconds(run, Movement(run, share))
-        for run in (test or measurements).runs()
+        for run in (test or measurements).cut_at_pauses.runs()
     )
     diagnosis = replace(diagnosis, standstill_left_out=still)
     return diagnosis if floor is None else replace(diagnosis, noise_floor=floor)

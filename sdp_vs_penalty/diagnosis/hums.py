@@ -52,7 +52,7 @@ def find_hums_above(measurements: Measurements, cutoff: float) -> list[Event]:
     """
     out = []
     for run in measurements.runs():
-        stretches = split_at_gaps(run)
+        stretches = list(split_at_gaps(run))
         if not stretches:
             continue
         longest = max(stretches, key=lambda s: s.count)

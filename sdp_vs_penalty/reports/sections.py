@@ -44,10 +44,11 @@ Context = dict[str, Any]
 class JudgedRun:
     """One run behind its filters, as a model explains it.
 
-    motion : at M instants; torque, modelled (M, n) : measured and modelled [N m, N];
+    name : of the run; motion : at M instants; torque, modelled (M, n) : measured and modelled [N m, N];
     shown (m,) : the instants at which the model's band is drawn, and the columns there.
     """
 
+    name: str
     motion: Motion
     torque: Array
     modelled: Array
@@ -102,6 +103,7 @@ class JudgedRun:
             ddq=states["ddq"].array(),
         )
         return cls(
+            name=run.run.names[0],
             motion=motion,
             torque=torque.array(),
             modelled=modelled.array(),
@@ -289,11 +291,12 @@ def _stretches(
 
     moved : offset of each run's clock [s] that places the runs one after another.
     """
+    first = data.comparisons[0].name
     placed = []
     for stretch in failing[j].stretches:
-        for run, shift in zip(data.measurements.runs(), moved, strict=True):
-            is_of_run = stretch.run.startswith(run.names[0])
-            if is_of_run and run.t[0] <= stretch.start <= run.t[-1]:
+        for run, shift in zip(data.judged[first], moved, strict=True):
+            t = run.motion.t
+            if stretch.run.startswith(run.name) and t[0] <= stretch.start <= t[-1]:
                 placed.append(
                     (stretch.start + shift, stretch.stop + shift, stretch.cause)
                 )

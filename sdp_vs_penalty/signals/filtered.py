@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART, DiskCache
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.kernels import Decimator
@@ -315,20 +316,40 @@ class FilteredRun:
         """Filter the run and yield its chunks; long stretches are cut at PART samples,
         unless ``uncut``. Raises InputError where the filters leave no row."""
         filters = self.filters.every_sample if uncut else self.filters
-        margin = filters.state.half + filters.column.half
-        is_whole = uncut or self.run.q.size <= SAMPLES
         has_rows = False
+        for part, at, keep in self._places(uncut):
+            has_rows = True
+            yield _chunk(filters, part, at, keep)
+        if not has_rows:
+            raise no_rows(self.run, 2 * self._margin * filters.dt)
+
+    @property
+    def _margin(self) -> int:
+        """Number of samples that the filters take from each end of a stretch."""
+        return self.filters.state.half + self.filters.column.half
+
+    def _places(
+        self, uncut: bool
+    ) -> Iterator[tuple[Stretch, NDArray[np.int64], NDArray[np.bool_]]]:
+        """Yield each chunk's stretch, its samples (K,) that may become rows, and which
+        of them (K,) do; chunks without a row are left out."""
+        is_whole = uncut or self.run.q.size <= SAMPLES
         for part in split_at_gaps(self.run):
-            rows = np.arange(margin, part.count - margin, self.step)
+            rows = np.arange(self._margin, part.count - self._margin, self.step)
             n_at_once = max(len(rows) if is_whole else PART // self.step, 1)
             for start in range(0, len(rows), n_at_once):
                 at = rows[start : start + n_at_once]
                 keep = self.moving.at(part.clock(at))
                 if keep.any():
-                    has_rows = True
-                    yield _chunk(filters, part, at, keep)
-        if not has_rows:
-            raise no_rows(self.run, 2 * margin * filters.dt)
+                    yield part, at, keep
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether the run is long enough for the filters, and moves."""
+        try:
+            return any(True for _ in self._places(uncut=False))
+        except InputError:
+            return False
 
 
 def _itself(chunk: FilteredChunk) -> FilteredChunk:
@@ -397,14 +418,19 @@ class FilteredRuns:
         Returns
         -------
         FilteredRuns
-            The filtered runs; rows are computed when they are used.
+            The filtered runs, cut at pauses of their clocks; rows are computed when
+            they are used.
         """
         settings = settings.resolve(measurements)
-        return cls(
-            measurements,
-            settings,
-            tuple(FilteredRun(r, settings) for r in measurements.runs()),
-        )
+        cut = measurements.cut_at_pauses
+        runs = [FilteredRun(run, settings) for run in cut.runs()]
+        if cut is not measurements:
+            # A stretch in which the arm stands, or that is too short, is no run.
+            used = [run for run in runs if run.has_rows]
+            if 0 < len(used) < len(runs):
+                cut = concatenate([run.run for run in used])
+                runs = used
+        return cls(cut, settings, tuple(runs))
 
 
 def joined(pieces: Iterable[Motion]) -> Motion:

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.stretches import FINEST
 from sdp_vs_penalty.effects.effect import Motion, Sampling
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.effects.servo import LATEST
@@ -38,7 +39,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import STOPS
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel
 from sdp_vs_penalty.signals.runs import (
-    FINEST,
     Movement,
     Stretch,
     moving_joints,

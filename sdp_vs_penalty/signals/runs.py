@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, drop_pages, iter_chunks
+from sdp_vs_penalty.data.stretches import rows_behind_gaps, usual_step
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
+from sdp_vs_penalty.signals.constants import SAME_PHASE
 
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle
 #: one's noise.
@@ -21,18 +22,11 @@ _LARGEST_NOISE = 0.01
 #: A servo that holds its joint gives way to the others' motion by at most this share of it.
 _HELD = 0.02
 
-#: A step this long is no sampling but a pause [s]; and the grid has at most so many
-#: points a sample.
-_PAUSE = 0.05
-FINEST = 10.0
-
 
 def sample_rate(run: Measurements) -> float:
     """Return the sample rate of a run [Hz]: one over the median time step.
 
-    Of a long run the steps of stretches spread over it are used. Where stamps come in
-    bursts the median step is nearly 0: the rate is at most FINEST times that of the
-    mean step, in which long pauses count as short ones.
+    :func:`~sdp_vs_penalty.data.stretches.usual_step` says what counts as a step.
 
     Parameters
     ----------
@@ -44,18 +38,7 @@ def sample_rate(run: Measurements) -> float:
     float
         Samples per second.
     """
-    n_stretches = 1
-    size = len(run.t)
-    if size > SAMPLES:
-        n_stretches = SAMPLES // PART
-        size = PART
-    starts = np.linspace(0, len(run.t) - size, n_stretches).astype(int)
-    stretches = [run.t[k : k + size] for k in starts]
-    steps = np.concatenate([np.diff(t) for t in stretches])
-    middle = float(np.median(steps))
-    longest = max(_PAUSE, 20.0 * middle)
-    mean = float(np.mean(np.minimum(steps, longest)))
-    return 1.0 / max(middle, mean / FINEST)
+    return 1.0 / usual_step(run.t)
 
 
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:
@@ -256,15 +239,10 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
 def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
     """Yield the uninterrupted stretches of a run of two samples or more.
 
-    A gap is a time step of more than 20 usual ones, and of more than 50 ms.
+    :func:`~sdp_vs_penalty.data.stretches.rows_behind_gaps` says what a gap is.
     """
-    dt = 1.0 / sample_rate(run)
-    pause = max(20.0 * dt, _PAUSE)
-    gaps = [
-        k + np.flatnonzero(np.diff(t) > pause) for k, t in iter_chunks(run.t, overlap=1)
-    ]
-    breaks = np.concatenate(gaps) + 1
-    for start, stop in pairwise([0, *breaks, len(run.t)]):
+    dt = usual_step(run.t)
+    for start, stop in pairwise([0, *rows_behind_gaps(run.t), len(run.t)]):
         if stop - start < 2:
             continue
         part = run.rows(slice(start, stop))

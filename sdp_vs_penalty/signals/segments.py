@@ -446,6 +446,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     """
     assert settings.torque_cutoff is not None
     assert settings.state_cutoff is not None
+    measurements = measurements.cut_at_pauses
     segments: list[Segment] = []
     rate = 0.0
     for index, run in enumerate(measurements.runs()):
@@ -546,11 +547,12 @@ def window_subsample(
         themselves if they have fewer.
     """
     assert settings.torque_cutoff is not None
+    measurements = measurements.cut_at_pauses
     runs = measurements.runs()
     spans = [float(run.t[-1] - run.t[0]) for run in runs]
     # Rows are independent at twice the cut-off a second.
     allowed = MAX_ROWS / (2.0 * settings.torque_cutoff)  # [s]
-    if sum(spans) <= allowed:
+    if measurements.seconds <= allowed:
         return measurements
     # All runs are cut into slots of equal length, of which some are taken.
     slots = []
@@ -578,14 +580,10 @@ def subsample_sentence(
     part : the windows; measurements : the recording; what : subject and verb, such as
     "the noise is measured on".
     """
+    measurements = measurements.cut_at_pauses
     if part is measurements:
         return None
     return (
-        f"Long recording: {what} {_seconds(part):.3g} s of its"
-        f" {_seconds(measurements):.4g} s, {len(part.names)} windows spread over it."
+        f"Long recording: {what} {part.seconds:.3g} s of its"
+        f" {measurements.seconds:.4g} s, {len(part.names)} windows spread over it."
     )
-
-
-def _seconds(measurements: Measurements) -> float:
-    """Return how long all runs last together [s]."""
-    return sum(float(run.t[-1] - run.t[0]) for run in measurements.runs())

@@ -18,6 +18,7 @@ from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 from sdp_vs_penalty.checks.run_log import RunLog
+from sdp_vs_penalty.data.stretches import recorded_seconds
 
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.
@@ -124,9 +125,9 @@ def _likeliest_step(
     # One moment for two rows: a step two rows off explains nothing. Near the ends of
     # the log a step is an offset.
     shares = np.linspace(0.12, 0.88, c.ROWS // 2)
-    moments = (motion.t[0] + shares * np.ptp(motion.t)).tolist()
-    first_rows = np.searchsorted(motion.t, moments, side="right")
-    first_rows = np.minimum(first_rows, len(motion.t) - 1)
+    rows_before = (shares * (len(motion.t) - 1)).astype(np.intp)
+    moments = motion.t[rows_before].tolist()
+    first_rows = rows_before + 1
     falls = fit.log_falls_by_steps(log.torque_mask(now), first_rows)  # (n, moments)
     falls = falls * log.moving[:, None]
     # Share of the rows before and after each step in which a joint moves forth.
@@ -164,7 +165,7 @@ def _drift_from_end_to_end(
 ) -> float:
     """Return by how much a joint's torque drifts from a log's first row to its last
     [N m or N]: the rows of the fit, between which its ramp rises, lack both ends."""
-    seconds_of_rows = max(float(np.ptp(log.data.motion.t)), 1e-300)
+    seconds_of_rows = max(recorded_seconds(log.data.motion.t), 1e-300)
     return _size(log, repair, event) * log.data.seconds / seconds_of_rows
 
 

@@ -1,0 +1,77 @@
+"""The one place that cuts recordings where their clock does not advance steadily.
+
+A step far longer than the usual one is a gap: samples are missing, and nothing may be
+filtered or interpolated across it. A gap of more than a second is a pause, and so is a
+clock that was set ahead or back: what lies behind is a run by itself, as if it stood in
+a file of its own. So a run lasts about as long as its samples do, whatever its stamps
+say, and a grid over it has about as many points.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.store import PART, iter_chunks
+from sdp_vs_penalty.robot.arrays import Array
+
+#: A step this long is no sampling but a gap [s], and so many usual steps are.
+GAP = 0.05
+USUAL_STEPS = 20.0
+#: A gap this long is a pause [s].
+PAUSE = 1.0
+#: Where stamps come in bursts, the usual step is at least this share of the mean one.
+FINEST = 10.0
+#: Fewest rows of a run: fewer rows between two steps back in time are misplaced.
+FEWEST_ROWS = 50
+#: Steps of a long run that are looked at for the usual one.
+_STEPS_OF_LONG_RUN = 8 * PART
+
+
+def usual_step(t: Array) -> float:
+    """Return the usual time step [s] of stamps t (N,): the median one.
+
+    Of a long run the steps of parts spread over it are used. Where stamps come in
+    bursts the median step is nearly 0: the result is at least the mean step over
+    FINEST, in which gaps count as short ones.
+    """
+    n_parts = 1
+    size = len(t)
+    if size > _STEPS_OF_LONG_RUN:
+        n_parts = _STEPS_OF_LONG_RUN // PART
+        size = PART
+    starts = np.linspace(0, len(t) - size, n_parts).astype(int)
+    steps = np.concatenate([np.diff(t[k : k + size]) for k in starts])
+    middle = float(np.median(steps))
+    mean = float(np.mean(np.clip(steps, 0.0, max(GAP, USUAL_STEPS * middle))))
+    return max(middle, mean / FINEST)
+
+
+def rows_behind_gaps(t: Array, shortest: float = GAP) -> NDArray[np.intp]:
+    """Return the rows (K,) behind the gaps of stamps t (N,): steps of more than 20
+    usual ones and of more than ``shortest`` seconds, and steps back in time."""
+    longest = max(USUAL_STEPS * usual_step(t), shortest)
+    rows = [np.zeros(0, np.intp)]
+    for first, part in iter_chunks(t, overlap=1):
+        steps = np.diff(part)
+        rows.append(first + 1 + np.flatnonzero((steps > longest) | (steps < 0.0)))
+    return np.concatenate(rows)
+
+
+def rows_behind_pauses(t: Array) -> NDArray[np.intp]:
+    """Return the rows (K,) at which stamps t (N,) begin anew: behind gaps of more than
+    a second, and where the clock was set back."""
+    return rows_behind_gaps(t, PAUSE)
+
+
+def is_set_back(t: Array) -> bool:
+    """Return whether a clock with stamps t (N,) was set back, once or more: more than
+    FEWEST_ROWS rows lie before, between and behind its steps back in time."""
+    back = [first + np.flatnonzero(np.diff(x) < 0.0) for first, x in iter_chunks(t, 1)]
+    rows = np.concatenate(back)
+    lengths = np.diff(rows, prepend=0, append=len(t) - 1)
+    return len(rows) > 0 and bool(np.all(lengths > FEWEST_ROWS))
+
+
+def recorded_seconds(t: Array) -> float:
+    """Return how long a run with stamps t (N,) lasts [s], pauses left out."""
+    behind = rows_behind_pauses(t)
+    return float(t[-1] - t[0] - np.sum(t[behind] - t[behind - 1]))
