@@ -348,7 +348,7 @@ def _judge(
             estimate.problem, runs.measurements, estimate.preprocessing
         )
     comparison = compare_filtered({estimate.method: estimate}, judged, noise_from)[0]
-    recording = noise_from or runs.measurements
+    recording = (noise_from or runs.measurements).recording
     noise = NoiseFloor(*comparison.noise, recording.data_hash)
     estimate.provenance.update(
         verdict=comparison.verdict.to_dict(), noise=noise.to_dict()

@@ -359,7 +359,7 @@ def windowed(
             what = f"no samples between {start:g} s and {end}: {lasts}"
             raise InputError(what, "choose a window inside it", run.names[0])
         name = f"{run.names[0]}, {start:.4g} s to {end}"
-        windows_cut.append(part if len(windows) == 1 else replace(part, names=(name,)))
+        windows_cut.append(part if len(windows) == 1 else part.renamed(name))
     return concatenate(windows_cut)
 
 

@@ -97,6 +97,11 @@ class Measurements(Shown):
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
     joint_names: tuple[str, ...] = ()
+    #: Recordings that these samples are windows of; none: they are a whole recording. A
+    #: changed copy (``dataclasses.replace``) is a recording of its own.
+    _cut_from: tuple[Measurements, ...] = field(
+        default=(), init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         """Take lists and pandas objects as arrays; raise InputError for what is no
@@ -173,6 +178,19 @@ class Measurements(Shown):
     def n(self) -> int:
         """Number of joints."""
         return int(self.q.shape[1])
+
+    @cached_property
+    def recording(self) -> Measurements:
+        """The recording that these samples are a window of, or themselves. Its
+        repetitions show the noise, which a window may cut off."""
+        return concatenate(self._cut_from) if self._cut_from else self
+
+    def _as_window_of(self, recordings: Iterable[Measurements]) -> Measurements:
+        """Return these samples as windows of recordings, each named once."""
+        part = replace(self)
+        once = {id(recording): recording for recording in recordings}
+        object.__setattr__(part, "_cut_from", tuple(once.values()))
+        return part
 
     @property
     def samples(self) -> int:
@@ -251,12 +269,17 @@ class Measurements(Shown):
             names += [f"{name}, stretch {j} of {count}" for j in range(1, count + 1)]
             if count == 1:
                 names[-1] = name
-        return replace(self, run=index, names=tuple(names))
+        cut = replace(self, run=index, names=tuple(names))
+        return cut._as_window_of(part.cut_at_pauses for part in self._cut_from)
 
     @property
     def seconds(self) -> float:
         """How long the runs last together [s], pauses of their clocks left out."""
         return sum(recorded_seconds(run.t) for run in self.runs() if run.samples)
+
+    def renamed(self, name: str) -> Measurements:
+        """Return the same samples, of one run, under another name."""
+        return replace(self, names=(name,))._as_window_of(self._cut_from)
 
     def window(self, start: float, stop: float) -> Measurements:
         """Cut a window of time out of each run.
@@ -283,7 +306,7 @@ class Measurements(Shown):
             cut.append(
                 run.rows(slice(first, last) if inside[first:last].all() else inside)
             )
-        return concatenate(cut)
+        return concatenate(cut)._as_window_of(self._cut_from or (self,))
 
     def rows(
         self,
@@ -310,7 +333,7 @@ class Measurements(Shown):
     def copied(self) -> Measurements:
         """Return the same measurements in arrays of their own."""
         commanded = {name: np.array(block) for name, block in self.commanded.items()}
-        return replace(
+        copy = replace(
             self,
             t=np.array(self.t),
             q=np.array(self.q),
@@ -322,6 +345,7 @@ class Measurements(Shown):
             ),
             commanded=commanded,
         )
+        return copy._as_window_of(part.copied() for part in self._cut_from)
 
     def without_joints(self, places: Sequence[int]) -> Measurements:
         """Leave out the channels of some joints.
@@ -338,7 +362,8 @@ class Measurements(Shown):
         """
         stays = [k for k in range(self.n) if k not in places]
         groups = {group: block[:, stays] for group, block in self.groups.items()}
-        return Measurements.of(self.t, groups, self.names, self.run)
+        others = Measurements.of(self.t, groups, self.names, self.run)
+        return others._as_window_of(part.without_joints(places) for part in self._cut_from)
 
     def parts(self) -> Iterator[Measurements]:
         """Iterate over consecutive pieces of the samples, 32768 at a time, across
@@ -509,12 +534,16 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
     for group in common_groups:
         groups[group] = concatenate_chunks(run.groups[group] for run in runs)
     indices = (np.broadcast_to(k, len(run.t)) for k, run in enumerate(runs))
-    return Measurements.of(
+    together = Measurements.of(
         concatenate_chunks(run.t for run in runs),
         groups,
         names=tuple(run.names[0] for run in runs),
         run=concatenate_chunks(indices),
     )
+    if not any(part._cut_from for part in several):
+        return together
+    recordings = [whole for part in several for whole in part._cut_from or (part,)]
+    return together._as_window_of(recordings)
 
 
 def _require_one_kind(runs: Sequence[Measurements]) -> None:

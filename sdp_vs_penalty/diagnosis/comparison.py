@@ -21,12 +21,12 @@ from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
+    JointErrors,
     NoiseFloor,
     Verdict,
     doubt_of_log,
     judge,
     noise_level,
-    over_noise,
 )
 from sdp_vs_penalty.formatting import finite, plain_unit
 from sdp_vs_penalty.regression.evidence import jackknifed, student_95
@@ -73,8 +73,7 @@ class Comparison(Record):
 
     estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured
     torque) : (n,) each; noise_floor (n,) : of the measurements, or None where it is not
-    known, and noise_source; relative_error_percent : 100 |tau - tau_hat| / |tau| over
-    all joints; band_hz : cut-off of the low-pass; signals : the filtered rows;
+    known, and noise_source; band_hz : cut-off of the low-pass; signals : the filtered rows;
     new_motion_share : share of the rows whose motion the model was not trained on (see
     :mod:`~sdp_vs_penalty.signals.motion`), None where its model.json does not record
     that; outside : by effect the share of rows outside of its table (a measured curve),
@@ -88,9 +87,10 @@ class Comparison(Record):
     rmse: Array
     mse: Array
     r2: Array
+    #: (n,) root mean square of the measured torque [N m or N].
+    torque_rms: Array
     noise_floor: Array | None
     noise_source: str
-    relative_error_percent: float
     band_hz: float
     signals: Signals = field(compare=False)
     runs: tuple[str, ...] = ()
@@ -98,6 +98,16 @@ class Comparison(Record):
     outside: Mapping[str, float] = field(default_factory=dict)
     judged_on: str | None = None
     still: float = 0.0
+
+    @property
+    def errors(self) -> JointErrors:
+        """The errors beside noise and torque, joint by joint."""
+        return JointErrors(
+            rmse=self.rmse,
+            floor=self.noise_floor,
+            torque=self.torque_rms,
+            units=self.estimate.robot.torque_units,
+        )
 
     @fact("N m or N", name="error")
     def joint_error(self) -> Array:
@@ -113,7 +123,13 @@ class Comparison(Record):
     @fact("times the noise")
     def error_over_noise(self) -> Array | None:
         """(n,) error of each joint over its noise floor; unknown without a floor."""
-        return over_noise(self.rmse, self.noise_floor)
+        return self.errors.over_noise
+
+    @fact("% of the joint's torque", name="error beyond the noise")
+    def error_beyond_noise(self) -> Array:
+        """(n,) root of each joint's mean squared error less that of its noise, over the
+        root mean square of its torque; without a noise floor the whole error."""
+        return self.errors.beyond_noise
 
     @fact("times the noise")
     def largest_error_over_noise(self) -> float | None:
@@ -131,7 +147,12 @@ class Comparison(Record):
     @fact("%")
     def relative_error(self) -> float:
         """100 |tau - tau_hat| / |tau| over all joints, behind the low-pass."""
-        return self.relative_error_percent
+        return self.errors.relative
+
+    @property
+    def relative_error_percent(self) -> float:
+        """The relative error as a number [%]."""
+        return self.errors.relative
 
     @fact("%", digits=2, name="relative error not ruled out")
     def highest_relative_error(self) -> float | None:
@@ -224,11 +245,9 @@ class Comparison(Record):
         # Each link has ten parameters in theta, its mass first.
         mass_indices = self.estimate.model.rigid_indices[::10]
         return judge(
-            rmse=self.rmse,
+            errors=self.errors,
             r2=self.r2,
-            floor=self.noise_floor,
             noise_source=self.noise_source,
-            relative=self.relative_error_percent,
             new_share=self.new_motion_share,
             outside=max(self.outside.values(), default=0.0),
             certificate=self.estimate.certificate,
@@ -241,7 +260,6 @@ class Comparison(Record):
             seconds=self.signals.seconds,
             doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
             highest=self.highest_relative_error,
-            units=self.estimate.robot.torque_units,
             has_open_finding=has_open_finding,
         )
 
@@ -364,9 +382,9 @@ class Comparison(Record):
             rmse=np.array(data["rmse"], float),
             mse=np.array(data["mse"], float),
             r2=np.array(data["r2"], float),
+            torque_rms=np.array(data["torque_rms"], float),
             noise_floor=np.array(floor, float) if known else None,
             noise_source=data["verdict"]["noise_source"],
-            relative_error_percent=float(data["relative_error_percent"]),
             band_hz=float(data["band_hz"]),
             signals=Signals(np.zeros(0), no_rows, no_rows, no_rows, no_rows),
             runs=tuple(data["verdict"]["judged_on"]),
@@ -384,6 +402,7 @@ class Comparison(Record):
             "rmse": self.rmse.tolist(),
             "mse": self.mse.tolist(),
             "r2": [finite(x) for x in self.r2],
+            "torque_rms": self.torque_rms.tolist(),
             "noise_floor": (
                 [None] * len(self.rmse)
                 if self.noise_floor is None
@@ -599,7 +618,7 @@ def compare(
         Filter settings; default: those of the first model.
     noise_from : the same as measurements, optional
         The recordings of which the measurements are windows: their repetition shows the
-        noise floor. Default: the measurements. Where they do not repeat, the floor is
+        noise floor. Default: those that they were cut from. Where they do not repeat, the floor is
         that of the first model's own recordings, if these did.
 
     Returns
@@ -696,7 +715,8 @@ def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, st
         The filtered recordings.
     """
     stored = _kept_noise(first, shown.settings)
-    if stored is not None and stored.data_hash == shown.measurements.data_hash:
+    recording = shown.measurements.recording
+    if stored is not None and stored.data_hash == recording.data_hash:
         return stored.floor, stored.source
     floor, source = noise_level(first.problem, shown)
     if stored is not None and stored.source == REPETITION and source != REPETITION:
@@ -748,7 +768,8 @@ def noise_floor(model: Estimate, recordings: Measurements) -> tuple[Array | None
 
 def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:
     """Store the noise floor of a model's own recordings in its provenance."""
-    floor = NoiseFloor(*noise_floor(estimate, recordings), recordings.data_hash)
+    level = noise_floor(estimate, recordings)
+    floor = NoiseFloor(*level, recordings.recording.data_hash)
     estimate.provenance["noise"] = floor.to_dict()
 
 
@@ -780,9 +801,9 @@ def _compare_one(
         rmse=np.sqrt(statistics.mean_squared_error),
         mse=statistics.mean_squared_error,
         r2=statistics.r2,
+        torque_rms=statistics.torque_rms,
         noise_floor=noise,
         noise_source=noise_source,
-        relative_error_percent=statistics.relative_error,
         band_hz=band,
         signals=signals,
         runs=runs.measurements.names,
@@ -834,21 +855,20 @@ def _predict_runs(
 @dataclass(frozen=True)
 class _ErrorStatistics:
     """Errors of a model: mean_squared_error (n,) in (N m)^2 or N^2; r2 (n,), the
-    coefficient of determination, NaN for a constant torque; relative_error of all
-    joints together [%].
+    coefficient of determination, NaN for a constant torque.
     """
 
     mean_squared_error: Array
     r2: Array
-    relative_error: float
+    #: (n,) root mean square of the measured torque [N m or N].
+    torque_rms: Array
 
     @classmethod
     def of(cls, signals: Signals) -> Self:
-        """Compute mean squared error, r2 and relative error of a model's torque.
+        """Compute mean squared error and r2 of a model's torque.
 
         With e = measured - modelled: mse = mean e^2 and r2 = 1 - mse / variance of each
-        joint; relative error = 100 sqrt(sum of mse / sum of mean squared torque) over
-        all joints. Sums run over chunks of rows, so that long logs need little memory.
+        joint. Sums run over chunks of rows, so that long logs need little memory.
         """
         # All sums are over rows, (n,) each.
         pairs = zip(
@@ -869,9 +889,7 @@ class _ErrorStatistics:
         variance = scatter / n_rows
         with np.errstate(divide="ignore", invalid="ignore"):
             r2 = np.where(variance > 0.0, 1.0 - error / variance, np.nan)
-            mean_square = np.sum(variance + mean**2)
-            relative = 100.0 * np.sqrt(np.sum(error) / mean_square)
-        return cls(error, r2, float(relative))
+        return cls(error, r2, np.sqrt(variance + mean**2))
 
 
 def predicted(rows: Rows, theta: Array) -> Array:

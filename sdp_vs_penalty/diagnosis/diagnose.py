@@ -291,7 +291,8 @@ class DiagnosisRuns:
     filtered.
 
     test : the run for errors on data left out, or None; noise_from : the runs whose
-    repetition shows the noise, or None for the measurements; frozen : whether the
+    repetition shows the noise, or None for those that the measurements were cut from;
+    frozen : whether the
     model's parameters stay fixed; left_out, left_out_of_test : spans of time that are
     not searched, and not judged on; progress : hears how many candidates have their
     columns.
@@ -375,10 +376,11 @@ class DiagnosisRuns:
 
         None if it is measured in the searched rows.
         """
-        if self.noise_from is None:
+        recordings = self.noise_from or self.measurements.recording
+        if recordings is self.measurements:
             return None
         return with_estimate(
-            segmented(self._windows(self.noise_from), self.settings), self.estimate
+            segmented(self._windows(recordings), self.settings), self.estimate
         )
 
     @cached_property

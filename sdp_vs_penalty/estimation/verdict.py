@@ -35,9 +35,10 @@ GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
 #: A joint's error counts as noise up to so many noise floors (standard deviations): its
 #: variance is then at most four times that of the noise.
 ABOVE_NOISE = 2.0
-#: Relative torque error beyond the noise [%] above which a model is not to be used; up
-#: to CHANGES a prediction is good. Identified models of real arms reach 0.2 to 9 %
-#: (dVRK, Panda, UR10, TX40, published and ours).
+#: Torque error beyond the noise [% of the joint's torque] of one joint above which a
+#: model is not to be used. Up to CHANGES, of all joints together, a prediction is good:
+#: identified models of real arms reach 0.2 to 9 % (dVRK, Panda, UR10, TX40, published
+#: and ours).
 NO_MODEL = 15.0
 #: From this share of new motion on, errors are those of unseen motion; below, they show
 #: repeatability.
@@ -167,11 +168,9 @@ NOT_JUDGED = (
 
 def judge(
     *,
-    rmse: Array,
+    errors: JointErrors,
     r2: Array,
-    floor: Array | None,
     noise_source: str,
-    relative: float,
     new_share: float | None,
     outside: float,
     certificate: Certificate,
@@ -184,23 +183,18 @@ def judge(
     seconds: float | None = None,
     doubt: str = "",
     highest: float | None = None,
-    units: Sequence[str] = (),
     has_open_finding: bool = False,
 ) -> Verdict:
     """Judge a model by its errors, its certificate and the log.
 
     Parameters
     ----------
-    rmse : (n,) array
-        Root mean square torque error of each joint [N m or N].
+    errors : JointErrors
+        Error, noise and torque of each joint.
     r2 : (n,) array
         Coefficient of determination of each joint [-]; negative: worse than the mean.
-    floor : (n,) array or None
-        Noise floor of each joint [N m or N], None where unknown.
     noise_source : str
         Origin of the floor: "repetition" or "spectrum".
-    relative : float
-        Relative error over all joints [%].
     new_share : float or None
         Share of rows whose motion the model has not seen; None where not recorded.
     outside : float
@@ -225,8 +219,6 @@ def judge(
         What the data check leaves in doubt (:func:`doubt_of_log`), or "".
     highest : float, optional
         Largest error [%] that motion of this length does not rule out.
-    units : sequence of str
-        Units of the joints' torques; empty: not said.
     has_open_finding : bool
         Whether a diagnosis has found an effect that the model lacks.
 
@@ -235,13 +227,9 @@ def judge(
     Verdict
         Lines on fit, prediction, missing effects and doubts of the log, weakest first.
     """
-    over = over_noise(rmse, floor)
-    beyond = relative if floor is None else _beyond_noise(relative, rmse, floor)
-    errors = JointErrors(rmse, over, tuple(units))
+    over = errors.over_noise
     fit = _fit(
         errors,
-        beyond,
-        relative,
         noise_source,
         is_worse_than_constant=np.asarray(r2) < 0.0,
     )
@@ -260,10 +248,9 @@ def judge(
     if forward:
         end = f"{end} {forward}"
     prediction = _prediction(
-        beyond,
-        relative,
+        errors,
         share=new_share,
-        far=outside > CHANGES or floor is None,
+        far=outside > CHANGES or over is None,
         end=end,
         seconds=seconds,
         highest=highest,
@@ -308,16 +295,6 @@ def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
     )
 
 
-def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
-    """Return the relative error [%] without the part that the noise floor (n,)
-    explains.
-    """
-    if not np.isfinite(relative) or not np.any(rmse > 0.0):
-        return relative
-    variance_beyond = np.maximum(rmse**2 - floor**2, 0.0).sum()
-    return float(relative * np.sqrt(variance_beyond / np.sum(rmse**2)))
-
-
 def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Return a sentence on the DOUBTS that the data check has found in the training
     runs.
@@ -346,56 +323,120 @@ def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 @dataclass(frozen=True)
 class JointErrors:
-    """rmse (n,) [N m or N]; over_noise (n,) in multiples of the noise floor, None where
-    that is not known; units : of the joints' torques, none: not said."""
+    """Errors of a model, joint by joint, beside noise and torque. Every multiple of a
+    noise, and every share of a joint's torque, is computed here."""
 
+    #: (n,) root mean square error [N m or N].
     rmse: Array
-    over_noise: Array | None
+    #: (n,) noise floor [N m or N]; None where it is not known.
+    floor: Array | None
+    #: (n,) root mean square of the measured torque [N m or N].
+    torque: Array
+    #: Of the joints' torques, such as "N*m".
     units: tuple[str, ...]
 
+    @property
+    def over_noise(self) -> Array | None:
+        """(n,) error over noise floor; None without a floor."""
+        return over_noise(self.rmse, self.floor)
+
+    @property
+    def exceeds_noise(self) -> NDArray[np.bool_]:
+        """(n,) whether an error is more than ABOVE_NOISE times its noise; without a
+        floor, whether there is an error."""
+        over = self.over_noise
+        return np.asarray(self.rmse > 0.0 if over is None else over > ABOVE_NOISE)
+
+    @property
+    def relative(self) -> float:
+        """100 |rmse| / |torque| of all joints together [%]; infinite for an error
+        without any torque."""
+        return float(_percent(np.linalg.norm(self.rmse), np.linalg.norm(self.torque)))
+
+    @property
+    def beyond_noise(self) -> Array:
+        """(n,) 100 sqrt(rmse^2 - floor^2) / torque [%], at least 0; without a floor the
+        whole error counts."""
+        floor = np.zeros_like(self.rmse) if self.floor is None else self.floor
+        beyond = np.sqrt(np.maximum(self.rmse**2 - floor**2, 0.0))
+        return _percent(beyond, self.torque)
+
+    @property
+    def beyond_noise_of_all(self) -> float:
+        """The same of all joints together: root of the sum of squares over that of
+        torques [%]."""
+        beyond = np.linalg.norm(self.beyond_noise / 100.0 * self.torque)
+        return float(_percent(beyond, np.linalg.norm(self.torque)))
+
+    @property
+    def unusable(self) -> list[int]:
+        """The joints (from 1) whose error beyond the noise is over NO_MODEL of their
+        torque; an error within ABOVE_NOISE of the noise counts as noise."""
+        is_unusable = self.exceeds_noise & ~(self.beyond_noise <= NO_MODEL)
+        return (np.flatnonzero(is_unusable) + 1).tolist()
+
     def words(self, joint: int) -> str:
-        """Return the error of a joint (from 1), in multiples of its noise and in its
-        unit.
+        """Return the error of a joint (from 1) in its unit, and in multiples of its
+        noise where that is known.
         """
-        unit = "N m or N"
-        if self.units:
-            unit = formatting.plain_unit(self.units[joint - 1])
-        assert self.over_noise is not None
-        return formatting.times_noise(
-            float(self.over_noise[joint - 1]), float(self.rmse[joint - 1]), unit
-        )
+        unit = formatting.plain_unit(self.units[joint - 1])
+        error = float(self.rmse[joint - 1])
+        over = self.over_noise
+        if over is None:
+            return f"{formatting.number(error)} {unit}"
+        return formatting.times_noise(float(over[joint - 1]), error, unit)
+
+    def share_in_words(self) -> str:
+        """Say which joints are unusable, and by how much the worst one errs."""
+        joints = self.unusable
+        worst = max(joints, key=lambda joint: float(self.beyond_noise[joint - 1]))
+        share = float(self.beyond_noise[worst - 1])
+        beyond = "" if self.floor is None else " beyond the noise"
+        amount = f"{formatting.number(share)} % of its torque{beyond}"
+        if not np.isfinite(share):
+            amount = "a torque of which none was measured"
+        text = f"Joint {worst} errs by {amount} ({self.words(worst)})"
+        others = [joint for joint in joints if joint != worst]
+        if others:
+            text += f", {formatting.joints(others)} by more than {NO_MODEL:g} %"
+        return text
+
+
+def _percent(part: Array | float, whole: Array | float) -> Array:
+    """Return 100 part / whole; 0 where both are zero, infinite where only the whole
+    is."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = 100.0 * np.asarray(part) / np.asarray(whole)
+    return np.where(np.asarray(part) > 0.0, ratio, 0.0)
 
 
 def _fit(
     errors: JointErrors,
-    beyond: float,
-    relative: float,
     source: str,
     is_worse_than_constant: NDArray[np.bool_],
 ) -> Line:
     """Return the verdict's line on how well the model fits the torque.
 
-    ``errors`` of the joints, in multiples of the noise if it is known; ``beyond``:
-    relative error beyond the noise [%]; ``relative``: relative error [%]; ``source``:
-    origin of the noise; ``is_worse_than_constant`` (n,): joints for which a constant
-    torque fits better (R^2 < 0).
+    ``errors`` of the joints; ``source``: origin of the noise; ``is_worse_than_constant``
+    (n,): joints for which a constant torque fits better (R^2 < 0).
     """
-    grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     over = errors.over_noise
-    if over is None:
-        sentence = (
-            f"{relative:.3g} % error; the noise floor is unknown: no motion repeats"
-        )
+    unusable = errors.unusable
+    grade: Grade = "do not use" if unusable else "usable"
+    if unusable:
+        sentence = errors.share_in_words()
+    elif over is None:
+        sentence = f"{errors.relative:.3g} % error"
     else:
-        # Within the noise, a bad fit of a joint's torque is no fault.
-        is_worse_than_constant = is_worse_than_constant & (over > ABOVE_NOISE)
         sentence = _worst_in_words(errors, over)
-        if source == SPECTRUM:
-            sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
-        if grade == "do not use":
-            sentence = f"{beyond:.3g} % error beyond the noise. {sentence}"
-        elif np.all(over <= ABOVE_NOISE):
+        if np.all(over <= ABOVE_NOISE):
             grade = "good"
+    if over is None:
+        sentence += "; the noise floor is unknown: no motion repeats"
+    elif source == SPECTRUM:
+        sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
+    # Within the noise, a bad fit of a joint's torque is no fault.
+    is_worse_than_constant = is_worse_than_constant & errors.exceeds_noise
     if is_worse_than_constant.any():
         grade = min(grade, "usable", key=GRADES.index)
         joints = (np.flatnonzero(is_worse_than_constant) + 1).tolist()
@@ -415,8 +456,7 @@ def _worst_in_words(errors: JointErrors, over: Array) -> str:
 
 
 def _prediction(
-    beyond: float,
-    relative: float,
+    errors: JointErrors,
     share: float | None,
     far: bool,
     end: str,
@@ -425,22 +465,20 @@ def _prediction(
 ) -> Line:
     """Return the verdict's line on the prediction of motion that was not fitted.
 
-    ``beyond``: relative error beyond the noise [%]; ``relative``: relative error [%];
-    ``share``: share of new motion, None if the model does not record its own; ``far``:
-    rows lie outside of a measured curve's table, or the noise is unknown; ``end``: end
-    of the sentence; ``seconds``: length of the motion; ``highest``: largest error [%]
-    that motion of this length does not rule out.
+    ``errors`` of the joints; ``share``: share of new motion, None if the model does not
+    record its own; ``far``: rows lie outside of a measured curve's table, or the noise
+    is unknown; ``end``: end of the sentence; ``seconds``: length of the motion;
+    ``highest``: largest error [%] that motion of this length does not rule out.
     """
-    grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
+    unusable = errors.unusable
+    grade: Grade = "do not use" if unusable else "usable"
     percent = "" if share is None else formatting.percent(share, 2)
     # Case 1: hardly any motion is new, so nothing is said of prediction.
     if share is None or share < MOSTLY_NEW:
         known = "the model does not record its own motion"
         if percent:
             known = f"{percent} of this motion is new"
-        begin = "Scored on"
-        if grade == "do not use":
-            begin = f"{beyond:.3g} % error even on"
+        begin = f"{errors.share_in_words()} even on" if unusable else "Scored on"
         sentence = (
             f"{begin} motion like that of training ({known}); run `compare` on a new"
             " recording"
@@ -449,11 +487,13 @@ def _prediction(
     # Case 2: new motion. "good" needs a small error and enough motion to know it.
     length = "" if seconds is None else f": {seconds:.3g} s"
     sentence = (
-        f"{relative:.3g} % error on motion not used for fitting{length}, {percent} of it"
+        f"{errors.relative:.3g} % error on motion not used for fitting{length}, {percent} of it"
         " new"
     )
+    if unusable:
+        sentence = f"{errors.share_in_words()}; {sentence}"
     limit = 100.0 * CHANGES
-    if beyond <= limit and not far:
+    if not unusable and errors.beyond_noise_of_all <= limit and not far:
         if highest is not None and highest > limit:
             sentence = f"Too short to tell: {sentence}"
             if np.isfinite(highest):
@@ -637,8 +677,8 @@ def noise_level(
     Where motion repeats with period T, from differences r(t) - r(t + T) of the residual
     r of unconstrained least squares in the problem's effects; so the floor does not
     depend on the model that is judged. Elsewhere from the torque's spectrum above the
-    motion's band (:mod:`~signals.noise`), at most that residual. Of long recordings
-    windows are used.
+    motion's band (:mod:`~signals.noise`), at most that residual. Windows of a
+    recording have the noise of all of it; of long recordings windows are used.
 
     Parameters
     ----------
@@ -655,7 +695,7 @@ def noise_level(
         "repetition" or "spectrum"; "" without a floor.
     """
     settings = filtered_runs.settings
-    windows = window_subsample(filtered_runs.measurements, filtered_runs.settings)
+    windows = window_subsample(filtered_runs.measurements.recording, settings)
     filtered = (
         filtered_runs
         if windows is filtered_runs.measurements

@@ -53,6 +53,22 @@ def test_a_log_behind_filters_is_judged_as_the_log_is(two_link, estimate):
     )
 
 
+def test_a_window_has_the_noise_of_the_recording_that_it_was_cut_from(two_link):
+    run = run_of(two_link, 0)
+    whole = identify(two_link, run, check=False)
+    window = run.window(0.0, 0.4 * float(run.t[-1]))
+    cut = identify(two_link, window, check=False)
+    assert whole.provenance["noise"]["source"] == "repetition"
+    assert cut.provenance["noise"]["source"] == "repetition"
+    (of_window,), (of_two,) = (
+        compare(cut, part) for part in (window, [window, run.window(1.0, 2.0)])
+    )
+    for found in (of_window, of_two):
+        np.testing.assert_array_equal(found.noise_floor, compare(cut, run)[0].noise_floor)
+    # A changed copy is another recording.
+    assert replace(window, tau=-window.tau).recording.samples == window.samples
+
+
 def test_the_loss_that_was_minimised_is_the_error_that_is_shown(two_link):
     """With all joints weighted alike: certificate.loss = sum of squares over the rows
     of compare()."""

@@ -11,6 +11,7 @@ from sdp_vs_penalty.estimation import (
     MISSING,
     PREDICTION,
     Certificate,
+    JointErrors,
     Verdict,
     judge,
 )
@@ -22,17 +23,21 @@ SOUND = Certificate({"pseudo-inertia": 0.0}, 1.0)
 
 
 def verdict(
-    certificate: Certificate = SOUND, masses: np.ndarray = MASSES, **known: Any
+    certificate: Certificate = SOUND,
+    masses: np.ndarray = MASSES,
+    floor: np.ndarray | None = RMSE / 1.5,
+    relative: float = 1.2,
+    shares: np.ndarray | None = None,
+    **known: Any,
 ) -> Verdict:
-    found = {
-        "rmse": RMSE,
+    """Judge errors RMSE beside this noise floor; relative : each joint's error [% of
+    its torque], or ``shares`` (n,)."""
+    torque = 100.0 * RMSE / (relative if shares is None else shares)
+    found: dict[str, Any] = {
+        "errors": JointErrors(RMSE, floor, torque, units=("N*m", "N*m")),
         "r2": R2,
-        "floor": RMSE / 1.5,
         "noise_source": "repetition",
         "outside": 0.0,
-    }
-    found |= {
-        "relative": 1.2,
         "new_share": 0.9,
         "certificate": certificate,
         "masses": masses,
@@ -64,10 +69,22 @@ def test_half_the_torque_unexplained_is_no_model():
     bad = verdict(relative=48.5, floor=None)
     assert bad.grade == "do not use"
     assert bad.headline.startswith(
-        "Do not use. 48.5 % error; the noise floor is unknown"
+        "Do not use. Joint 1 errs by 48.5 % of its torque (0.1 N m), joint 2 by more"
+        " than 15 %; the noise floor is unknown"
     )
     # What is noise is not the model's fault.
     assert verdict(relative=20.0, floor=RMSE / 1.01).grade == "good"
+
+
+def test_one_joint_that_errs_by_half_its_torque_makes_the_arm_unusable():
+    """A torque controller drives each joint by its own torque."""
+    bad = verdict(shares=np.array([0.5, 49.0]), floor=RMSE / 20.0)
+    assert bad.grade == "do not use"
+    assert bad.headline == (
+        "Do not use. Joint 2 errs by 48.9 % of its torque beyond the noise (0.2 N m, 20"
+        " times its noise)."
+    )
+    assert verdict(shares=np.array([0.5, 14.0]), floor=RMSE / 20.0).grade == "usable"
 
 
 def test_links_that_cannot_be_are_not_to_be_used():
