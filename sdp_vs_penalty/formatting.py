@@ -244,7 +244,7 @@ def times_noise(ratio: float, error: float, unit: str) -> str:
 
 
 def errors_with_noise(
-    errors: Sequence[float], noise: float | None, unit: str, between: str
+    errors: Sequence[float], ratios: Sequence[float] | None, unit: str, between: str
 ) -> str:
     """Write one joint's errors, and the same in multiples of its noise.
 
@@ -252,8 +252,8 @@ def errors_with_noise(
     ----------
     errors : sequence of float
         Errors in the order of the models [unit].
-    noise : float or None
-        The joint's noise floor [unit]; None where it is not known.
+    ratios : sequence of float or None
+        The same over the joint's noise floor; None where that is not known.
     unit : str
         "N m" or "N".
     between : str
@@ -265,14 +265,13 @@ def errors_with_noise(
 
     Examples
     --------
-    >>> errors_with_noise([0.0654, 0.00418], 0.00419, "N m", " to ")
+    >>> errors_with_noise([0.0654, 0.00418], [15.61, 0.998], "N m", " to ")
     '0.0654 to 0.00418 N m, 15.6 to 0.998 times the noise'
     """
     amount = f"{between.join(map(number, errors))} {unit}"
-    if noise is None:
+    if ratios is None:
         return amount
-    ratios = between.join(number(error / noise) for error in errors)
-    return f"{amount}, {ratios} times the noise"
+    return f"{amount}, {between.join(map(number, ratios))} times the noise"
 
 
 def milli(value: float, unit: str, digits: int = 3) -> str:

@@ -363,7 +363,9 @@ class Measurements(Shown):
         stays = [k for k in range(self.n) if k not in places]
         groups = {group: block[:, stays] for group, block in self.groups.items()}
         others = Measurements.of(self.t, groups, self.names, self.run)
-        return others._as_window_of(part.without_joints(places) for part in self._cut_from)
+        return others._as_window_of(
+            part.without_joints(places) for part in self._cut_from
+        )
 
     def parts(self) -> Iterator[Measurements]:
         """Iterate over consecutive pieces of the samples, 32768 at a time, across

@@ -580,12 +580,10 @@ class Comparisons(list[Comparison]):
         multiples of the noise if it is known.
         """
         first = self[0]
-        noise = None
-        if first.noise_floor is not None and first.error_over_noise is not None:
-            noise = float(first.noise_floor[joint - 1])
+        ratios = [c.error_over_noise for c in self]
         return formatting.errors_with_noise(
             [float(c.rmse[joint - 1]) for c in self],
-            noise,
+            [float(x[joint - 1]) for x in ratios if x is not None] or None,
             plain_unit(first.estimate.robot.torque_units[joint - 1]),
             between=" -> ",
         )

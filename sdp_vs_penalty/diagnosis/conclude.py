@@ -36,7 +36,7 @@ from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM
+from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN, RESIDUAL, SPECTRUM
 from sdp_vs_penalty.signals.standstill import STILL
 
 
@@ -377,10 +377,10 @@ def _rival_name(effect: Effect, other: Effect) -> str:
 #: a test run. How rough a noise from the spectrum is stands in the headline.
 NOTES_ON_NOISE = {
     RESIDUAL: (
-        "No motion repeats and the log shows no steady noise above the motion's band"
-        " (too slow, smoothed before it was logged, or louder in motion), so noise and"
-        " model error cannot be separated: the noise shown is the error itself. Record"
-        " a run with more than one period."
+        f"{formatting.sentence(NOISE_UNKNOWN)}. The log shows no steady noise above the"
+        " motion's band either (too slow, smoothed before it was logged, or louder in"
+        " motion), so noise and model error cannot be separated: the noise shown is the"
+        " error itself. Record a run with more than one period."
     ),
     SPECTRUM: (
         "No motion repeats: the noise is that of the torque's spectrum above the"

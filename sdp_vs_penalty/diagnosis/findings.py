@@ -27,14 +27,20 @@ from sdp_vs_penalty.effects import (
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
-from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
+from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.files import JsonRecord, read_json, require_format
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.noise import (
+    NOISE_UNKNOWN,
+    REPETITION,
+    RESIDUAL,
+    SPECTRUM,
+    SPECTRUM_KNOWN,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -42,11 +48,8 @@ if TYPE_CHECKING:
 
 #: Of findings.json.
 FINDINGS_FORMAT = 2
-#: What is said where no motion repeats: the residual was taken for noise, which it then
-#: equals.
-NOISE_UNKNOWN = (
-    "is not known: no motion repeats, so noise and model error cannot be separated."
-)
+#: What is said where the residual was taken for noise, which it then equals.
+_NOT_KNOWN = f"is not known: {NOISE_UNKNOWN}, so noise and error look alike."
 #: What an explanation says before the effects that fit as well; and what is said of a
 #: finding that only the errors beside all other findings show.
 _RIVALS = " Indistinguishable in these data from"
@@ -444,14 +447,13 @@ class Finding(Rated):
             The diagnosis of the finding, for the noise and units.
         """
         j = self.main_joint - 1
-        before = float(self.held_out_rmse_before[j])
-        after = float(self.held_out_rmse_after[j])
-        is_lower = after < before
-        errors = [before, after] if is_lower else [before]
-        is_noise_known = diagnosis.held_out_over_noise is not None
+        both = [self.held_out_rmse_before, self.held_out_rmse_after]
+        is_lower = both[1][j] < both[0][j]
+        errors = both if is_lower else both[:1]
+        ratios = [over_noise(rmse, diagnosis.known_floor) for rmse in errors]
         amount = formatting.errors_with_noise(
-            errors,
-            float(diagnosis.noise_floor[j]) if is_noise_known else None,
+            [float(rmse[j]) for rmse in errors],
+            [float(x[j]) for x in ratios if x is not None] or None,
             diagnosis.torque_unit(j + 1),
             between=" to ",
         )
@@ -839,7 +841,7 @@ class Diagnosis(Record, JsonRecord):
             if self.retuned:
                 text += f" Settings to re-estimate: {named_on_joints(self.retuned)}."
             if not self.noise_known:
-                text += f" Whether more is missing {NOISE_UNKNOWN}"
+                text += f" Whether more is missing {_NOT_KNOWN}"
             return text
         if self.retuned:
             return (
@@ -848,7 +850,7 @@ class Diagnosis(Record, JsonRecord):
             )
         if self.noise_known:
             return self._nothing
-        return f"Nothing found to be missing; whether that is so {NOISE_UNKNOWN}"
+        return f"Nothing found to be missing; whether that is so {_NOT_KNOWN}"
 
     @property
     def _nothing(self) -> str:
@@ -893,9 +895,12 @@ class Diagnosis(Record, JsonRecord):
 
         None where the noise is not known.
         """
-        if not self.noise_known or not np.all(self.noise_floor > 0.0):
-            return None
-        return self.held_out_rmse_with_all / self.noise_floor
+        return over_noise(self.held_out_rmse_with_all, self.known_floor)
+
+    @property
+    def known_floor(self) -> Array | None:
+        """(n,) noise floor [N m or N]; None where the residual was taken for noise."""
+        return self.noise_floor if self.noise_known else None
 
     @property
     def joints_above_noise(self) -> list[int]:

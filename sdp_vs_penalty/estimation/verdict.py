@@ -27,7 +27,13 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.signals.filtered import FilteredRuns
-from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM, SPECTRUM_KNOWN, noise_of
+from sdp_vs_penalty.signals.noise import (
+    NOISE_UNKNOWN,
+    RESIDUAL,
+    SPECTRUM,
+    SPECTRUM_KNOWN,
+    noise_of,
+)
 from sdp_vs_penalty.signals.segments import segmented, window_subsample
 
 Grade = Literal["good", "usable", "do not use"]
@@ -228,11 +234,7 @@ def judge(
         Lines on fit, prediction, missing effects and doubts of the log, weakest first.
     """
     over = errors.over_noise
-    fit = _fit(
-        errors,
-        noise_source,
-        is_worse_than_constant=np.asarray(r2) < 0.0,
-    )
+    fit = _fit(errors, noise_source, is_worse_than_constant=np.asarray(r2) < 0.0)
     impossible = implausible(certificate, masses, nominal)
     links = impossible or ("The links can exist." if len(masses) > 0 else "")
     missing_line = _missing(
@@ -351,7 +353,7 @@ class JointErrors:
     def relative(self) -> float:
         """100 |rmse| / |torque| of all joints together [%]; infinite for an error
         without any torque."""
-        return float(_percent(np.linalg.norm(self.rmse), np.linalg.norm(self.torque)))
+        return _percent_of_all(self.rmse, self.torque)
 
     @property
     def beyond_noise(self) -> Array:
@@ -365,8 +367,7 @@ class JointErrors:
     def beyond_noise_of_all(self) -> float:
         """The same of all joints together: root of the sum of squares over that of
         torques [%]."""
-        beyond = np.linalg.norm(self.beyond_noise / 100.0 * self.torque)
-        return float(_percent(beyond, np.linalg.norm(self.torque)))
+        return _percent_of_all(self.beyond_noise / 100.0 * self.torque, self.torque)
 
     @property
     def unusable(self) -> list[int]:
@@ -402,18 +403,21 @@ class JointErrors:
         return text
 
 
-def _percent(part: Array | float, whole: Array | float) -> Array:
-    """Return 100 part / whole; 0 where both are zero, infinite where only the whole
-    is."""
+def _percent(part: Array, whole: Array) -> Array:
+    """Return 100 part / whole (n,); 0 where both are zero, infinite where only the
+    whole is."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = 100.0 * np.asarray(part) / np.asarray(whole)
-    return np.where(np.asarray(part) > 0.0, ratio, 0.0)
+        return np.where(part > 0.0, 100.0 * part / whole, 0.0)
+
+
+def _percent_of_all(part: Array, whole: Array) -> float:
+    """Return 100 |part| / |whole| of all joints together."""
+    norms = [np.atleast_1d(np.linalg.norm(x)) for x in (part, whole)]
+    return float(_percent(*norms)[0])
 
 
 def _fit(
-    errors: JointErrors,
-    source: str,
-    is_worse_than_constant: NDArray[np.bool_],
+    errors: JointErrors, source: str, is_worse_than_constant: NDArray[np.bool_]
 ) -> Line:
     """Return the verdict's line on how well the model fits the torque.
 
@@ -432,7 +436,7 @@ def _fit(
         if np.all(over <= ABOVE_NOISE):
             grade = "good"
     if over is None:
-        sentence += "; the noise floor is unknown: no motion repeats"
+        sentence += f"; {NOISE_UNKNOWN}"
     elif source == SPECTRUM:
         sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
     # Within the noise, a bad fit of a joint's torque is no fault.
@@ -595,14 +599,14 @@ def changes(
         A sentence; "" if no error changed by more than 5 %.
     """
     share = _relative_changes(before, after)
-    is_known = floor is not None and bool(np.all(floor > 0.0))
+    ratios = over_noise(np.stack([before, after]), floor)
 
     def words(j: int) -> str:
         return _change_in_words(
             float(before[j]),
             float(after[j]),
             share=float(share[j]),
-            noise=float(floor[j]) if is_known and floor is not None else None,
+            ratios=None if ratios is None else ratios[:, j].tolist(),
             unit=formatting.plain_unit(units[j]) if units else "N m or N",
         )
 
@@ -627,37 +631,48 @@ def _relative_changes(before: Array, after: Array) -> Array:
 
 
 def _change_in_words(
-    before: float, after: float, *, share: float, noise: float | None, unit: str
+    before: float,
+    after: float,
+    *,
+    share: float,
+    ratios: Sequence[float] | None,
+    unit: str,
 ) -> str:
     """Describe the change of one error [unit]: in its unit, in multiples of its noise
-    where that is known, and in per cent (``share`` is the relative change)."""
-    amount = formatting.errors_with_noise([before, after], noise, unit, " -> ")
+    (``ratios``) where that is known, and in per cent (``share`` is the relative
+    change)."""
+    amount = formatting.errors_with_noise([before, after], ratios, unit, " -> ")
     if not np.isfinite(share):
         return amount
     return f"{amount} ({100.0 * share:+.0f} %)"
 
 
-def over_noise(rmse: Array, floor: Array | None) -> Array | None:
-    """Return the ratio of each joint's error and its noise floor.
+def over_noise(
+    rmse: Array, floor: Array | Sequence[float | None] | None
+) -> Array | None:
+    """Return the ratio of each joint's error and its noise floor: the one place where
+    multiples of a noise are computed.
 
     Parameters
     ----------
-    rmse : (n,) array
+    rmse : (n,) or (models, n) array
         Errors [N m or N].
-    floor : (n,) array or None
-        Noise floor [N m or N].
+    floor : (n,) array or sequence, or None
+        Noise floor [N m or N]; None where it is not known.
 
     Returns
     -------
-    (n,) array or None
-        Ratios; infinite for zero noise with an error; 1 if both are zero; None without
-        a floor.
+    array of the same shape, or None
+        Ratios; 1 where error and noise are both zero. None without a floor, or where
+        the floor of a joint with an error is zero: that is no noise.
     """
-    if floor is None:
+    if floor is None or any(noise is None for noise in floor):
         return None
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = rmse / floor
-    return np.where(floor > 0.0, ratio, np.where(rmse > 0.0, np.inf, 1.0))
+    noise = np.asarray(floor, float)
+    is_zero = ~(noise > 0.0)
+    if np.any((rmse > 0.0) & is_zero):
+        return None
+    return np.where(is_zero, 1.0, rmse / np.where(is_zero, 1.0, noise))
 
 
 @dataclass(frozen=True)

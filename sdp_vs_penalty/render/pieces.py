@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.estimation.verdict import over_noise
 from sdp_vs_penalty.files import read_text
 from sdp_vs_penalty.formatting import change_of, number, plain_unit
 from sdp_vs_penalty.render.charts import Figure, styled
@@ -134,11 +135,10 @@ def bars(
     Markup
         HTML.
     """
-    is_known = floor is not None and all(floor)
-    noise = np.array(floor if is_known else [1.0] * len(before), float)
-    last = before if after is None else after
-    old_errors = np.array(before, float) / noise
-    new_errors = np.array(last, float) / noise
+    errors_of_both = np.array([before, before if after is None else after], float)
+    ratios = over_noise(errors_of_both, floor)
+    is_known = ratios is not None
+    old_errors, new_errors = errors_of_both if ratios is None else ratios
     scale = _Scale.of(np.concatenate([old_errors, new_errors]), is_known)
     numbers = joints or range(1, len(old_errors) + 1)
     rows = []

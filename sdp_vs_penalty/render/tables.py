@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation.estimate import (
     LINK_HEADS,
@@ -14,6 +16,7 @@ from sdp_vs_penalty.estimation.estimate import (
 )
 from sdp_vs_penalty.estimation.frames import base_expressions
 from sdp_vs_penalty.estimation.uncertainty import Interval
+from sdp_vs_penalty.estimation.verdict import over_noise
 from sdp_vs_penalty.formatting import change_of, finite, number, plain_unit
 from sdp_vs_penalty.results.table import Table
 
@@ -130,12 +133,13 @@ def error_table(
         One row for each joint: errors, change from the first model to the last (or R2), noise,
         and the last model's error over it.
     """
+    ratios = over_noise(np.asarray(errors[-1], float), floor)
     rows = []
     for j, unit in enumerate(units):
         of_joint = [errors_of_model[j] for errors_of_model in errors]
         change = f"{r2[j]:.4f}" if len(r2) else change_of(of_joint[0], of_joint[-1])
         noise = None if floor is None else floor[j]
-        over = None if not noise else of_joint[-1] / noise
+        over = None if ratios is None else float(ratios[j])
         name = f"{j + 1} [{plain_unit(unit)}]"
         rows.append([name, *map(number, of_joint), change, number(noise), number(over)])
     last = "R2" if len(r2) else "change"

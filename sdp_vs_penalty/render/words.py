@@ -48,6 +48,7 @@ from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.results.table import Table
+from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -402,6 +403,13 @@ def error_in_words(compared: Comparison, joint: int) -> str:
     return formatting.times_noise(
         float(compared.error_over_noise[joint - 1]), error, unit
     )
+
+
+def noise_unknown(compared: Comparison) -> str:
+    """Say that no noise floor is known; "" where it is."""
+    if compared.noise_floor is not None:
+        return ""
+    return f"In these runs {NOISE_UNKNOWN}."
 
 
 def describe_worst(compared: Comparison, cause: str) -> str:

@@ -347,7 +347,7 @@ def history(data: ReportData) -> Context:
         "changes": changes,
         "steps": pieces.framed(Table(heads, steps, words=(0, 1, 3))),
         "errors": pieces.framed(errors),
-        "is_noise_known": last.noise_floor is not None,
+        "noise_unknown": words.noise_unknown(last),
     }
 
 

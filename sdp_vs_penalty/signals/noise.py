@@ -85,6 +85,14 @@ _FREQUENCIES = 2001
 _POSES = 40
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
+#: Share of a joint's torque (RMS) up to which a floor is no noise: filters, reading
+#: between rows and the digits of numbers leave up to 5e-6 of it in logs without noise,
+#: and sensors of arms, behind the same low-pass, 1e-4 and more.
+_LEFT_BY_NUMBERS = 1e-5
+#: What is said where no floor is known.
+NOISE_UNKNOWN = (
+    "no noise could be measured: no motion repeats, or it repeats to the last digits"
+)
 
 
 @dataclass(frozen=True)
@@ -168,6 +176,9 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
        residual.
     3. The model's residual itself.
 
+    The first two count where they show noise (:func:`_is_noise`) in every joint with a
+    torque.
+
     Without repetition the noise is taken to be white: a colour estimated from the
     residual would be that of the model's error, and would hide missing effects.
 
@@ -185,13 +196,13 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
         Its arrays of M rows belong to the rows of ``runs``.
     """
     known = _from_repetition(noise_runs or runs, runs)
-    if known is not None:
+    if known is not None and _is_noise(known.floor, runs):
         return known
     guess = noise_in(runs, runs.residual)
     of_spectrum = spectral_floor(runs)
     floor = guess.floor
     source = RESIDUAL
-    if of_spectrum is not None:
+    if of_spectrum is not None and _is_noise(of_spectrum, runs):
         floor = np.minimum(of_spectrum, guess.floor)
         source = SPECTRUM
     return replace(
@@ -201,6 +212,13 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
         ar=np.zeros_like(guess.ar),  # white
         source=source,
     )
+
+
+def _is_noise(floor: Array, runs: SegmentedRuns) -> bool:
+    """Whether floors (n,) [N m or N] exceed what numbers leave of each joint's torque;
+    a joint without any torque says nothing."""
+    torque = np.sqrt(np.mean(runs.torque**2, axis=0))
+    return bool(np.all((floor > _LEFT_BY_NUMBERS * torque) | (torque == 0.0)))
 
 
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:

@@ -64,7 +64,9 @@ def test_a_window_has_the_noise_of_the_recording_that_it_was_cut_from(two_link):
         compare(cut, part) for part in (window, [window, run.window(1.0, 2.0)])
     )
     for found in (of_window, of_two):
-        np.testing.assert_array_equal(found.noise_floor, compare(cut, run)[0].noise_floor)
+        np.testing.assert_array_equal(
+            found.noise_floor, compare(cut, run)[0].noise_floor
+        )
     # A changed copy is another recording.
     assert replace(window, tau=-window.tau).recording.samples == window.samples
 

@@ -14,6 +14,7 @@ from sdp_vs_penalty.estimation import (
     JointErrors,
     Verdict,
     judge,
+    over_noise,
 )
 
 RMSE = np.array([0.1, 0.2])
@@ -70,7 +71,7 @@ def test_half_the_torque_unexplained_is_no_model():
     assert bad.grade == "do not use"
     assert bad.headline.startswith(
         "Do not use. Joint 1 errs by 48.5 % of its torque (0.1 N m), joint 2 by more"
-        " than 15 %; the noise floor is unknown"
+        " than 15 %; no noise could be measured"
     )
     # What is noise is not the model's fault.
     assert verdict(relative=20.0, floor=RMSE / 1.01).grade == "good"
@@ -143,3 +144,21 @@ def test_a_prediction_is_good_where_other_errors_are_ruled_out():
     found = verdict(highest=4.0)
     (line,) = (line for line in found.lines if line.about == PREDICTION)
     assert line.grade == "good"
+
+
+@pytest.mark.parametrize(
+    ("floor", "ratios"),
+    [
+        ([0.05, 0.4], [2.0, 0.5]),
+        (None, None),
+        ([None, None], None),
+        ([0.05, 0.0], None),  # an error beside a noise that is none
+    ],
+)
+def test_a_multiple_of_the_noise_takes_a_noise(floor, ratios):
+    found = over_noise(RMSE, floor)
+    assert (None if found is None else found.tolist()) == ratios
+    assert over_noise(np.array([0.1, 0.0]), np.array([0.05, 0.0])).tolist() == [
+        2.0,
+        1.0,
+    ]

@@ -175,6 +175,18 @@ def test_a_run_is_whitened_by_another_ones_noise():
         assert white[white != 0.0].std() == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.parametrize("period", [10.0, 9.63], ids=["whole steps", "between rows"])
+@pytest.mark.parametrize("digits", [15, 2], ids=["no noise", "rounded"])
+def test_what_numbers_and_filters_leave_is_no_noise(period, digits):
+    """A run beside its own copy, or a simulation without noise: 5e6 'times its noise'
+    was a ratio to rounding."""
+    run = run_of(3, period, 40.0)
+    exact = replace(run, tau=np.round(20.0 * np.tanh(run.q), digits))
+    known = noise_of(without_model(exact)).source == REPETITION
+    # Rounding to 0.01 N m is noise, unless each period rounds alike.
+    assert known == (digits == 2 and period == 9.63)
+
+
 def test_a_window_has_the_floor_of_the_whole():
     """A training window may throw the repetition away; the noise is that of all that
     was measured."""
