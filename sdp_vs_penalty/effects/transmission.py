@@ -139,17 +139,17 @@ class ElasticCoupling(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        """Return for each joint the positions (N, k) by which its k stiffnesses pull
-        it."""
+        """Return for each joint the positions (N, k) by which each stiffness pulls it;
+        zero for stiffnesses of other joints."""
         blocks = []
         for joint in self.joints:
-            partner_by_parameter = {
-                k: second if joint == first else first
-                for k, (first, second) in enumerate(self.pairs)
+            columns = [
+                motion.q[:, second if joint == first else first]
                 if joint in (first, second)
-            }
-            columns = [motion.q[:, i] for i in partner_by_parameter.values()]
-            parameters = np.array([*partner_by_parameter])
+                else np.zeros(len(motion.t))
+                for first, second in self.pairs
+            ]
+            parameters = np.arange(len(self.pairs))
             blocks.append(Block(joint, parameters, np.column_stack(columns)))
         return blocks
 
