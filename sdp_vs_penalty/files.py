@@ -7,7 +7,6 @@ a bounded amount and ends in one sentence. Frozen dataclasses become plain JSON,
 and back, by the types of their fields.
 """
 
-import collections.abc
 import csv
 import errno
 import glob
@@ -18,23 +17,11 @@ import stat
 import tempfile
 import time
 import tomllib
-import types
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import MISSING, fields
-from functools import cache
 from pathlib import Path
-from typing import (
-    Any,
-    BinaryIO,
-    Literal,
-    Self,
-    TypeVar,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Any, BinaryIO, TypeVar
 
 from sdp_vs_penalty.errors import InputError, given, unreadable
 
@@ -457,8 +444,16 @@ def require_format(
 
 
 def _parse_json(text: str) -> Any:
-    """Parse JSON text; a field that comes twice raises ValueError."""
-    return json.loads(text, object_pairs_hook=unique_fields)
+    """Parse JSON text; a field that comes twice, and a whole number that no double
+    holds, raise ValueError."""
+    return json.loads(text, object_pairs_hook=unique_fields, parse_int=_whole_number)
+
+
+def _whole_number(digits: str) -> int:
+    """Return a whole number of JSON; ValueError for more than 300 digits."""
+    if len(digits) > 300:
+        raise ValueError(f"a whole number of {len(digits)} digits")
+    return int(digits)
 
 
 def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -883,113 +878,3 @@ def problems_folder() -> Path:
     package = Path(__file__).parent
     inside = package / "problems"
     return inside if inside.is_dir() else package.parent / "problems"
-
-
-class JsonRecord:
-    """A dataclass of numbers, texts, arrays, other records, and tuples and mappings of
-    these, which becomes JSON and back.
-    """
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fields as JSON; a number that is not finite becomes null."""
-        return {f.name: _plain(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Make a record from the JSON of :meth:`to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            Fields by name; null stands for a field's default, if it has one.
-
-        Returns
-        -------
-        JsonRecord
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError
-            If a field is missing or of another type.
-        """
-        kinds = _kinds(cls)  # type: ignore[arg-type]
-        required = {
-            field.name
-            for field in fields(cls)  # type: ignore[arg-type]
-            if field.default is MISSING and field.default_factory is MISSING
-        }
-        has_value = {name for name in kinds if data.get(name) is not None}
-        values = {
-            name: _restored(kinds[name], data[name]) for name in required | has_value
-        }
-        return cls(**values)
-
-
-class JsonRecordSkippingNone(JsonRecord):
-    """A JsonRecord that leaves out fields without a value, such as infinite limits."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fields that have a value as JSON."""
-        return {k: x for k, x in super().to_dict().items() if x is not None}
-
-
-#: The types of a class's fields, which cost more to look up than a field to read.
-_kinds = cache(get_type_hints)
-
-
-def _plain(value: Any) -> Any:
-    """Return a field's value as JSON: arrays and tuples become lists, infinity
-    becomes null.
-    """
-    import numpy as np  # which `--help` does not pay for
-
-    if hasattr(value, "to_dict"):
-        return value.to_dict()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return [_plain(x) for x in value] if isinstance(value, tuple) else value
-
-
-def _restored(kind: Any, value: Any) -> Any:
-    """Return a value of a type hint from its JSON.
-
-    Parameters
-    ----------
-    kind : type or generic alias
-        Type hint of the field, such as ``tuple[int, ...]`` or ``Array | None``.
-    value : Any
-        Its JSON.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If the value is of another type.
-    """
-    import numpy as np
-
-    origin = get_origin(kind)
-    args = get_args(kind)
-    if origin is types.UnionType:
-        return None if value is None else _restored(args[0], value)
-    if origin is np.ndarray:
-        return np.array(value, float)
-    if origin is collections.abc.Mapping:
-        return {str(key): _restored(args[1], x) for key, x in value.items()}
-    if origin is tuple:
-        if isinstance(value, str):
-            raise TypeError(f"{value!r} is no list")
-        kinds = args  # tuple[int, float]
-        if args[-1] is Ellipsis:  # tuple[int, ...]
-            kinds = args[:1] * len(value)
-        return tuple(_restored(k, x) for k, x in zip(kinds, value, strict=True))
-    if origin is Literal:
-        if value not in args:
-            raise ValueError(f"{value!r} is none of {', '.join(args)}")
-        return value
-    if kind in (str, bool) and not isinstance(value, kind):
-        raise TypeError(f"{value!r} is no {kind.__name__}")
-    return kind.from_dict(value) if hasattr(kind, "from_dict") else kind(value)

@@ -25,6 +25,7 @@ ORDER = (
     "formatting",
     "colours",
     "files",
+    "records",
     "memory",
     "parallel",
     "plugins",

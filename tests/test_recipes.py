@@ -172,7 +172,9 @@ def test_an_effect_of_one_file_is_exported_and_hidden(two_link, added, tmp_path)
     MAKERS.pop(NAME)  # which states it a second time
     runs = hidden_runs(two_link, [(NAME, [1])], "strong", seed=1)
     assert runs.truth["effects"][0]["effect"] == NAME
-    estimate = identify(two_link, runs.runs[0], effects=f"rigid_body,{NAME}:2", check=False)
+    estimate = identify(
+        two_link, runs.runs[0], effects=f"rigid_body,{NAME}:2", check=False
+    )
     assert export(estimate, tmp_path / "model.h") == ()
     code = (tmp_path / "model.h").read_text("utf-8")
     assert "* 0.5 * sinh(q[1] / 0.5); /* hardening_spring */" in code

@@ -13,6 +13,7 @@ from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -173,5 +174,5 @@ class Report(Record):
             "unexplained_percent": self.unexplained_percent,
             "corrected": [*self.corrected],
             "findings": [f.to_dict() for f in self.issues],
-            "facts": self.facts_to_dict(),
+            "facts": to_json(self.facts()),
         }

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from sdp_vs_penalty.errors import require_known
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 
 #: Where GitHub serves single files of a commit.
 GITHUB = "https://raw.githubusercontent.com"

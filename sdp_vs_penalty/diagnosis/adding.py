@@ -347,7 +347,7 @@ def _retunes(
             for key in effect.given:
                 change = ShapeEstimate(
                     effect=effect.name,
-                    joint=joint,
+                    joint=joint + 1,
                     shape=key,
                     before=old.shape[key],
                     after=effect.shape[key],
@@ -378,7 +378,7 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
         (s["effect"], s["joint"] - 1, s["shape"])
         for s in estimate.details.get("shapes", ())
     }
-    free -= {(r.effect, r.joint, r.shape) for r in retuned}
+    free -= {r.key for r in retuned}
     out = []
     for effect in with_shapes(estimate.model.effects, retuned):
         free_constants_of_effect = [
@@ -714,9 +714,7 @@ def joint_optimum_of_constants(
     shapes = [ShapeEstimate.from_dict(s) for s in extended.details.get("shapes", ())]
     free_of_added = _free_constants_of(added)
     joints_of_added = {joint for _, joint, _ in free_of_added}
-    own_constants = {
-        (s.effect, s.joint, s.shape): s for s in shapes if s.joint in joints_of_added
-    }
+    own_constants = {s.key: s for s in shapes if s.index in joints_of_added}
     joints_of_both = {joint for _, joint, _ in own_constants}
     keys_to_estimate = {key for key in free_of_added if key[1] in joints_of_both}
     keys_to_estimate.update(own_constants)
@@ -738,9 +736,8 @@ def joint_optimum_of_constants(
         return None
     out = list[ShapeEstimate]()
     for s in shapes:
-        key = s.effect, s.joint, s.shape
-        if key in own_constants:
-            s = replace(s, after=values[key], std=values[key] * std[key])
+        if s.key in own_constants:
+            s = replace(s, after=values[s.key], std=values[s.key] * std[s.key])
         out.append(s)
     return best.model, out
 

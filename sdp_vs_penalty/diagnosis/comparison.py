@@ -29,6 +29,7 @@ from sdp_vs_penalty.estimation.verdict import (
     noise_level,
 )
 from sdp_vs_penalty.formatting import finite, plain_unit
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.regression.evidence import jackknifed, student_95
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
@@ -357,43 +358,6 @@ class Comparison(Record):
         joints = range(1, len(self.rmse) + 1)
         return pandas.DataFrame(columns, pandas.Index(joints, name="joint"))
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any], estimate: Estimate) -> Self:
-        """Restore a comparison from the JSON of :meth:`to_dict`.
-
-        Parameters
-        ----------
-        data
-            The JSON. A noise floor of nulls stands for an unknown one.
-        estimate
-            The model.
-
-        Returns
-        -------
-        Comparison
-            Its signals are empty, since the JSON does not contain them.
-        """
-        floor = data["noise_floor"]
-        known = bool(floor) and floor[0] is not None
-        no_rows = np.zeros((0, len(data["rmse"])))
-        return cls(
-            name=data["model"],
-            estimate=estimate,
-            rmse=np.array(data["rmse"], float),
-            mse=np.array(data["mse"], float),
-            r2=np.array(data["r2"], float),
-            torque_rms=np.array(data["torque_rms"], float),
-            noise_floor=np.array(floor, float) if known else None,
-            noise_source=data["verdict"]["noise_source"],
-            band_hz=float(data["band_hz"]),
-            signals=Signals(np.zeros(0), no_rows, no_rows, no_rows, no_rows),
-            runs=tuple(data["verdict"]["judged_on"]),
-            new_motion_share=data["new_motion_share"],
-            outside=dict(data["outside"]),
-            judged_on=data["judged_on"],
-            still=float(data.get("standstill_left_out", 0.0)),
-        )
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON of all but the signals."""
         return {
@@ -414,7 +378,7 @@ class Comparison(Record):
             "new_motion_share": self.new_motion_share,
             "outside": dict(self.outside),
             "judged_on": self.judged_on,
-            "facts": self.facts_to_dict(),
+            "facts": to_json(self.facts()),
         }
 
 

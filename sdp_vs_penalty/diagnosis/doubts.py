@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 
 #: What is said of a weak finding, by the name of the reason; a finding with none is
 #: confident.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,

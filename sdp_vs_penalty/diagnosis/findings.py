@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -28,8 +27,9 @@ from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
-from sdp_vs_penalty.files import JsonRecord, read_json, require_format
+from sdp_vs_penalty.files import read_json, require_format
 from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.records import JsonRecord, from_json
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -67,6 +67,8 @@ class Rated(JsonRecord):
     doubts : the reasons for doubt; without any it is confident.
     """
 
+    derived: ClassVar[tuple[str, ...]] = ("remarks",)
+
     confidence: str
     doubts: tuple[Doubt, ...]
 
@@ -101,17 +103,15 @@ class Rated(JsonRecord):
         leave_open = [doubt.leaves_torque_open for doubt in self.doubts]
         return bool(leave_open) and not any(leave_open)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON, with a sentence for each doubt as "remarks"."""
-        return super().to_dict() | {"remarks": list(self.remarks)}
-
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Restore it from JSON; files of the first format have sentences only."""
-        if "doubts" not in data:
-            doubts = doubts_of_sentences(data.get("remarks") or ())
-            data = {**data, "doubts": [doubt.to_dict() for doubt in doubts]}
-        return super().from_dict(data)
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Files of the first format have a sentence for each doubt only."""
+        if "doubts" in data:
+            return data
+        doubts = doubts_of_sentences(
+            from_json(tuple[str, ...], data.get("remarks", ()))
+        )
+        return {**data, "doubts": [doubt.to_dict() for doubt in doubts]}
 
 
 def is_law_of(name: str, other: str) -> bool:
@@ -180,6 +180,8 @@ class Finding(Rated):
     finding is weak, if it is; constants : the shape in words, with units; n_splits,
     n_splits_showing : splits of one run that were compared, and those that show it.
     """
+
+    derived = ("explanation", "rating", "half_width_95", *Rated.derived)
 
     effect: str
     joints: tuple[int, ...]
@@ -273,31 +275,25 @@ class Finding(Rated):
         fits = f"; fits as well: {rivals}" if rivals else ""
         return f"{self.title}{rating}: {self.size_text}{fits}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON of the finding, with its rating.
-
-        half_width_95 is half the size's 95 % interval, null where that is infinite.
-        """
-        half = NORMAL_95 * self.std
-        return super().to_dict() | {
-            "explanation": self.explanation,
-            "rating": self.rating,
-            "half_width_95": half if isfinite(half) else None,
-        }
+    @property
+    def half_width_95(self) -> float:
+        """Half the size's 95 % interval, in its unit."""
+        return NORMAL_95 * self.std
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Restore it from JSON; files of the first format have the physics in the
-        middle of ``explanation`` only."""
-        if "physics" not in data:
-            text, beside_all, _ = data["explanation"].partition(_SHOWN_BESIDE_ALL)
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Files of the first format have the physics in the middle of ``explanation``
+        only."""
+        if "physics" not in data and "explanation" in data:
+            explanation = from_json(str, data["explanation"])
+            text, beside_all, _ = explanation.partition(_SHOWN_BESIDE_ALL)
             after_size = text.partition(". ")[2]
             data = {
                 **data,
                 "physics": after_size.partition(_RIVALS)[0],
                 "is_shown_beside_all": bool(beside_all),
             }
-        return super().from_dict(data)
+        return super().upgraded(data)
 
     @property
     def effect_is_certain(self) -> bool:
@@ -525,6 +521,8 @@ class Diagnosis(Record, JsonRecord):
     : what acts for a part of the runs only, such as a load that is carried;
     standstill_left_out : how long the arm stands still in the runs of the errors [s].
     """
+
+    derived = ("format", "facts")
 
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
     effects: tuple[Finding, ...]
@@ -1049,14 +1047,16 @@ class Diagnosis(Record, JsonRecord):
             if not self.curves or CURVE not in f.indistinguishable_from
         )
 
+    @property
+    def format(self) -> int:
+        """Format of findings.json."""
+        return FINDINGS_FORMAT
+
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of findings.json; :meth:`from_dict` restores the diagnosis
-        from it.
-        """
-        out = {"format": FINDINGS_FORMAT, **super().to_dict()}
-        for k, finding in enumerate(out["effects"], start=1):
-            finding["number"] = k
-        out["facts"] = self.facts_to_dict()
+        """Return the content of findings.json, in which findings have their numbers."""
+        out = super().to_dict()
+        for number, finding in enumerate(out["effects"], start=1):
+            finding["number"] = number
         return out
 
 
@@ -1124,31 +1124,25 @@ def _diagnosis_of(data: Mapping[str, Any]) -> Diagnosis:
     return Diagnosis.from_dict(data)
 
 
-@dataclass(frozen=True)
-class Retune(Rated):
+@dataclass(frozen=True, kw_only=True)
+class Retune(ShapeEstimate, Rated):
     """A shape constant of one of the model's own effects that should change on one
-    joint.
+    joint."""
 
-    rmse_before, rmse_after : error of the joint on data left out, with the model's
-    value and with the new one [N m or N]; doubts : reasons for doubt.
-    """
+    derived = ("kind", "text", *Rated.derived)
+    #: What tells it from a finding in files.
+    kind: ClassVar[str] = "retune"
 
-    estimate: ShapeEstimate
+    #: "confident" or "weak".
     confidence: str
+    #: Error of the joint on data left out, with the model's value [N m or N].
     rmse_before: float
+    #: The same, with the new value.
     rmse_after: float
+    #: Both values and both errors, in a sentence.
     explanation: str
+    #: Reasons for doubt.
     doubts: tuple[Doubt, ...] = ()
-
-    @property
-    def effect(self) -> str:
-        """The name of the effect."""
-        return self.estimate.effect
-
-    @property
-    def joint(self) -> int:
-        """The joint (from 1)."""
-        return self.estimate.joint + 1
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -1160,28 +1154,7 @@ class Retune(Rated):
         """The written form with the new value, such as "coulomb_friction:7@v_s=0.08",
         which :func:`~sdp_vs_penalty.add` takes.
         """
-        s = self.estimate
-        return f"{s.effect}:{self.joint}@{s.shape}={s.after:.6g}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON of one level: the constant's fields beside those of the
-        report.
-
-        std is null if it is infinite: the data bound the constant on one side only.
-        """
-        fields = super().to_dict()
-        # The estimate's fields stand beside those of the report, not within.
-        estimate = fields.pop("estimate")
-        return {**estimate, **fields, "kind": "retune", "text": self.text}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Restore a re-estimated constant from the JSON of :meth:`to_dict`.
-
-        Older files lack "at_end" (whether the value lies at the end of its range):
-        False then.
-        """
-        return super().from_dict({**data, "estimate": {"at_end": False, **data}})
+        return f"{self.effect}:{self.joint}@{self.shape}={self.after:.6g}"
 
 
 def event_lines(

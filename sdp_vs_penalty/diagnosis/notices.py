@@ -22,8 +22,8 @@ from sdp_vs_penalty.diagnosis.sizes import largest_sums_of_scores
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.inertia import gyration_about_joint, inertia_matrix
 

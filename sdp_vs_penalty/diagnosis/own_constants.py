@@ -116,7 +116,7 @@ def changed_constants(
             out.append(
                 ShapeEstimate(
                     effect=new.name,
-                    joint=joint,
+                    joint=joint + 1,
                     shape=key,
                     before=old.shape[key],
                     after=value,
@@ -170,7 +170,7 @@ def constant_std(
     """
     for change, columns in errors:
         effect = change.effect
-        is_its = effect.name == s.effect and s.joint in effect.joints
+        is_its = effect.name == s.effect and s.index in effect.joints
         if not is_its or s.shape not in change.keys:
             continue
         k = change.keys.index(s.shape)
@@ -213,9 +213,9 @@ def retune(
         The report. It is weak if the value lies at the end of its range, or is harmful.
     """
     shape = effect_types()[s.effect].shapes[s.shape]
-    kind = robot.joints[s.joint].kind
-    unit = plain_unit(robot.torque_units[s.joint])
-    errors = float(before[s.joint]), float(after[s.joint])
+    kind = robot.joints[s.index].kind
+    unit = plain_unit(robot.torque_units[s.index])
+    errors = float(before[s.index]), float(after[s.index])
     explanation = (
         f"{changed_constant_in_words(s, shape, kind)};"
         f" error on data left out {errors[0]:.3g} to {errors[1]:.3g} {unit}"
@@ -226,7 +226,7 @@ def retune(
     if is_harmful:
         doubts.append(Doubt("alone"))
     return Retune(
-        estimate=replace(s, std=std),
+        **vars(replace(s, std=std)),
         confidence="weak" if doubts else "confident",
         rmse_before=errors[0],
         rmse_after=errors[1],

@@ -55,8 +55,8 @@ from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import noise_level
-from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit, words
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array

@@ -1,10 +1,10 @@
 """The library of effects, by kind; :func:`effect_types` finds them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import Effect, EffectEntry
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.plugins import classes, lazy_exports
 from sdp_vs_penalty.robot.robot import Robot
@@ -107,23 +107,10 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
     return kind(robot, joints, **shape)
 
 
-def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
-    """Read an effect from what ``Effect.to_dict`` has written.
-
-    Parameters
-    ----------
-    data
-        Name, joints from 1 and shape constants.
-    robot
-        The robot.
-
-    Returns
-    -------
-    Effect
-        The effect.
-    """
-    joints = None if data["joints"] is None else [int(j) - 1 for j in data["joints"]]
-    return _lookup(data["effect"])(robot, joints, **data["shape"])
+def make_effect(entry: EffectEntry, robot: Robot) -> Effect:
+    """Make the effect of a robot that an entry of a file states."""
+    joints = None if entry.joints is None else [j - 1 for j in entry.joints]
+    return _lookup(entry.effect)(robot, joints, **entry.shape)
 
 
 def _lookup(name: str) -> type[Effect]:

@@ -30,6 +30,7 @@ from sdp_vs_penalty.effects.motion import Sampling as Sampling
 from sdp_vs_penalty.effects.motion import smooth_sign as smooth_sign
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint
@@ -825,13 +826,26 @@ class Effect(ABC):
         is shortened."""
         return self.text
 
-    def to_dict(self) -> dict[str, object]:
-        """Return what model.json holds of the effect: its name, its joints from 1 (None
-        for all), and its shape constants."""
-        joints = (
-            None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
-        )
-        return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
+    @property
+    def entry(self) -> EffectEntry:
+        """What files hold of the effect."""
+        joints = None
+        if self.asked_joints is not None:
+            joints = tuple(int(j) + 1 for j in self.asked_joints)
+        return EffectEntry(self.name, joints, dict(self.shape))
+
+
+@dataclass(frozen=True)
+class EffectEntry(JsonRecord):
+    """What files hold of an effect; :func:`~sdp_vs_penalty.effects.make_effect` makes it
+    again."""
+
+    #: Its name, as `list effects` has it.
+    effect: str
+    #: From 1; None for all joints.
+    joints: tuple[int, ...] | None
+    #: Its shape constants.
+    shape: Mapping[str, float]
 
 
 def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:

@@ -21,12 +21,13 @@ import numpy as np
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.effects import effect_from_dict
+from sdp_vs_penalty.effects import make_effect
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, require_known
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, with_scale
+from sdp_vs_penalty.estimation.model_file import Recipe
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators.estimator import (
@@ -90,24 +91,20 @@ class PoseOptions:
     instruments: str | None = None
 
     def recipe(self) -> dict[str, Any]:
-        """Return the options as plain JSON, from which :meth:`following` poses the
-        problem again.
+        """Return the options as plain JSON of a Recipe, from which :meth:`following`
+        poses the problem again.
 
         Of the effects' shape constants only those that the user gave are kept: the
         others are estimated again.
         """
-        effects: list[dict[str, Any]] | None = None
+        effects = None
         if self.effects is not None:
-            effect_objects = [e for e in self.effects if isinstance(e, Effect)]
-            effects = [
-                e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}}
-                for e in effect_objects
-            ]
-        return {
-            "effects": effects,
-            "known": dict(self.known),
-            "instruments": self.instruments,
-        }
+            effects = tuple(
+                replace(e.entry, shape={k: e.shape[k] for k in e.given})
+                for e in self.effects
+                if isinstance(e, Effect)
+            )
+        return Recipe(effects, dict(self.known), self.instruments).to_dict()
 
     @classmethod
     def following(
@@ -115,23 +112,15 @@ class PoseOptions:
     ) -> PoseOptions:
         """Return the options that a recipe states, the inverse of :meth:`recipe`.
 
-        A recipe is the JSON in a model's details that says how a log was prepared:
-        effects, known parameters and instruments. ``others`` are further fields of the
-        options. Raises InputError for a damaged recipe.
+        ``others`` are further fields of the options. Raises InputError for a damaged
+        recipe.
         """
-        try:
-            settings = recipe["effects"]
-            known = {k: float(x) for k, x in recipe["known"].items()}
-            effects = None
-            if settings is not None:
-                effects = [effect_from_dict(e, robot) for e in settings]
-            return cls(
-                effects, known=known, instruments=recipe["instruments"], **others
-            )
-        except (KeyError, TypeError, ValueError, AttributeError):
-            raise InputError(
-                "the model's details.recipe is damaged", "identify it again"
-            ) from None
+        stated = Recipe.from_dict(recipe)
+        effects = None
+        if stated.effects is not None:
+            effects = [make_effect(e, robot) for e in stated.effects]
+        known = dict(stated.known)
+        return cls(effects, known=known, instruments=stated.instruments, **others)
 
 
 @dataclass(frozen=True)

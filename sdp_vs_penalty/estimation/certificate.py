@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass, field
 
 from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 

@@ -17,21 +17,27 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.colours import AFTER, NEUTRAL
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_from_dict
+from sdp_vs_penalty.effects import make_effect
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
+from sdp_vs_penalty.estimation.model_file import (
+    CovarianceBlock,
+    ModelFile,
+    ParameterEntry,
+    UncertaintyFields,
+)
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
-from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, require_format, write_text
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
-from sdp_vs_penalty.problem.problem import Problem, problem_from_dict, problem_to_dict
+from sdp_vs_penalty.problem.problem import Problem, ProblemFields
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -256,8 +262,7 @@ class Estimate(Record):
         """
         problem = self.problem.with_gravity(gravity)
         effects = [
-            effect_from_dict(effect.to_dict(), problem.robot)
-            for effect in self.model.effects
+            make_effect(effect.entry, problem.robot) for effect in self.model.effects
         ]
         model = dataclasses.replace(
             self.model, robot=problem.robot, effects=tuple(effects)
@@ -288,7 +293,7 @@ class Estimate(Record):
         gains = self.problem.gains
         body = {
             "robot": self.robot.to_dict(),
-            "effects": [e.to_dict() for e in self.model.effects],
+            "effects": [e.entry.to_dict() for e in self.model.effects],
             "reference": (
                 None if self.model.reference is None else self.model.reference.tolist()
             ),
@@ -617,15 +622,48 @@ class Estimate(Record):
         The covariance holds only parameters with a known standard deviation (not NaN),
         with their names. A missing reference or training motion is null.
         """
-        parameters = [
-            {
-                **interval.to_dict(),
-                "value": float(value),
-                "nominal": formatting.finite(nominal),
-                "source": source,
-                "effect": parameter.effect,
-                "joint": parameter.joint,
-            }
+        return self._file().to_dict()
+
+    def _file(self) -> ModelFile:
+        """Return the record of model.json."""
+        # Rows and columns of the covariance that are finite.
+        with_std = np.flatnonzero(~np.isnan(self.uncertainty.std))
+        covariance = self.uncertainty.covariance[np.ix_(with_std, with_std)]
+        names = [p.name for p in self.model.parameters]
+        return ModelFile(
+            format=FORMAT,
+            problem=ProblemFields.of(self.problem),
+            method=self.method,
+            settings=self.settings,
+            parameters=self._entries(),
+            certificate=self.certificate,
+            robot=self.robot,
+            effects=tuple(e.entry for e in self.model.effects),
+            preprocessing=self.preprocessing,
+            uncertainty=UncertaintyFields.of(self.uncertainty),
+            details=self.details,
+            provenance=dict(self.provenance),
+            reference=self.model.reference,
+            covariance=CovarianceBlock(tuple(names[k] for k in with_std), covariance),
+            training_motion=self.training_motion,
+        )
+
+    def _entries(self) -> tuple[ParameterEntry, ...]:
+        """Return what the file holds of each parameter."""
+        return tuple(
+            ParameterEntry(
+                name=parameter.name,
+                unit=parameter.unit,
+                value=float(value),
+                std=interval.std,
+                lower=interval.lower,
+                upper=interval.upper,
+                verdict=interval.verdict,
+                nominal=float(nominal),
+                source=source,  # type: ignore[arg-type]
+                effect=parameter.effect,
+                joint=parameter.joint,
+            )
             for parameter, value, interval, nominal, source in zip(
                 self.model.parameters,
                 self.theta,
@@ -634,32 +672,7 @@ class Estimate(Record):
                 self.sources,
                 strict=True,
             )
-        ]
-        # Rows and columns of the covariance that are finite.
-        with_std = np.flatnonzero(~np.isnan(self.uncertainty.std))
-        covariance = self.uncertainty.covariance[np.ix_(with_std, with_std)]
-        reference = self.model.reference
-        motion = self.training_motion
-        return {
-            "format": FORMAT,
-            "problem": problem_to_dict(self.problem),
-            "method": self.method,
-            "settings": self.settings,
-            "parameters": parameters,
-            "certificate": self.certificate.to_dict(),
-            "robot": self.robot.to_dict(),
-            "effects": [e.to_dict() for e in self.model.effects],
-            "reference": None if reference is None else reference.tolist(),
-            "preprocessing": dataclasses.asdict(self.preprocessing),
-            "covariance": {
-                "parameters": [self.model.parameters[k].name for k in with_std],
-                "matrix": covariance.tolist(),
-            },
-            "uncertainty": self.uncertainty.to_dict(),
-            "details": self.details,
-            "provenance": dict(self.provenance),
-            "training_motion": None if motion is None else motion.to_dict(),
-        }
+        )
 
     def require_joints(
         self, measurements: Measurements, what: str = "measurements"
@@ -706,13 +719,9 @@ def load_estimate(path: str | Path) -> Estimate:
     return read_json(path, "model.json", "format", _from_dict)
 
 
-def _from_dict(data: dict[str, Any]) -> Estimate:
-    """Read an Estimate from the dictionary of a model.json.
-
-    Raises KeyError, TypeError or ValueError for a damaged file; the caller (read_json)
-    turns these into an InputError. The intervals of the standard parameters stand in
-    the file's "parameters".
-    """
+def _from_dict(data: Mapping[str, Any]) -> Estimate:
+    """Read an Estimate from the dictionary of a model.json; InputError, with the path
+    of the field, for a damaged one."""
     require_format(
         data,
         FORMAT,
@@ -720,85 +729,34 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         older="which did not keep the bounds of the model's problem",
         remedy="identify again",
     )
-    if not isinstance(data["method"], str):
-        raise TypeError(f"method: {given(data['method'])} is no text")
-    robot = Robot.from_dict(data["robot"])
-    problem = problem_from_dict(data["problem"], robot)
-    model = _model_from_dict(data, problem)
-    entries = _entries_of(data["parameters"], model)
-    theta = np.array([float(entry["value"]) for entry in entries])
-    if not np.all(np.isfinite(theta)):
-        raise ValueError("a parameter's value is not a finite number")
-    details = data["details"]
-    if not isinstance(details, dict) or not isinstance(
-        details.get("undetermined", {}), dict
-    ):
-        raise ValueError("details: undetermined names who decides which parameter")
-    _check_provenance(data["provenance"], robot.n)
+    file = ModelFile.from_dict(data)
+    problem = file.problem.problem(file.robot)
+    effects = tuple(make_effect(e, problem.robot) for e in file.effects)
+    model = Model(problem.robot, effects, file.reference, problem.gains)
+    entries = {entry.name: entry for entry in file.parameters}
+    names = [parameter.name for parameter in model.parameters]
+    for name in names:
+        if name not in entries:
+            what = f"there is no entry for the parameter {name}"
+            raise InputError(what, "write the file anew", "field parameters")
+    if file.reference is not None and file.reference.shape != (len(names),):
+        what = f"not one number for each of {len(names)} parameters"
+        raise InputError(what, "write the file anew", "field reference")
     return Estimate(
         problem=problem,
         model=model,
-        theta=theta,
-        uncertainty=Uncertainty.from_dict({**data["uncertainty"], "standard": entries}),
-        method=data["method"],
-        certificate=Certificate.from_dict(data["certificate"]),
-        preprocessing=Preprocessing(**data["preprocessing"]),
-        settings=data["settings"],
-        details=details,
-        provenance=data["provenance"],
-        training_motion=_motion_from_dict(data.get("training_motion"), robot.n),
+        theta=np.array([entries[name].value for name in names]),
+        uncertainty=file.uncertainty.with_intervals(
+            tuple(entries[name].interval for name in names)
+        ),
+        method=file.method,
+        certificate=file.certificate,
+        preprocessing=file.preprocessing,
+        settings=dict(file.settings),
+        details=dict(file.details),
+        provenance=dict(file.provenance),
+        training_motion=file.training_motion,
     )
-
-
-def _model_from_dict(data: dict[str, Any], problem: Problem) -> Model:
-    """Build the model of a problem's robot from a model.json.
-
-    "reference" holds the parameters (p,) of the current model, to which
-    torque-dependent effects refer; null where there are none.
-    """
-    effects = tuple(effect_from_dict(e, problem.robot) for e in data["effects"])
-    reference = data.get("reference")
-    if reference is not None:
-        reference = np.array(reference, float)
-    model = Model(problem.robot, effects, reference, problem.gains)
-    if reference is not None and len(reference) != len(model.parameters):
-        raise ValueError("reference and parameters differ in length")
-    return model
-
-
-def _entries_of(listed: list[dict[str, Any]], model: Model) -> list[dict[str, Any]]:
-    """Return the file's entry for each of the model's parameters, in the model's order.
-
-    Raises KeyError for a parameter without an entry.
-    """
-    by_name = {entry["name"]: entry for entry in listed}
-    for parameter in model.parameters:
-        if parameter.name not in by_name:
-            raise KeyError(f"parameters: {parameter.name}")
-    return [by_name[parameter.name] for parameter in model.parameters]
-
-
-def _motion_from_dict(data: dict[str, Any] | None, n: int) -> MotionRecord | None:
-    """Read the training motion of n joints; None for a file that does not hold it."""
-    if data is None:
-        return None
-    motion = MotionRecord.from_dict(data)
-    if len(motion.centre) != 2 * n:
-        raise ValueError("training_motion is of another number of joints")
-    return motion
-
-
-def _check_provenance(provenance: dict[str, Any], n: int) -> None:
-    """Raise ValueError for a verdict or noise floor that cannot be read later.
-
-    ``n`` is the number of joints.
-    """
-    if provenance.get("verdict") is not None:
-        Verdict.from_dict(provenance["verdict"])
-    if provenance.get("noise") is not None:
-        floor = NoiseFloor.from_dict(provenance["noise"]).floor
-        if floor is not None and floor.shape != (n,):
-            raise ValueError("noise: not a number for each joint")
 
 
 #: One Estimate or the path of a model.json; a sequence of these; or a mapping from

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import scipy
@@ -35,8 +35,8 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
-from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.linalg import (
     UNSEEN,
     column_space,
@@ -58,35 +58,36 @@ _OpenConstant = tuple[Effect, int, str]
 
 @dataclass(frozen=True)
 class ShapeEstimate(JsonRecord):
-    """A shape constant as estimated: ``before`` is what the model had; std : its
-    standard deviation, from the curvature of the squared error; gain : what the change
-    takes from that error in motion left out, in units of its variance; at_end : it lies
-    at an end of the range that was searched."""
+    """A shape constant as estimated."""
 
+    #: Name of the effect.
     effect: str
+    #: From 1.
     joint: int
+    #: Name of the constant.
     shape: str
+    #: What the model had.
     before: float
+    #: As estimated.
     after: float
+    #: Standard deviation, from the curvature of the squared error; infinite where the
+    #: data bound the constant on one side only.
     std: float = np.inf
+    #: What the change takes from that error in motion left out, in units of its variance.
     gain: float = 0.0
+    #: Whether it lies at an end of the range that was searched.
     at_end: bool = False
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the estimate as a JSON dictionary.
+    @property
+    def index(self) -> int:
+        """Index of the joint, from 0."""
+        return self.joint - 1
 
-        Two fields differ from the record's: ``joint`` is counted from 1, as users count
-        joints (from 0 in Python), and an infinite standard deviation becomes null.
-        """
-        return {**super().to_dict(), "joint": self.joint + 1}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Read an estimate from the dictionary that :meth:`to_dict` wrote.
-
-        The file counts joints from 1, this class from 0.
-        """
-        return super().from_dict({**data, "joint": data["joint"] - 1})
+    @property
+    def key(self) -> tuple[str, int, str]:
+        """Effect, index of the joint, and constant: by which models look constants
+        up."""
+        return self.effect, self.index, self.shape
 
 
 def at_end(u: float, low: float, high: float) -> bool:
@@ -164,7 +165,7 @@ def estimate_shapes(
     # Splines between grid values are accurate to 1 %. Constants that the data determine
     # more accurately are refined on a grid that contains the first estimate.
     fine = {
-        (s.effect, s.joint, s.shape)
+        s.key
         for s in estimates
         if s.after != s.before and not s.at_end and s.std < 0.01 * s.after
     }
@@ -180,13 +181,8 @@ def estimate_shapes(
     ]
     profile = profile_of(estimated_model, fine_constants)
     best = profile.minimised(profile.now, np.arange(len(fine_constants)))
-    refined = {
-        (s.effect, s.joint, s.shape): s.after for s in profile.estimates_at(best)
-    }
-    return [
-        replace(s, after=refined.get((s.effect, s.joint, s.shape), s.after))
-        for s in estimates
-    ]
+    refined = {s.key: s.after for s in profile.estimates_at(best)}
+    return [replace(s, after=refined.get(s.key, s.after)) for s in estimates]
 
 
 def _open_constants(model: Model) -> list[_OpenConstant]:
@@ -698,7 +694,7 @@ class _ShapeProfile:
             out.append(
                 ShapeEstimate(
                     effect=bank.effect.name,
-                    joint=bank.joint,
+                    joint=bank.joint + 1,
                     shape=bank.key,
                     before=bank.now,
                     after=after,
@@ -759,7 +755,7 @@ def with_shapes(
     tuple of Effect
         Effects with the new constants.
     """
-    values = {(s.effect, s.joint, s.shape): s.after for s in estimates}
+    values = {s.key: s.after for s in estimates}
     out: list[Effect] = []
     for effect in effects:
         keys = [
@@ -800,7 +796,7 @@ def changed_constants_in_words(before: Model, after: Model) -> list[str]:
             for key, value in effect.shape.items():
                 if key not in old or old[key] == value:
                     continue
-                change = ShapeEstimate(effect.name, joint, key, old[key], value)
+                change = ShapeEstimate(effect.name, joint + 1, key, old[key], value)
                 constant = effect.shapes[key]
                 lines.append(changed_constant_in_words(change, constant, kind))
     return lines
@@ -814,7 +810,7 @@ def changed_constant_in_words(
     Parameters
     ----------
     change : ShapeEstimate
-        Effect, joint (from 0), and both values.
+        Effect, joint and both values.
     constant : ShapeConstant
         How the constant is written.
     kind : str
@@ -828,7 +824,7 @@ def changed_constant_in_words(
     new = constant.format_with_unit(change.after, kind)
     old = constant.format_with_unit(change.before, kind)
     name = effect_name(change.effect)
-    return f"joint {change.joint + 1}: {name} has {change.shape} = {new}, not {old}"
+    return f"joint {change.joint}: {name} has {change.shape} = {new}, not {old}"
 
 
 def effects_to_estimate_again(

@@ -39,7 +39,7 @@ from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
 from sdp_vs_penalty.estimation.sensitivity import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task, white_variance
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.linalg import column_space, min_norm_lstsq
 from sdp_vs_penalty.regression.regression import Regression
@@ -548,16 +548,6 @@ class Uncertainty(JsonRecord):
                 block.columns @ self.factor[block.indices], axis=1
             )
         return torque, std
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON fields of model.json's "uncertainty".
-
-        The intervals of the standard parameters are missing: model.json holds them
-        under "parameters".
-        """
-        return {"level": LEVEL} | {
-            k: x for k, x in super().to_dict().items() if k != "standard"
-        }
 
 
 class LateUncertainty(Uncertainty):

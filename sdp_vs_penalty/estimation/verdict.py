@@ -21,8 +21,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.estimators.estimator import make_task
-from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
@@ -108,6 +108,8 @@ class Verdict(JsonRecord):
     sentence on windows of a long recording, or ""; links : a sentence on whether the
     links can exist, "" for a model without any; links_are_possible : whether they can."""
 
+    derived = ("grade", "headline")
+
     lines: tuple[Line, ...]
     error_over_noise: tuple[float, ...] | None
     noise_source: str
@@ -160,10 +162,6 @@ class Verdict(JsonRecord):
         )
         lines = [missing if line.about == MISSING else line for line in self.lines]
         return replace(self, lines=_weakest_first(lines))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the record as JSON, with grade and headline for readers of the file."""
-        return {"grade": self.grade, "headline": self.headline, **super().to_dict()}
 
 
 #: What is said of a model without a verdict.

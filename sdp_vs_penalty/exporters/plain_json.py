@@ -49,7 +49,7 @@ def write(estimate: Estimate, options: Options) -> Written:
             {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}
             for p, value in zip(effect.parameters, estimate.theta[indices], strict=True)
         ]
-        effects.append({**effect.to_dict(), **about})
+        effects.append({**effect.entry.to_dict(), **about})
     content = {
         "robot": robot.to_dict(),
         "links": links,

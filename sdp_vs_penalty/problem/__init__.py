@@ -10,6 +10,6 @@ __getattr__ = lazy_exports(
         "with_filters"
     ),
     published="measured_runs published_cell published_links published_values",
-    problem="CentreOfMassCone open_box problem_from_dict problem_to_dict",
+    problem="CentreOfMassCone ProblemFields open_box",
     bodies="link_bodies plausible_links",
 )

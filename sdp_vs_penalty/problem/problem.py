@@ -10,10 +10,10 @@ later version do not change the bounds of an old model.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,11 @@ from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.files import JsonRecord, read_table
+from sdp_vs_penalty.files import read_table
 from sdp_vs_penalty.formatting import finite
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
@@ -648,140 +649,139 @@ def entries(links: int) -> dict[str, tuple[int, int]]:
     }
 
 
-def problem_to_dict(problem: Problem) -> dict[str, Any]:
-    """Return a problem as plain JSON.
+@dataclass(frozen=True)
+class LinkDefault:
+    """What bounds a link where nothing else does."""
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
+    #: Largest mass [kg].
+    mass: float
+    #: Largest distance of its centre of mass [m].
+    radius: float
 
-    Returns
-    -------
-    dict
-        ``bounds``: [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx
-        [kg m^2]), null where open. ``link_defaults``: largest mass [kg] and radius [m]
-        of a link where its bounds are open. ``bodies``: ellipsoid [m] of each link in
-        its frame, and its source. ``nominal_from``: source of the nominal links.
-        ``gains``: known gains of the torque channels.
-    """
-    places = entries(problem.robot.links).items()
-    values = dict(problem.nominal_values)
-    bounds = {name: [finite(x) for x in problem.box[place]] for name, place in places}
-    return {
-        "name": problem.name,
-        "title": problem.title,
-        "torque_side": problem.torque_side,
-        "effects": list(problem.default_effects),
-        "bounds": {name: pair for name, pair in bounds.items() if pair != [None, None]},
-        "total_mass": [finite(x) for x in problem.total_mass],
-        "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
-        "link_defaults": [
-            {"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()
-        ],
-        "bodies": [body.to_dict() for body in problem.link_bodies],
-        "nominal_links": problem.nominal_links.tolist(),
-        "nominal_from": (
-            None if problem.nominal_from is None else list(problem.nominal_from)
-        ),
-        "gains": None if problem.gains is None else list(problem.gains),
-        **({"nominal_values": values} if values else {}),
-        "preprocessing": asdict(problem.preprocessing),
-        "base_parameters": (
-            None if problem.independent is None else list(problem.independent)
-        ),
-    }
+    def __post_init__(self) -> None:
+        """Raise InputError unless both are finite and above 0."""
+        if not (0.0 < self.mass < np.inf and 0.0 < self.radius < np.inf):
+            remedy = "correct it, or write the file anew"
+            raise InputError("a mass or a radius is not above 0", remedy)
 
 
-def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
-    """Return the problem that :func:`problem_to_dict` wrote, with bitwise equal
-    constraints.
+@dataclass(frozen=True)
+class ProblemFields(JsonRecord):
+    """What a model.json holds of its problem; the robot stands beside it."""
 
-    Parameters
-    ----------
-    data : mapping
-        The JSON document.
-    robot : Robot
-        The robot.
+    #: As of Problem.
+    name: str
+    #: As of Problem.
+    title: str
+    #: As of Problem.
+    torque_side: Literal["link", "motor", "unknown"]
+    #: Texts of the effects that a model has by default.
+    effects: tuple[str, ...]
+    #: Lower and upper end by the names of a bounds.csv (m1 [kg], c1x [m], I1xx
+    #: [kg m^2]), null where open.
+    bounds: Mapping[str, tuple[float | None, float | None]]
+    #: Bounds of the moving links' mass together [kg].
+    total_mass: tuple[float | None, float | None]
+    #: As of Problem.
+    centre_of_mass_cones: tuple[CentreOfMassCone, ...]
+    #: Of each link.
+    link_defaults: tuple[LinkDefault, ...]
+    #: Of each link.
+    bodies: tuple[Body, ...]
+    #: (links, 10) standard parameters.
+    nominal_links: Array
+    #: Where each nominal link is from.
+    nominal_from: tuple[str, ...] | None
+    #: Filters that hold where a verb has none.
+    preprocessing: Preprocessing
+    #: Names of the base parameters.
+    base_parameters: tuple[str, ...] | None
+    #: Known gains of the torque channels.
+    gains: tuple[float, ...] | None = None
+    #: Nominal values of parameters that belong to no link, by name.
+    nominal_values: Mapping[str, float] = field(default_factory=dict)
 
-    Returns
-    -------
-    Problem
-        Without a folder.
+    @classmethod
+    def of(cls, problem: Problem) -> ProblemFields:
+        """Return what a file holds of a problem; bounds that are open on both sides are
+        left out."""
+        places = entries(problem.robot.links).items()
+        bounds = {name: _open_ends(problem.box[place]) for name, place in places}
+        return cls(
+            name=problem.name,
+            title=problem.title,
+            torque_side=problem.torque_side,  # type: ignore[arg-type]
+            effects=tuple(problem.default_effects),
+            bounds={k: pair for k, pair in bounds.items() if pair != (None, None)},
+            total_mass=_open_ends(problem.total_mass),
+            centre_of_mass_cones=problem.cones,
+            link_defaults=tuple(
+                LinkDefault(m, r) for m, r in problem.link_defaults.tolist()
+            ),
+            bodies=tuple(problem.link_bodies),
+            nominal_links=problem.nominal_links,
+            nominal_from=problem.nominal_from,
+            preprocessing=problem.preprocessing,
+            base_parameters=problem.independent,
+            gains=problem.gains,
+            nominal_values=dict(problem.nominal_values),
+        )
 
-    Raises
-    ------
-    InputError
-        If bounds contradict each other or the robot.
-    KeyError, TypeError, ValueError
-        If a field is missing or of another kind.
-    """
-    # Bounds: name of a parameter, such as c1x, to its place (link, entry) in the box.
-    place_by_name = entries(robot.links)
-    box = open_box(robot.links)
-    for name, pair in data["bounds"].items():
-        if name not in place_by_name:
-            what = f"bounds: {name!r} is no parameter of a link of this robot"
-            raise InputError(what, "write the file anew")
-        box[place_by_name[name]] = _ends(pair)
-    effect_texts = _texts(data["effects"])
-    base = data["base_parameters"]
-    nominal_sources = data["nominal_from"]
-    parse_effects(effect_texts, robot)  # raises InputError for an unknown effect
-    defaults = _finite(
-        "link_defaults",
-        [[entry["mass"], entry["radius"]] for entry in data["link_defaults"]],
-    )
-    if not np.all(defaults > 0.0):
-        what = "link_defaults: a mass or a radius is not above 0"
-        raise InputError(what, "correct it, or write the file anew")
-    name, title = _texts([data["name"], data["title"]])
-    return Problem(
-        name=name,
-        title=title,
-        robot=robot,
-        box=box,
-        nominal_links=_finite("nominal_links", data["nominal_links"]),
-        total_mass=_ends(data["total_mass"]),
-        cones=tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"])),
-        torque_side=data["torque_side"],
-        preprocessing=Preprocessing(**data["preprocessing"]),
-        independent=None if base is None else _texts(base),
-        effects=effect_texts,
-        defaults=defaults,
-        bodies=tuple(map(Body.from_dict, data["bodies"])),
-        nominal_from=None if nominal_sources is None else _texts(nominal_sources),
-        gains=(
-            tuple(_finite("gains", data["gains"]).tolist())
-            if data.get("gains")
-            else None
-        ),
-        nominal_values={
-            str(name): float(x) for name, x in data.get("nominal_values", {}).items()
-        },
-    )
+    def problem(self, robot: Robot) -> Problem:
+        """Return the problem of a robot, without a folder, with bitwise equal
+        constraints.
+
+        Raises
+        ------
+        InputError
+            If bounds contradict each other or the robot.
+        """
+        remedy = "write the file anew"
+        # Name of a parameter, such as c1x, to its place (link, entry) in the box.
+        place_by_name = entries(robot.links)
+        box = open_box(robot.links)
+        for name, pair in self.bounds.items():
+            if name not in place_by_name:
+                what = f"bounds: {name!r} is no parameter of a link of this robot"
+                raise InputError(what, remedy)
+            box[place_by_name[name]] = _ends(pair)
+        for name, values in (
+            ("nominal_links", self.nominal_links),
+            ("gains", self.gains or ()),
+            ("nominal_values", list(self.nominal_values.values())),
+        ):
+            if not np.all(np.isfinite(values)):
+                raise InputError("a number is not finite", remedy, name)
+        parse_effects(self.effects, robot)  # raises InputError for an unknown effect
+        return Problem(
+            name=self.name,
+            title=self.title,
+            robot=robot,
+            box=box,
+            nominal_links=self.nominal_links,
+            total_mass=_ends(self.total_mass),
+            cones=self.centre_of_mass_cones,
+            torque_side=self.torque_side,
+            preprocessing=self.preprocessing,
+            independent=self.base_parameters,
+            effects=self.effects,
+            defaults=np.array([[x.mass, x.radius] for x in self.link_defaults]),
+            bodies=self.bodies,
+            nominal_from=self.nominal_from,
+            gains=self.gains or None,
+            nominal_values=dict(self.nominal_values),
+        )
 
 
-def _ends(pair: Sequence[float | None]) -> tuple[float, float]:
+def _open_ends(pair: Sequence[float]) -> tuple[float | None, float | None]:
+    """Return lower and upper end of a bound for JSON, where None is an open end."""
+    low, high = pair
+    return finite(low), finite(high)
+
+
+def _ends(pair: tuple[float | None, float | None]) -> tuple[float, float]:
     """Return lower and upper end of a bound in JSON, where null is an open end."""
     low, high = pair
     lower = -np.inf if low is None else float(low)
     upper = np.inf if high is None else float(high)
     return lower, upper
-
-
-def _finite(what: str, rows: Any) -> Array:
-    """Return numbers as an array; InputError, naming the field ``what``, unless all are
-    finite.
-    """
-    values = np.array(rows, float)
-    if not np.all(np.isfinite(values)):
-        raise InputError("a number is not finite", "write the file anew", what)
-    return values
-
-
-def _texts(values: Sequence[Any]) -> tuple[str, ...]:
-    """Return a list of texts as a tuple; TypeError for anything else."""
-    if isinstance(values, str) or not all(isinstance(v, str) for v in values):
-        raise TypeError(f"{values!r} is no list of texts")
-    return tuple(values)

@@ -14,19 +14,22 @@ from typing import Any, Generic, Self, TypeVar, overload
 
 import numpy as np
 
-from sdp_vs_penalty.formatting import finite, number, plain_unit
+from sdp_vs_penalty.formatting import number, plain_unit
+from sdp_vs_penalty.records import JsonRecord
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Fact:
+class Fact(JsonRecord):
     """One fact of one record.
 
     name : the method's, in words; value : a number, (n,) a number a joint, a text, or
     None where it is not known; unit : as it is printed; digits : significant ones;
     definition : what it is, in a sentence or two.
     """
+
+    derived = ("texts",)
 
     name: str
     value: Any
@@ -57,22 +60,6 @@ class Fact:
         unknown.
         """
         return self.texts[joint - 1] if self.value is not None else "-"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fact as JSON: value, unit, printed texts and definition."""
-        value = self.value
-        if isinstance(value, str) or value is None:
-            plain: Any = value
-        elif np.ndim(value) == 0:
-            plain = finite(float(value))
-        else:
-            plain = [finite(float(x)) for x in np.asarray(value, float)]
-        return {
-            "value": plain,
-            "unit": self.unit,
-            "texts": self.texts,
-            "definition": self.definition,
-        }
 
 
 class FactMethod(Generic[T]):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.results.facts import Fact, facts_of
@@ -89,12 +89,6 @@ class Record(Shown):
         that terminal, page and report print.
         """
         return facts_of(self)
-
-    def facts_to_dict(self) -> dict[str, Any]:
-        """Return the facts as JSON: value, unit, printed texts and definition of
-        each.
-        """
-        return {name: one.to_dict() for name, one in self.facts().items()}
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the numbers of this result as a data frame; subclasses define it.

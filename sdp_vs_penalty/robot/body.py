@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 #: What a body can be known from, the best first.

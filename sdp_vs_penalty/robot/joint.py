@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import JsonRecord, JsonRecordSkippingNone
+from sdp_vs_penalty.records import JsonRecord, JsonRecordSkippingNone
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.files import JsonRecordSkippingNone
+from sdp_vs_penalty.records import JsonRecordSkippingNone
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 from sdp_vs_penalty.robot.joint import (

@@ -10,7 +10,7 @@ both stay far below the distance, so that neither makes a repeated motion new.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.runs import interpolated, spans
@@ -31,6 +31,9 @@ from sdp_vs_penalty.signals.runs import interpolated, spans
 #: at all.
 DISTANCE = 0.1
 _LARGEST_RECORD = 100_000
+#: Numbers of the points on the lines that are looked up: 50 times those of the largest
+#: record, 40 MB.
+_LARGEST_PATH = 50 * _LARGEST_RECORD
 #: In units of the distance: how far the lines may pass beside a row, how near a row
 #: counts as there already, and the spacing at which lines are looked up.
 _NEAR = 0.2
@@ -53,13 +56,18 @@ class MotionRecord(JsonRecord):
     distance: float
 
     def __post_init__(self) -> None:
-        """Refuse a record, read from a file, without lines, with numbers that are not
-        finite, or with a scale that is not above 0."""
-        rows = np.concatenate([self.centre[None], self.scale[None], *self.lines])
-        if not (self.lines and np.all(np.isfinite(rows))):
-            raise ValueError("training_motion: not numbers for each joint")
-        if not (np.all(self.scale > 0.0) and self.distance > 0.0):
-            raise ValueError("training_motion: a scale is not above 0")
+        """Raise InputError for a record, read from a file, that no recording makes."""
+        remedy = "identify the model again"
+        rows = [self.centre[None], self.scale[None], *self.lines]
+        width = np.shape(self.centre)[-1:]
+        is_table = all(x.ndim == 2 and x.shape[1:] == width for x in rows)
+        if not (self.lines and is_table and np.all(np.isfinite(np.concatenate(rows)))):
+            raise InputError("not numbers for each joint", remedy)
+        if not (np.all(self.scale > 0.0) and self.distance >= DISTANCE):
+            what = f"the scale is not above 0, or the distance is below {DISTANCE}"
+            raise InputError(what, remedy)
+        if _is_too_long(self.lines, self.distance):
+            raise InputError("the path is longer than any recording's", remedy)
 
     def new_share(self, runs: FilteredRuns) -> float | None:
         """Return the share of the runs' filtered rows whose motion is new to the
@@ -168,12 +176,20 @@ def _record(
     distance if it is too large; None if it is too large even so."""
     while distance <= 4.0 * DISTANCE:
         lines = _thinned(paths(), distance)
-        if lines is not None:
+        if lines is not None and not _is_too_long(lines, distance):
             # To a hundredth of the smallest distance; + 0.0 makes -0 to 0.
             rounded = tuple(np.round(line, 3) + 0.0 for line in lines)
             return MotionRecord(centre, scale, rounded, distance)
         distance *= 2.0
     return None
+
+
+def _is_too_long(lines: Sequence[Array], distance: float) -> bool:
+    """Return whether the points that are looked up on lines (K, 2 n), _NEAR times the
+    distance apart, are more than _LARGEST_PATH numbers."""
+    lengths = [np.abs(np.diff(x, axis=0)).max(axis=1).sum() for x in lines]
+    n_points = sum(lengths) / (_NEAR * distance)
+    return bool(n_points * lines[0].shape[1] > _LARGEST_PATH)
 
 
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:

@@ -10,10 +10,9 @@ model's error as a torque.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import NOT_STORED, JsonRecord, stored_as
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -88,53 +87,37 @@ class FreeRun(JsonRecord):
     loop added [N m, N], torque : of the measured one; simulated : the motion; measured
     : (N, n) positions then; cut : whether the run goes on."""
 
+    derived = ("run",)
+
     seconds: float
     left: bool
     rms: Array
     spread: Array | None
     loop: Array | None
     torque: Array
-    simulated: Measurements
-    measured: Array
+    simulated: Measurements = field(metadata=NOT_STORED)
+    measured: Array = field(metadata=NOT_STORED)
     cut: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the figures of the run as JSON, without the simulated motion."""
-        motion = "simulated", "measured", "cut"
-        figures = {k: x for k, x in super().to_dict().items() if k not in motion}
-        return {"run": self.simulated.names[0], "cut": self.cut, **figures}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Make a free run from the JSON of :meth:`to_dict`, which holds its figures
-        only: the simulated and the measured motion of the result are empty."""
-        torque = np.array(data["torque"], float)
-        nothing = np.zeros((0, len(torque)))
-        spread, loop = data["spread"], data["loop"]
-        return cls(
-            seconds=float(data["seconds"]),
-            left=bool(data["left"]),
-            rms=np.array(data["rms"], float),
-            spread=None if spread is None else np.array(spread, float),
-            loop=None if loop is None else np.array(loop, float),
-            torque=torque,
-            simulated=Measurements(np.zeros(0), nothing, nothing, names=(data["run"],)),
-            measured=nothing,
-            cut=bool(data.get("cut", False)),
-        )
+    @property
+    def run(self) -> str:
+        """Name of the measured run."""
+        return self.simulated.names[0]
 
 
 @dataclass(frozen=True, repr=False)
-class Following(Record):
+class Following(Record, JsonRecord):
     """What a model run forward makes of measured runs. one_step : velocity after one
     step; ahead : position after a tenth of a second; left_out : effects that have no
     forward meaning here."""
 
+    derived = ("verdict", "facts")
+
     drive: Drive
     units: tuple[str, ...]
-    one_step: Ahead
-    ahead: Ahead
-    free: tuple[FreeRun, ...]
+    one_step: Ahead = field(metadata=stored_as("one_step_velocity"))
+    ahead: Ahead = field(metadata=stored_as("ahead_position"))
+    free: tuple[FreeRun, ...] = field(metadata=stored_as("free_run"))
     left_out: tuple[str, ...]
 
     @property
@@ -300,41 +283,6 @@ class Following(Record):
         if free.loop is not None:
             text += "; loop: what the control loop had to add"
         return f"{text}."
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Make the result from the JSON of :meth:`to_dict`; free runs lose their
-        motion.
-        """
-        return cls(
-            drive=data["drive"],
-            units=tuple(data["units"]),
-            one_step=Ahead.from_dict(data["one_step_velocity"]),
-            ahead=Ahead.from_dict(data["ahead_position"]),
-            free=tuple(map(FreeRun.from_dict, data["free_run"])),
-            left_out=tuple(data["left_out"]),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON: verdict, drive and units, errors after one step
-        and at the horizon, free runs (without their motion), effects left out, and
-        facts."""
-        held = {
-            "drive": self.drive,
-            "units": list(self.units),
-            "left_out": list(self.left_out),
-        }
-        horizon_fields = {
-            "one_step_velocity": self.one_step.to_dict(),
-            "ahead_position": self.ahead.to_dict(),
-        }
-        return {
-            "verdict": self.verdict,
-            **held,
-            **horizon_fields,
-            "free_run": [f.to_dict() for f in self.free],
-            "facts": self.facts_to_dict(),
-        }
 
 
 def said(value: float, unit: str) -> str:

@@ -39,7 +39,9 @@ def test_a_field_that_comes_twice_is_refused(model, tmp_path):
 
 @pytest.mark.parametrize("method", [[1e308], 7, None, {"a": 1}, True])
 def test_a_method_that_is_no_text_is_refused(method, model, tmp_path):
-    assert "is no text" in refusal({**model, "method": method}, tmp_path)
+    assert "field method: expected a text" in refusal(
+        {**model, "method": method}, tmp_path
+    )
 
 
 @pytest.mark.parametrize(

@@ -29,9 +29,10 @@ from sdp_vs_penalty.diagnosis.curves.measure import is_curve_preferred
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
 from sdp_vs_penalty.effects import (
+    EffectEntry,
     MeasuredCurve,
     Motion,
-    effect_from_dict,
+    make_effect,
     parse_effects,
 )
 from sdp_vs_penalty.robot import Array
@@ -169,10 +170,11 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
         curve.filled_torque, SIZE * np.prod(curve.filled_x, axis=1), atol=0.02
     )
     (written,) = parse_effects(effect.text, made.estimate.robot)
-    restored = effect_from_dict(
-        json.loads(json.dumps(effect.to_dict())), made.estimate.robot
+    restored = make_effect(
+        EffectEntry.from_dict(json.loads(json.dumps(effect.entry.to_dict()))),
+        made.estimate.robot,
     )
-    assert written.to_dict() == restored.to_dict() == effect.to_dict()
+    assert written.entry == restored.entry == effect.entry
 
 
 def test_without_a_test_run_each_fold_is_judged_by_what_the_others_measured(made):

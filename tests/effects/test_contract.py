@@ -13,11 +13,12 @@ from effect_contract import robots, steady_motion, to_and_fro, variants, wide_co
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.effects import (
     CurrentModel,
+    EffectEntry,
     JointCoverage,
     Model,
     Motion,
-    effect_from_dict,
     effect_types,
+    make_effect,
     parse_effects,
 )
 from sdp_vs_penalty.simulation import MAKERS
@@ -109,10 +110,10 @@ def test_written_form_and_dictionary_restore_the_effect_to_the_last_bit(name, wh
     robot = robots()[which]
     motion = steady_motion(robot)
     for effect in variants(name, robot):
-        stored = json.loads(json.dumps(effect.to_dict(), allow_nan=False))
+        stored = json.loads(json.dumps(effect.entry.to_dict(), allow_nan=False))
         (written,) = parse_effects(effect.text, robot)
-        for again in (effect_from_dict(stored, robot), written):
-            assert again.to_dict() == effect.to_dict()
+        for again in (make_effect(EffectEntry.from_dict(stored), robot), written):
+            assert again.entry.to_dict() == effect.entry.to_dict()
             assert again.parameters == effect.parameters
             np.testing.assert_array_equal(
                 wide_columns(again, motion), wide_columns(effect, motion)

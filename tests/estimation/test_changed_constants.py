@@ -32,7 +32,7 @@ def test_a_constant_that_has_changed_is_said_with_both_values(two_link, after, s
 
 
 def test_a_diagnosis_says_it_in_the_same_words(two_link):
-    change = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.0015)
+    change = ShapeEstimate("coulomb_friction", 2, "v_s", 0.01, 0.0015)
     errors = np.array([0.1, 0.2])
     of_diagnosis = retune(change, 1e-4, two_link.robot, errors, 0.5 * errors)
     before = model(two_link, "coulomb_friction@v_s=0.01")

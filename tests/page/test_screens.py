@@ -376,8 +376,12 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     sure = replace(one, effect="joint_spring", text="joint_spring:2", joints=(2,))
     x = np.linspace(-1.0, 1.0, 9)
     curve = Curve(2, ("q2",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, None, 0.2, 0.1)
-    other = ShapeEstimate("coulomb_friction", 0, "v_s", 0.01, 0.03)
-    own = {"retuned": (width := Retune(other, "confident", 0.2, 0.1, "another width"),)}
+    other = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.03)
+    errors = {"rmse_before": 0.2, "rmse_after": 0.1}
+    width = Retune(
+        **vars(other), **errors, confidence="confident", explanation="another width"
+    )
+    own = {"retuned": (width,)}
     own |= {"curves": (curve,), "noise_source": "residual"}
     every = replace(found, effects=(sure, one, rival), **own)
     session.history[:] = [

@@ -10,12 +10,7 @@ from drawn import given, seeds
 from random_robots import link_parameters, tree
 
 from sdp_vs_penalty import Problem, load_problem
-from sdp_vs_penalty.problem import (
-    link_bodies,
-    problem_from_dict,
-    problem_to_dict,
-    published_links,
-)
+from sdp_vs_penalty.problem import ProblemFields, link_bodies, published_links
 from sdp_vs_penalty.robot import Body, Geometry, Joint, Robot, around, inertia
 from sdp_vs_penalty.robot import constraint as build
 
@@ -139,7 +134,7 @@ def test_the_published_truths_and_nominal_robots_fit():
 def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
     problem = load_problem(random_arm(tmp_path, seed))
     assert np.all(fits(problem, problem.nominal_links) > 0.3)
-    again = problem_from_dict(problem_to_dict(problem), problem.robot)
+    again = ProblemFields.of(problem).problem(problem.robot)
     for old, new in zip(problem.link_bodies, again.link_bodies, strict=True):
         np.testing.assert_array_equal(old.quadric, new.quadric)
         assert (old.source, old.volume) == (new.source, new.volume)

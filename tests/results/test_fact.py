@@ -42,7 +42,7 @@ def test_what_is_not_known_is_a_dash():
 
 
 def test_a_fact_in_json_has_the_text_that_is_printed():
-    plain = Measured().facts_to_dict()["joint_error"]
+    plain = Measured().facts()["joint_error"].to_dict()
     assert plain["texts"] == ["0.12", "12"]
     assert plain["value"] == pytest.approx([0.1234, 12.0])
 

@@ -3,13 +3,12 @@ JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.effects.measured_curve import WORDS, MeasuredCurve, Variable
-from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -66,15 +65,6 @@ class Curve(JsonRecord):
         shape_filled = self.filled_torque.shape + second_dimension
         if len(self.filled_x) and self.filled_x.shape != shape_filled:
             raise ValueError("what a law fills has a value for each x")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON of all fields; filled_x and filled_torque are left out if
-        empty.
-        """
-        data = super().to_dict()
-        if not len(self.filled_torque):
-            del data["filled_x"], data["filled_torque"]
-        return data
 
     @property
     def points(self) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.files import JsonRecord
+from sdp_vs_penalty.records import JsonRecord
 
 #: Share of the samples that has to be left without the spans in which something acts.
 ENOUGH = 1.0 / 3.0

@@ -14,7 +14,7 @@ import pandas
 from sdp_vs_penalty.paper.memo import program_version, remembered
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table, TableSpec
-from sdp_vs_penalty.problem.problem import problem_to_dict
+from sdp_vs_penalty.problem.problem import ProblemFields
 from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.simulation.engines import engine_types
 
@@ -49,7 +49,7 @@ def table_once(spec: TableSpec, study: Study) -> Table:
         spec.name,
         study.budget,
         study.seed,
-        problem_to_dict(study.problem),
+        ProblemFields.of(study.problem).to_dict(),
         study.problem.robot.to_dict(),
         _files_of_problem(study.problem.folder),
         _real_files(study.problem.name),

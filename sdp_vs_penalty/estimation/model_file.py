@@ -1,0 +1,331 @@
+"""What a model.json holds: one record, whose types are the schema of the file.
+
+The file is checked once, when it is read; everything behind relies on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import EffectEntry
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation.uncertainty import LEVEL, NOT_SEEN, Interval, Uncertainty
+from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
+from sdp_vs_penalty.estimators import estimator_types
+from sdp_vs_penalty.problem.problem import ProblemFields
+from sdp_vs_penalty.records import JsonRecord, from_json
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.motion import MotionRecord
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+#: What determines a parameter.
+Source = Literal["data", "prior", "bounds", "given"]
+
+
+@dataclass(frozen=True)
+class ParameterEntry(JsonRecord):
+    """One parameter of the model: its value, what the data say of it, and where it
+    belongs."""
+
+    #: Of the parameter, such as "m1".
+    name: str
+    #: Of the value.
+    unit: str
+    #: As identified.
+    value: float
+    #: Standard deviation; NaN where the data do not determine the parameter.
+    std: float = np.nan
+    #: Lower end of the 95 % interval.
+    lower: float = -np.inf
+    #: Upper end of the 95 % interval.
+    upper: float = np.inf
+    #: "identifiable", "weakly" or "not seen".
+    verdict: str = NOT_SEEN
+    #: Of the robot's file; NaN where it has none.
+    nominal: float = np.nan
+    #: What determines the value.
+    source: Source = "data"
+    #: Name of the effect that it belongs to.
+    effect: str = ""
+    #: From 1; None for a parameter of the whole robot.
+    joint: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a value that is not finite."""
+        if not np.isfinite(self.value):
+            raise InputError("the value is not finite", "identify the model again")
+
+    @property
+    def interval(self) -> Interval:
+        """What the data say of the parameter."""
+        return Interval(**{f.name: getattr(self, f.name) for f in fields(Interval)})
+
+
+@dataclass(frozen=True)
+class CovarianceBlock(JsonRecord):
+    """Covariance of the parameters that the data determine, for other programs."""
+
+    #: Names of the parameters.
+    parameters: tuple[str, ...]
+    #: (k, k), in their order.
+    matrix: Array
+
+
+@dataclass(frozen=True)
+class UncertaintyFields(JsonRecord):
+    """An Uncertainty less the intervals of the model's parameters, which stand with
+    these."""
+
+    #: Of the combinations that make torque.
+    base: tuple[Interval, ...]
+    #: As of Uncertainty.
+    spread: Array
+    #: As of Uncertainty.
+    gain_response: Array
+    #: As of Uncertainty.
+    torque_noise: Array
+    #: As of Uncertainty.
+    gain_errors: Array
+    #: Probability of all intervals.
+    level: float = LEVEL
+
+    @classmethod
+    def of(cls, uncertainty: Uncertainty) -> UncertaintyFields:
+        """Return what the file holds of an uncertainty."""
+        names = [f.name for f in fields(cls) if f.name != "level"]
+        return cls(**{name: getattr(uncertainty, name) for name in names})
+
+    def with_intervals(self, standard: tuple[Interval, ...]) -> Uncertainty:
+        """Return the uncertainty with the intervals of the model's parameters."""
+        names = [f.name for f in fields(self) if f.name != "level"]
+        return Uncertainty(standard, **{name: getattr(self, name) for name in names})
+
+
+@dataclass(frozen=True)
+class BaseEntry:
+    """Where the value of a base parameter is from."""
+
+    name: str
+    value: float
+    nominal: float | None
+    source: Source
+
+
+@dataclass(frozen=True)
+class LoopGain:
+    """A gain of a servo's control loop."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class LoopFields:
+    """The control loop beside a logged torque."""
+
+    delay: float
+    gains: Mapping[str, LoopGain]
+    share: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ChannelGains:
+    """Gains of the torque channels, from known loads: one a joint."""
+
+    gain: tuple[float, ...]
+    std: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ServoFields:
+    """The servo law that stands for a torque that was not logged."""
+
+    law: str
+    delay: float
+    scale: str
+    scale_error: float = 0.0
+    held_out: Mapping[str, float] | None = None
+    motion: tuple[float, ...] = ()
+    limited: tuple[int, ...] = ()
+    torque_error: tuple[float | None, ...] = ()
+    known: Mapping[str, float] | None = None
+    shapes: tuple[ShapeEstimate, ...] = ()
+
+
+@dataclass(frozen=True)
+class Recipe(JsonRecord):
+    """How a log was prepared: what poses its problem again."""
+
+    effects: tuple[EffectEntry, ...] | None
+    known: Mapping[str, float]
+    instruments: str | None
+
+
+@dataclass(frozen=True)
+class DetailsFields:
+    """Those details of an estimate that the package reads again."""
+
+    #: What determines the parameters that the data do not, by their names.
+    undetermined: Mapping[str, Source] | None = None
+    #: Where base parameters are from.
+    base_parameters: tuple[BaseEntry, ...] | None = None
+    #: Bounds that the estimate lies on, in words.
+    on_bounds: tuple[str, ...] | None = None
+    #: Shape constants that were estimated.
+    shapes: tuple[ShapeEstimate, ...] = ()
+    #: The servo law, without a logged torque.
+    servo: ServoFields | None = None
+    #: The servo's loop, beside a logged torque.
+    loop: LoopFields | None = None
+    #: Gains of the torque channels.
+    gains: ChannelGains | None = None
+    #: How the log was prepared.
+    recipe: Recipe | None = None
+
+
+@dataclass(frozen=True)
+class CheckedIssue:
+    """What is read again of an issue that the check found in the training runs."""
+
+    kind: str
+    severity: str
+
+
+@dataclass(frozen=True)
+class ProvenanceFields:
+    """Those entries of a provenance that the package reads again."""
+
+    #: Of the training runs.
+    data_hash: str
+    #: Their names.
+    runs: tuple[str, ...]
+    #: Rows of all of them.
+    samples: int
+    #: Versions of the packages that took part, by name.
+    versions: Mapping[str, str]
+    #: Of random choices.
+    seed: int | None = None
+    #: On the training runs, or those that the model was judged on.
+    verdict: Verdict | None = None
+    #: Noise floor of the training runs.
+    noise: NoiseFloor | None = None
+    #: Words of the command line after --data: files, and a window.
+    data: tuple[str, ...] = ()
+    #: The same, of the runs that the model was judged on.
+    judged_data: tuple[str, ...] = ()
+    #: Whether the runs passed the check; None if a version did not say it.
+    checked: bool | None = None
+    #: What the check found, by the runs' hashes.
+    checks: Mapping[str, tuple[CheckedIssue, ...]] | None = None
+
+
+@dataclass(frozen=True)
+class ModelFile(JsonRecord):
+    """All of a model.json."""
+
+    #: Format of the file.
+    format: int
+    #: Bounds and prior.
+    problem: ProblemFields
+    #: Name of the estimator.
+    method: str
+    #: Its settings, and how joints were weighted.
+    settings: Mapping[str, Any]
+    #: The model's parameters.
+    parameters: tuple[ParameterEntry, ...]
+    #: As of Estimate.
+    certificate: Certificate
+    #: As of Model.
+    robot: Robot
+    #: Of the model, in its order.
+    effects: tuple[EffectEntry, ...]
+    #: Filters, resolved.
+    preprocessing: Preprocessing
+    #: As of Uncertainty.
+    uncertainty: UncertaintyFields
+    #: Plain JSON; see DetailsFields.
+    details: Mapping[str, Any]
+    #: Plain JSON; see ProvenanceFields.
+    provenance: Mapping[str, Any]
+    #: Parameters that torque-dependent effects refer to; None without any.
+    reference: Array | None = None
+    #: For other programs: it follows from the uncertainty.
+    covariance: CovarianceBlock | None = None
+    #: Path of the training motion, where that was recorded.
+    training_motion: MotionRecord | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError for parts that are of another type, or belong to another
+        robot."""
+        _require(ProvenanceFields, self.provenance, "provenance")
+        _require(DetailsFields, self.details, "details")
+        self._check_settings()
+        self._check_joints()
+
+    def _check_settings(self) -> None:
+        """Raise InputError for settings that are not those of the method.
+
+        A method that is not installed here is not known: its settings are not checked.
+        """
+        _require(_Weighting, self.settings, "settings")
+        kind = estimator_types().get(self.method)
+        if kind is not None:
+            _require(kind, self.settings, "settings")
+
+    def _check_joints(self) -> None:
+        """Raise InputError for arrays with another number of joints than the robot."""
+        n = self.robot.n
+        provenance = from_json(ProvenanceFields, self.provenance)
+        details = from_json(DetailsFields, self.details)
+        floor = None if provenance.noise is None else provenance.noise.floor
+        motion = self.training_motion
+        verdict = provenance.verdict
+        sizes = {
+            "uncertainty.torque_noise": len(self.uncertainty.torque_noise),
+            "provenance.noise.floor": None if floor is None else floor.size,
+            "training_motion.centre": None
+            if motion is None
+            else motion.centre.size / 2,
+            "provenance.verdict.error_over_noise": verdict
+            and verdict.error_over_noise
+            and len(verdict.error_over_noise),
+        }
+        if details.servo is not None and details.servo.motion:
+            sizes["details.servo.motion"] = len(details.servo.motion)
+        if details.loop is not None:
+            sizes["details.loop.share"] = len(details.loop.share)
+        if details.gains is not None:
+            sizes["details.gains.gain"] = len(details.gains.gain)
+            sizes["details.gains.std"] = len(details.gains.std)
+        for name, size in sizes.items():
+            if size is not None and size != n:
+                raise InputError(
+                    f"not as many numbers as the robot has joints, {n}",
+                    "write the file anew",
+                    f"field {name}",
+                )
+
+
+@dataclass(frozen=True)
+class _Weighting:
+    """How joints were weighted."""
+
+    weighting: Literal["noise", "none"] = "noise"
+
+
+def _require(kind: type[Any], data: Mapping[str, Any], name: str) -> None:
+    """Raise InputError unless the fields of a record are of its types."""
+    try:
+        from_json(kind, data)
+    except InputError as error:
+        where = str(error.where or "").removeprefix("field ")
+        path = f"field {name}.{where}".rstrip(".")
+        raise InputError(error.what, error.remedy, path) from error

@@ -1,0 +1,279 @@
+"""Records to JSON and back, by the types of their fields.
+
+A record is a frozen dataclass of numbers, texts, arrays, other records, and tuples and
+mappings of these. docs/decisions.md says what its JSON is, and what older files may
+lack.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import re
+import types
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Self,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+#: The types in a message of msgspec, in words.
+_WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "an object",
+    "null": "null",
+}
+#: What a message of msgspec consists of: what is wrong, and the place from "$" on.
+_MESSAGE = re.compile(r"(?s)(.*?)(?: - at `\$\.?(.*)`)?")
+
+
+#: Metadata of a field that files do not hold.
+NOT_STORED: Mapping[str, Any] = {"json": None}
+
+
+def stored_as(name: str) -> Mapping[str, Any]:
+    """Return the metadata of a field that has another name in files."""
+    return {"json": name}
+
+
+class JsonRecord:
+    """A dataclass that becomes JSON and back, by the types of its fields."""
+
+    #: Attributes and methods without arguments that its JSON holds beside the fields,
+    #: for people and programs; they are never read back.
+    derived: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Bring the JSON of an older file to today's fields; most records have none."""
+        return data
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields, and what is derived from them, as JSON; a number that is
+        not finite becomes null.
+        """
+        out = {
+            json_name: to_json(getattr(self, name))
+            for name, json_name in _stored_fields(type(self)).items()  # type: ignore[arg-type]
+        }
+        for name in self.derived:
+            value = getattr(self, name)
+            out[name] = to_json(value() if callable(value) else value)
+        return out
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Make a record from the JSON of :meth:`to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            Fields by name; null stands for a field's default, if it has one. What is no
+            field is ignored.
+
+        Returns
+        -------
+        JsonRecord
+
+        Raises
+        ------
+        InputError
+            If a field is missing, of another type, or refused by the record; it names
+            the field's path.
+        """
+        return from_json(cls, data)
+
+
+class JsonRecordSkippingNone(JsonRecord):
+    """A JsonRecord that leaves out fields without a value, such as infinite limits."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields that have a value as JSON."""
+        return {k: x for k, x in super().to_dict().items() if x is not None}
+
+
+def to_json(value: Any) -> Any:
+    """Return a value as JSON: records become objects, arrays and tuples lists; a number
+    that is not finite becomes null.
+    """
+    import numpy as np  # which `--help` does not pay for
+
+    if isinstance(value, JsonRecord):
+        return value.to_dict()
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: to_json(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):  # a NamedTuple
+        return to_json(value._asdict())
+    if isinstance(value, Mapping):
+        return {str(name): to_json(x) for name, x in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        if value.dtype.kind != "f" or np.all(np.isfinite(value)):
+            return value.tolist()
+        return to_json(value.tolist())
+    if isinstance(value, list | tuple):
+        return [to_json(x) for x in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def from_json(kind: type[T], data: Any) -> T:
+    """Make a value of a type from its JSON, as msgspec checks it: nothing is converted
+    but lists to arrays and tuples, and whole numbers to numbers.
+
+    Parameters
+    ----------
+    kind : type
+        A record, or any type that a field of a record may have.
+    data : Any
+        The JSON.
+
+    Returns
+    -------
+    Any
+        Of that type.
+
+    Raises
+    ------
+    InputError
+        For JSON of another type; it names the field's path.
+    """
+    import msgspec
+
+    try:
+        return msgspec.convert(_with_defaults(kind, data), kind, dec_hook=_array)
+    except msgspec.ValidationError as error:
+        raise _refusal(error) from error
+
+
+def _refusal(error: Exception) -> InputError:
+    """Return the sentence about JSON of another type, with the field's path.
+
+    What a record says itself of its fields (InputError) keeps its words.
+    """
+    message = _MESSAGE.fullmatch(str(error))
+    assert message is not None  # it matches every text
+    what, path = message.groups()
+    where = f"field {path}" if path else None
+    if isinstance(error.__cause__, InputError):
+        return error.__cause__.within(where) if where else error.__cause__
+    missing = re.fullmatch("Object missing required field `(.*)`", what)
+    if missing:
+        what = f"the field {missing[1]!r} is missing"
+    words = re.sub(r"`([^`]*)`", _type_in_words, what)
+    words = words[:1].lower() + words[1:]
+    return InputError(words, "correct it, or write the file anew", where)
+
+
+def _type_in_words(quoted: re.Match[str]) -> str:
+    """Write a type of a message in words, "float | null" as "a number or null"."""
+    return " or ".join(_WORDS.get(word, word) for word in quoted[1].split(" | "))
+
+
+def _array(kind: Any, value: Any) -> NDArray[Any]:
+    """Return a list of numbers, or of such lists, as an array; null becomes NaN.
+
+    Raises TypeError for anything else.
+    """
+    import numpy as np
+
+    if get_origin(kind) is not np.ndarray:
+        raise TypeError(f"a record cannot hold {kind}")
+    if isinstance(value, np.ndarray):
+        return value
+    if not isinstance(value, list | tuple):
+        raise TypeError("expected `array`")
+    try:
+        numbers = np.array(value)
+    except ValueError:  # lists of different lengths
+        raise TypeError("expected rows of one length") from None
+    if numbers.size and numbers.dtype.kind not in "iuf":
+        flat = numbers.ravel().tolist()
+        if not all(x is None or type(x) in (int, float) for x in flat):
+            raise TypeError("expected numbers alone")
+    try:
+        return numbers.astype(float)
+    except (OverflowError, TypeError):
+        raise TypeError("expected numbers that a double can hold") from None
+
+
+#: The types of a class's fields, which cost more to look up than a field to read.
+_kinds = cache(get_type_hints)
+
+
+@cache
+def _stored_fields(kind: Any) -> Mapping[str, str]:
+    """Return the names in files of a dataclass's fields, by the fields' names."""
+    names = {
+        field.name: field.metadata.get("json", field.name) for field in fields(kind)
+    }
+    return {name: json_name for name, json_name in names.items() if json_name}
+
+
+@cache
+def _optional_fields(kind: Any) -> frozenset[str]:
+    """Return the names of a dataclass's fields that have a default."""
+    return frozenset(
+        field.name
+        for field in fields(kind)
+        if field.default is not MISSING or field.default_factory is not MISSING
+    )
+
+
+def _with_defaults(kind: Any, value: Any) -> Any:
+    """Bring older records to today's fields, leave out their fields that are null and
+    have a default, and make NaN of null in a list of numbers: JSON has no number that
+    is not finite.
+    """
+    if get_origin(kind) is types.UnionType:
+        arms = [arm for arm in get_args(kind) if arm is not types.NoneType]
+        if value is None or len(arms) > 1:
+            return value
+        (kind,) = arms
+    origin = get_origin(kind)
+    args = get_args(kind)
+    if is_dataclass(kind) and isinstance(value, Mapping):
+        return _fields_with_defaults(kind, value)
+    if origin in (tuple, list) and isinstance(value, list | tuple):
+        items = args[:1] * len(value)
+        if origin is tuple and args[-1] is not Ellipsis:  # tuple[int, float]
+            items = args
+        if len(items) != len(value):
+            return value
+        return [
+            float("nan") if x is None and item is float else _with_defaults(item, x)
+            for item, x in zip(items, value, strict=True)
+        ]
+    if origin in (collections.abc.Mapping, dict) and isinstance(value, Mapping):
+        return {name: _with_defaults(args[1], x) for name, x in value.items()}
+    return value
+
+
+def _fields_with_defaults(kind: Any, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record's fields, by their names in the record, as
+    :func:`_with_defaults` says."""
+    if issubclass(kind, JsonRecord):
+        data = kind.upgraded(data)
+    kinds = _kinds(kind)
+    optional = _optional_fields(kind)
+    return {
+        name: _with_defaults(kinds[name], data[json_name])
+        for name, json_name in _stored_fields(kind).items()
+        if json_name in data and not (data[json_name] is None and name in optional)
+    }
