@@ -191,7 +191,8 @@ def estimate_of(
     nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
     unknown = Uncertainty(intervals, (), *nothing)
     made = Certificate({}, 0.0)
-    settings = (Preprocessing(), {}, {}, {})
+    provenance = {"data_hash": "", "runs": [], "samples": 0, "versions": {}}
+    settings = (Preprocessing(), {}, {}, provenance)
     return Estimate(
         random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings
     )
