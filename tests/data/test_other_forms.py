@@ -174,8 +174,26 @@ def test_a_matrix_with_a_channel_a_row_is_read_by_its_rate(tmp_path):
 
 def test_two_files_are_joined_by_their_stamps(tmp_path):
     first = table(tmp_path / "joints.csv", HEAD[:4], T, Q)
-    second = table(tmp_path / "efforts.csv", ["t", *HEAD[4:]], T + 0.001, TAU)
-    require_the_run(silently(f"{first}+{second}"))
+    second = table(tmp_path / "efforts.csv", ["t", *HEAD[4:]], T + 1e-10, TAU)
+    require_the_run(silently(f"{first}+{second}"), atol=1e-6)
+
+
+@pytest.mark.parametrize("late", [-0.002, 0.001, 0.0025])
+def test_positions_are_interpolated_to_the_torque_s_stamps(late, tmp_path):
+    """A swing of 2 Hz is followed to a ten-thousandth, the torque is as it was."""
+    q = np.sin(np.outer(T, 4.0 * np.pi * np.ones(3)))
+    first = table(tmp_path / "joints.csv", HEAD[:4], T, q)
+    second = table(tmp_path / "efforts.csv", ["t", *HEAD[4:]], T + late, TAU)
+    run = silently(f"{first}+{second}")
+    inner = (run.t > T[1]) & (run.t < T[-2])
+    expected = np.sin(4.0 * np.pi * run.t)[:, None]
+    np.testing.assert_allclose(
+        run.q[inner], np.repeat(expected, 3, 1)[inner], atol=1e-4
+    )
+    first_row = np.searchsorted(T + late, run.t[0] - 1e-6)
+    np.testing.assert_array_equal(run.tau, TAU[first_row:][: run.samples])
+    said = f"from samples {1e3 * abs(late):.3g} ms away"
+    assert said in remarks(f"{first}+{second}")
 
 
 def test_rows_without_a_partner_are_counted(tmp_path):

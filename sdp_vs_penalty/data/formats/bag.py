@@ -15,7 +15,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
 from sdp_vs_penalty.data.formats.joint_names import match_joints
 from sdp_vs_penalty.data.measurements import Measurements, gathered
-from sdp_vs_penalty.data.merging import half_period, nearest_rows
+from sdp_vs_penalty.data.merging import Interpolation, half_period, interpolation_remark
 from sdp_vs_penalty.data.store import (
     PART,
     AppendableArray,
@@ -330,19 +330,22 @@ def _channels_of(
 
 @dataclass
 class _Merge:
-    """Matching of all streams to the messages of the leading stream, by the nearest
-    stamp.
+    """All streams at the N stamps of the stream with the efforts."""
 
-    Parameters
-    ----------
-    sources : by (joint, field) the stream that has it; None where no stream has it
-    rows : by id(stream) the row (N,) that belongs to each row of the leading stream
-    is_kept : (N,) whether all channels of the row are known
-    """
-
+    #: By (joint, field) the stream that has it; None where no stream has it.
     sources: dict[tuple[str, str], _Stream | None]
-    rows: dict[int, NDArray[np.intp]]
+    #: (N,) stamps of the rows [s].
+    t: Array
+    #: By id(stream), how its channels come to these stamps; none for the rows' own.
+    interpolations: dict[int, Interpolation]
+    #: (N,) whether all channels of the row are known.
     is_kept: NDArray[np.bool_]
+
+    @property
+    def remark(self) -> str:
+        """What was interpolated and how far; "" where nothing was."""
+        distances = [x.distances[self.is_kept] for x in self.interpolations.values()]
+        return interpolation_remark(distances)
 
     def block(self, joints: Sequence[str], field_name: str) -> Array:
         """Return (N, n) values of one field of all joints in the kept rows.
@@ -357,47 +360,45 @@ class _Merge:
         return concatenate_chunks(pieces)
 
     def _column(self, joint: str, field_name: str, part: NDArray[np.intp]) -> Array:
-        """Return one field of one joint in the rows ``part`` of the leading stream:
-        (K,) values.
-
-        ``sources`` names the stream that has the field, None if no stream has it (then
-        NaN); ``rows`` holds for each stream its row that is nearest in time to each row
-        of the leading one.
-        """
+        """Return one field of one joint in the rows ``part``, (K,) values; NaN where no
+        stream has it."""
         source = self.sources[joint, field_name]
         if source is None:
             return np.full(len(part), np.nan)
-        rows_of_source = self.rows[id(source)][part]
-        return source.column(field_name, joint)[rows_of_source]
+        samples = source.column(field_name, joint)
+        found = self.interpolations.get(id(source))
+        if found is None:
+            return samples[part]
+        return found.values(samples, part)
 
 
 def _merge(
     streams: Sequence[_Stream], leading: _Stream, joints: Sequence[str], clock: int
 ) -> _Merge:
-    """Match the messages of all streams to those of the leading stream.
+    """Bring the messages of all streams to the stamps of the stream with the efforts.
 
-    A match lies within half a period of the leading clock. Two exceptions keep the row:
-    a joint that never moves has its value at any time, and velocities may be missing.
-    ``clock`` is 0 for the header's stamps, 1 for the recording time.
+    A row is kept where every channel has samples around its stamp. Two exceptions keep
+    it: a joint that never moves has its value at any time, and velocities may be
+    missing. ``clock`` is 0 for the header's stamps, 1 for the recording time.
     """
-    t = leading.values[:, clock]
-    within = half_period(t)
     sources = {
         (joint, field_name): _source_of(streams, leading, joint, field_name)
         for joint in joints
         for field_name in _FIELDS
     }
-    merge = _Merge(
-        sources, rows={id(leading): np.arange(len(t))}, is_kept=np.ones(len(t), bool)
-    )
+    with_effort = [sources[joint, "effort"] for joint in joints]
+    base = max(filter(None, with_effort), key=lambda s: s is leading, default=leading)
+    t = base.values[:, clock]
+    within = half_period(t)
+    merge = _Merge(sources, t, interpolations={}, is_kept=np.ones(len(t), bool))
     for (joint, field_name), source in sources.items():
-        if source is None or source is leading:
+        if source is None or source is base:
             continue
-        order = np.argsort(source.values[:, clock], kind="stable")
-        nearest, is_near = nearest_rows(t, source.values[order, clock], within)
-        merge.rows[id(source)] = order[nearest]
+        found = merge.interpolations.setdefault(
+            id(source), Interpolation(t, source.values[:, clock], within)
+        )
         is_still = np.ptp(source.column(field_name, joint)) == 0.0
-        merge.is_kept &= is_near | is_still | (field_name == "velocity")
+        merge.is_kept &= found.is_known | is_still | (field_name == "velocity")
     return merge
 
 
@@ -408,8 +409,7 @@ def _merged(
     names: Sequence[str],
     first: Array,
 ) -> Measurements:
-    """Build the run: one row for each message of the leading stream that has all
-    channels.
+    """Build the run: one row for each message with efforts that has all channels.
 
     The header's stamps are the clock where some are set, else the recording time.
     ``first`` holds both clocks of the bag's first message [ns].
@@ -422,14 +422,15 @@ def _merged(
             raise _weightless(path, streams, field_name)
     n_unmatched = int(np.sum(~merge.is_kept))
     _say_what_is_skipped(path, streams, leading, names, n_unmatched)
+    if merge.remark:
+        warnings.warn(f"{path}: {merge.remark}", Remark, stacklevel=2)
     dq = merge.block(names, "velocity")
     has_velocities = all(np.all(np.isfinite(part)) for _, part in iter_chunks(dq))
     second_of_day = float(first[clock] % (86_400 * 10**9)) / 1e9
-    stamps = leading.values[:, clock]
     rows = np.flatnonzero(merge.is_kept)
     return Measurements(
         t=concatenate_chunks(
-            stamps[part] + second_of_day for _, part in iter_chunks(rows)
+            merge.t[part] + second_of_day for _, part in iter_chunks(rows)
         ),
         q=merge.block(names, "position"),
         tau=merge.block(names, "effort"),

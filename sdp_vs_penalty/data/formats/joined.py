@@ -22,7 +22,7 @@ from sdp_vs_penalty.data.formats.recognition import CellTable, find_clock, recog
 from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
 from sdp_vs_penalty.data.formats.stamps import units_of_parts
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.merging import half_period, nearest_rows
+from sdp_vs_penalty.data.merging import Interpolation, half_period, interpolation_remark
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.robot.arrays import Array
@@ -250,8 +250,8 @@ def read_joined(path: Path, files: Sequence[Path], choice: Choice) -> Measuremen
     Returns
     -------
     Measurements
-        The samples of the first file with a clock. Each is completed by the sample of
-        every other file that is nearest in time, within half a period. In SI units.
+        The samples of the file with the torque, to whose stamps the channels of the
+        other files are interpolated. In SI units.
 
     Raises
     ------
@@ -304,16 +304,16 @@ def _join(
 ) -> tuple[CellTable, dict[str, Array]]:
     """Join the columns of all files in the rows of one of them.
 
-    The first file with a clock gives the rows (the first file where none has a clock).
-    A row without a partner in some other file is left out, and a remark counts them.
+    A file with a clock and a torque gives the rows. A row without a partner in some
+    other file is left out, and a remark counts them.
     With ``is_prefixed`` the columns are called "file/column".
 
     Returns the kinds and first cells of the joined columns (for the recogniser), and
     the columns (N,) or (N, n) by name.
     """
-    with_clock = [part for part in parts if part.clock_columns]
-    base = with_clock[0] if with_clock else parts[0]
-    rows_of_parts, is_matched = _rows_of_parts(base, parts)
+    base = _part_of_rows(parts, is_prefixed)
+    interpolations, is_matched = _interpolations(base, parts)
+    kept = np.flatnonzero(is_matched)
     columns = dict[str, Array]()
     kinds = dict[str, str]()
     cells = dict[str, Sequence[str]]()
@@ -325,61 +325,89 @@ def _join(
         kinds[joined_name] = "number" if is_unnamed else base.table.kinds[name]
         cells[joined_name] = () if is_unnamed else base.table.cells.get(name, ())
     # Then come the channels of all files, in the rows that every file has.
-    for part, rows in zip(parts, rows_of_parts, strict=True):
+    for part, found in zip(parts, interpolations, strict=True):
         for name, joined_name in part.channels(is_prefixed).items():
-            columns[joined_name] = part.columns[name][rows[is_matched]]
+            values = part.columns[name]
+            columns[joined_name] = (
+                values[kept] if found is None else found.values(values, kept)
+            )
             kinds[joined_name] = part.table.kinds[name]
             cells[joined_name] = part.table.cells.get(name, ())
-    n_lost = int(np.sum(~is_matched))
-    if n_lost:
-        _warn_of_lost_rows(base.path, n_lost)
+    n_lost = [int(np.sum(~is_matched))]
+    n_lost += [
+        int(np.sum(~Interpolation(x.other, x.clock, x.within).is_known))
+        for x in interpolations
+        if x is not None
+    ]
+    _warn_of_joining(base.path, max(n_lost), kept, interpolations)
     return CellTable(kinds, cells), columns
 
 
-def _warn_of_lost_rows(path: Path, n_lost: int) -> None:
-    """Warn that rows of the base file have no partner in the other files."""
-    lost = formatting.count(n_lost, "row")
-    warning = f"{path}: {lost} without a partner in the other files left out"
-    warnings.warn(warning, Remark, stacklevel=5)
+def _part_of_rows(parts: Sequence[FilePart], is_prefixed: bool) -> FilePart:
+    """Return the file whose rows the run has: one with a clock, and with a torque where
+    names say so."""
+
+    def preference(part: FilePart) -> tuple[bool, bool]:
+        """Sort key; the first of the largest wins."""
+        names = part.channels(is_prefixed).values()
+        readings = [reading for name in names if (reading := read_name(name))]
+        has_torque = any(reading.quantity == "tau" for reading in readings)
+        has_clock = bool(part.clock_columns)
+        return has_clock, has_clock and (has_torque or _quantity_of(part.path) == "tau")
+
+    return max(parts, key=preference)
 
 
-def _rows_of_parts(
+def _warn_of_joining(
+    path: Path,
+    n_lost: int,
+    kept: NDArray[np.intp],
+    interpolations: Sequence[Interpolation | None],
+) -> None:
+    """Warn of ``n_lost`` rows of a file that have no partner in another one, and of
+    channels that were interpolated to the ``kept`` rows."""
+    reasons = []
+    if n_lost:
+        lost = formatting.count(n_lost, "row")
+        reasons.append(f"{lost} without a partner in the other files left out")
+    distances = [x.distances[kept] for x in interpolations if x is not None]
+    reasons.append(interpolation_remark(distances))
+    text = "; ".join(filter(None, reasons))
+    if text:
+        warnings.warn(f"{path}: {text}", Remark, stacklevel=5)
+
+
+def _interpolations(
     base: FilePart, parts: Sequence[FilePart]
-) -> tuple[list[NDArray[np.intp]], NDArray[np.bool_]]:
-    """Match the rows of every file to the N rows of the base file.
+) -> tuple[list[Interpolation | None], NDArray[np.bool_]]:
+    """Find how every file's channels come to the N rows of the base file.
 
-    Files with equal clocks, or without one, are matched row by row. Others are matched
-    by the nearest stamp, which counts as a match within half a period of the base
-    clock.
+    Files with equal clocks, or without one, are matched row by row. Others are
+    interpolated to the base file's stamps.
 
     Returns
     -------
-    rows : list of (N,) int arrays, one a file
-        Row of the file that belongs to each row of the base file.
+    interpolations : list of Interpolation or None, one a file
+        None where rows belong together one by one.
     is_matched : (N,) bool
-        Whether every file has a matching row.
+        Whether every file has samples around the row's stamp.
     """
-    n_rows = base.n_rows
     base_clock = base.clock
-    is_matched = np.ones(n_rows, bool)
-    rows = list[NDArray[np.intp]]()
+    is_matched = np.ones(base.n_rows, bool)
+    out = list[Interpolation | None]()
     for part in parts:
         clock = part.clock
         if clock is None or base_clock is None or np.array_equal(clock, base_clock):
             _require_equal_rows(part, base)
-            rows.append(np.arange(n_rows))
+            out.append(None)
             continue
-        # nearest_rows asks for rising stamps; `order` leads back to the file's rows.
-        order = np.argsort(clock, kind="stable")
-        nearest, is_near = nearest_rows(
-            base_clock, clock[order], half_period(base_clock)
-        )
-        rows.append(order[nearest])
-        is_matched &= is_near
+        found = Interpolation(base_clock, clock, half_period(base_clock))
+        out.append(found)
+        is_matched &= found.is_known
     if not is_matched.any():
         what = "the stamps of these files have no instant in common"
         raise InputError(what, "name files of one recording", base.path)
-    return rows, is_matched
+    return out, is_matched
 
 
 def _require_equal_rows(part: FilePart, base: FilePart) -> None:

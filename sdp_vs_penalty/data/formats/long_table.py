@@ -1,6 +1,7 @@
 """Text tables with a row for each joint and instant, or for each channel and instant: a
 column names what the row is of."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from sdp_vs_penalty.data.formats.text_columns import (
 from sdp_vs_penalty.data.formats.text_table import TextTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.merging import merge_columns
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Words of which the name of a column is made that says which joint a row is of.
@@ -156,8 +157,8 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
     Returns
     -------
     Measurements
-        The instants of the first joint's position. The other channels take their value
-        that is nearest in time, within half a period. In SI units.
+        The instants of the first joint's torque, to which the other channels are
+        interpolated. In SI units.
 
     Raises
     ------
@@ -179,12 +180,15 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
     channels = {name: x for name, x in values.items() if name not in clock_columns}
     if form.channel is not None:
         channels = {n: x for n, x in channels.items() if _has_words(n, _VALUE_WORDS)}
-    # A column for each joint and channel, merged at the stamps of the first position.
+    # A column for each joint and channel, merged at the stamps of the first torque.
     wide = _columns_of_labels(labels, channels, form)
-    positions = [name for name in wide if _quantity_of(name) == "q"]
-    leading = positions[0] if positions else next(iter(wide))
-    rows, merged = merge_columns(stamps, wide, [leading])
-    columns = {name: values[name][rows] for name in clock_columns} | merged
+    quantities = {_quantity_of(name): name for name in reversed(wide)}
+    leading = quantities.get("tau") or quantities.get("q") or next(iter(wide))
+    merged = merge_columns(stamps, wide, leading)
+    if merged.remark:
+        warnings.warn(f"{table.path}: {merged.remark}", Remark, stacklevel=2)
+    columns = {name: values[name][merged.rows] for name in clock_columns}
+    columns |= merged.columns
     # The wide table is recognised like any other.
     kinds = dict.fromkeys(columns, "number")
     cells = {name: [f"{x:.9g}" for x in block[:50]] for name, block in columns.items()}

@@ -20,9 +20,8 @@ def merged_rows(
 
     Where channels were logged at different times, each in rows of its own, every row
     leaves the other channels' cells empty. The channels are merged at the rows of the
-    positions: each takes the value that is nearest in time. Of a row in which a channel
-    was lost no value is near enough, so that the row is left out. A remark counts such
-    rows.
+    torque, to whose stamps the others are interpolated. A row in which a channel was
+    lost is left out. A remark says both.
 
     Parameters
     ----------
@@ -41,16 +40,19 @@ def merged_rows(
     clock = header.groups.get("t", ()) if header.rate is None else ()
     stamps = _row_stamps(header, clock, values)
     channels = {name: x for name, x in values.items() if name not in clock}
-    positions = [name for name in header.groups["q"] if name in channels]
-    rows, merged = merge_columns(stamps, channels, positions)
-    n_left_out = len(stamps) - len(rows)
+    leading = header.groups.get("tau") or header.groups["q"]
+    merged = merge_columns(
+        stamps, channels, next(x for x in leading if x in channels), [header.episode]
+    )
+    n_left_out = len(stamps) - len(merged.rows)
     if n_left_out:
         warning = (
             f"{header.path}: {formatting.count(n_left_out, 'row')} without all channels"
-            f" ({first} is the first) left out or joined to the nearest in time"
+            f" ({first} is the first) left out or joined to others"
         )
+        warning += f"; {merged.remark}" if merged.remark else ""
         warnings.warn(warning, Remark, stacklevel=3)
-    return {name: values[name][rows] for name in clock} | merged
+    return {name: values[name][merged.rows] for name in clock} | merged.columns
 
 
 def _row_stamps(

@@ -1,0 +1,83 @@
+"""Channels with stamps of their own cost no accuracy."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_runs import small_run
+
+from sdp_vs_penalty import Measurements, Problem, compare, identify
+from sdp_vs_penalty.data import read_run
+from sdp_vs_penalty.data.merging import Interpolation
+
+
+def sparse_table(path: Path, q: Measurements, tau: Measurements) -> Measurements:
+    """Positions and torques in rows of their own, as read."""
+    lines = [
+        (t, f"{t:.6f},{a:.9f},{b:.9f},,") for t, (a, b) in zip(q.t, q.q, strict=True)
+    ]
+    lines += [
+        (t, f"{t:.6f},,,{a:.9f},{b:.9f}")
+        for t, (a, b) in zip(tau.t, tau.tau, strict=True)
+    ]
+    rows = [text for _, text in sorted(lines)]
+    path.write_text("\n".join(["t,q1,q2,tau1,tau2", *rows]) + "\n")
+    with warnings.catch_warnings(action="ignore"):
+        return read_run(path)
+
+
+@pytest.mark.parametrize("late", [1, 2, 4])
+def test_torques_between_the_positions_cost_no_accuracy(
+    two_link: Problem, tmp_path: Path, late: int
+):
+    """The torque is sampled 1, 2 or 4 ms after the positions, which come every 5 ms."""
+    fine = small_run(two_link, seconds=8.0, rate=1000.0)
+    together = fine.rows(slice(0, None, 5))
+    apart = sparse_table(
+        tmp_path / "run.csv", together, fine.rows(slice(late, None, 5))
+    )
+    errors = [
+        compare(identify(two_link, run, "ols"), run)[0].relative_error_percent
+        for run in (together, apart)
+    ]
+    assert errors[1] == pytest.approx(errors[0], rel=0.05)
+
+
+def test_the_nearest_sample_would_cost_accuracy(two_link: Problem):
+    """The test above can fail: positions 2 ms old make a larger error."""
+    fine = small_run(two_link, seconds=8.0, rate=1000.0)
+    together = fine.rows(slice(0, None, 5))
+    tau = fine.tau[2::5]
+    late = Measurements(together.t, together.q, tau)
+    errors = [
+        compare(identify(two_link, run, "ols"), run)[0].relative_error_percent
+        for run in (together, late)
+    ]
+    assert errors[1] > 1.2 * errors[0]
+
+
+def test_a_cubic_is_followed_exactly_and_a_lost_sample_by_a_line():
+    stamps = np.delete(np.arange(10.0), 6)
+    clock = np.array([2.25, 5.5, 8.5, 3.0])
+    found = Interpolation(clock, stamps, within=0.5)
+    cubic = found.values(stamps**3)
+    assert cubic[0] == pytest.approx(2.25**3)
+    assert cubic[3] == 27.0
+    # Beside the lost sample at 6, between 5 and 7.
+    assert cubic[1] == pytest.approx(125.0 + 0.25 * (343.0 - 125.0))
+    assert found.is_known.tolist() == [True, True, True, True]
+    assert not Interpolation(np.array([6.0]), stamps, within=0.5).is_known[0]
+
+
+def test_slow_positions_serve_a_fast_torque():
+    found = Interpolation(np.arange(0.0, 1.0, 0.001), np.arange(0.0, 1.1, 0.01), 0.0005)
+    assert found.is_known.all()
+    swing = found.values(np.sin(6.0 * np.arange(0.0, 1.1, 0.01)))
+    np.testing.assert_allclose(swing, np.sin(6.0 * found.clock), atol=1e-4)
+
+
+def test_between_rounded_stamps_the_nearest_sample_is_taken():
+    stamps = np.repeat(np.arange(5.0), 2)
+    found = Interpolation(np.array([1.4]), stamps, within=0.5)
+    assert found.values(np.arange(10.0))[0] in (2.0, 3.0)
