@@ -51,6 +51,7 @@ from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
 from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.usual_error import UsualError, usual_errors
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of, model_columns
+from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -664,7 +665,7 @@ class _Judge:
         j
             The joint.
         series
-            Its angle and residual at the rate of the log, for each segment.
+            Its angle, velocity and residual at the rate of the log, for each segment.
 
         Returns
         -------
@@ -844,20 +845,22 @@ def _window_squares(run: Measurements, joint: int) -> Array:
 class _FullRate(NamedTuple):
     """One joint in one segment at the rate of the log, before the filters.
 
-    angle (N,) : position [rad or m]; residual (N,) : measured minus
-    modelled torque [N m or N].
+    angle (N,) : position [rad or m]; velocity (N,) [rad/s or m/s]; residual (N,) :
+    measured minus modelled torque [N m or N].
     """
 
     angle: Array
+    velocity: Array
     residual: Array
 
 
 def _full_rate(
     runs: Sequence[Measurements], rows: SegmentedRuns, joint: int
 ) -> list[_FullRate]:
-    """Return a joint's angle and residual at the rate of the log, for each segment.
+    """Return a joint's angle, velocity and residual at the rate of the log, for each
+    segment.
 
-    The modelled torque is interpolated linearly from the filtered motion.
+    Velocity and modelled torque are interpolated linearly from the filtered motion.
 
     Parameters
     ----------
@@ -875,14 +878,18 @@ def _full_rate(
         is_inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
         t = run.t[is_inside]
         modelled = np.interp(t, motion.t, motion.modelled[:, joint])
+        velocity = np.interp(t, motion.t, motion.dq[:, joint])
         angle = run.q[is_inside, joint]
-        out.append(_FullRate(angle, run.tau[is_inside, joint] - modelled))
+        residual = run.tau[is_inside, joint] - modelled
+        out.append(_FullRate(angle, velocity, residual))
     return out
 
 
 #: Times the median of its neighbours from which an order is a wave. Of white noise one
 #: of 2^16 orders has four times, and one of 2^36 has six; real errors have heavier tails.
 _WAVE = 6.0
+#: Waves that are looked for in a joint's residual.
+_MOST_WAVES = 5
 
 
 def _orders(
@@ -891,8 +898,11 @@ def _orders(
     """Find waves per turn in residuals, by their amplitude over that of neighbouring
     orders.
 
-    The amplitude of order k is 2 |mean of r exp(-i k q)| for residual r and angle q. A
-    wave is a local maximum that is _WAVE times the median of its 31 neighbours.
+    One wave after another is taken: the order that stands out most. All waves so far,
+    beside what other errors make (an offset of each segment, gravity and friction), are
+    fitted to the residuals by least squares, and the next order is looked for in what
+    they leave. So neither speed nor the log's rate changes an amplitude. A wave is at
+    least _WAVE times the median of its 31 neighbours in what is left.
 
     Parameters
     ----------
@@ -906,30 +916,80 @@ def _orders(
     tuple of (int, float, float)
         Order, amplitude and ratio of up to five waves, the largest amplitude first.
     """
-    spectrum = np.zeros(bins, complex)
-    count = 0
     turn = 2.0 * np.pi
-    for q, error in full:
-        # Slow changes in time are removed: the moving mean over 101 samples (or over all
-        # of a short segment).
-        width = min(101, len(error))
-        slow = np.convolve(error, np.ones(width) / width, mode="same")
-        # The last modulo is for angles that rounding puts at a full turn.
-        bin_of_row = np.floor((q % turn) / turn * bins).astype(np.intp) % bins
-        sum_by_bin = np.bincount(bin_of_row, error - slow, bins)
-        spectrum += np.fft.fft(sum_by_bin)
-        count += len(q)
-    # A wave needs eight bins, so that orders up to an eighth of the bins are shown.
-    amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
-    amplitude[0] = 0.0  # an offset is no wave
-    surroundings = scipy.ndimage.median_filter(amplitude, 31)
-    ratio = amplitude / np.maximum(surroundings, 1e-300)
-    is_maximum = amplitude == scipy.ndimage.maximum_filter(amplitude, 3)
-    peaks = np.flatnonzero(is_maximum & (ratio > _WAVE)).tolist()
-    # An offset (0) and gravity (1) are no waves of a gear.
-    waves = [k for k in peaks if k > 1]
-    waves.sort(key=lambda k: -amplitude[k])
-    return tuple((k, float(amplitude[k]), float(ratio[k])) for k in waves[:5])
+    angle = np.concatenate([series.angle for series in full])
+    torque = np.concatenate([series.residual for series in full])
+    velocity = np.concatenate([series.velocity for series in full])
+    segment = np.repeat(np.arange(len(full)), [len(series.angle) for series in full])
+    # The last modulo is for angles that rounding puts at a full turn.
+    bin_of_row = np.floor((angle % turn) / turn * bins).astype(np.intp) % bins
+    count = np.fft.fft(np.bincount(bin_of_row, minlength=bins))
+    offsets = (segment[:, None] == np.arange(len(full))).astype(float)
+    smooth = [np.cos(angle), np.sin(angle), velocity, smooth_sign(velocity)]
+    columns = np.column_stack([offsets, *smooth])
+    n_smooth = columns.shape[1]
+    # Fewer than two periods within the joint's range are no wave, but any bend.
+    lowest = max(2, int(np.ceil(2.0 * turn / max(float(np.ptp(angle)), 1e-6))))
+
+    def fitted(columns: Array) -> tuple[Array, Array]:
+        """Return the sizes of columns (N, k), and the amplitudes of orders in what they
+        leave."""
+        sizes = np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
+        left = torque - columns @ sizes
+        pull = np.fft.fft(np.bincount(bin_of_row, left, bins))
+        return sizes, _amplitudes(pull, count, bins // 8)
+
+    waves = dict[int, float]()  # order, amplitude over its surroundings
+    sizes, amplitude = fitted(columns)
+    while len(waves) < _MOST_WAVES:
+        is_maximum = amplitude == scipy.ndimage.maximum_filter(amplitude, 3)
+        is_maximum[:lowest] = False
+        order = int(np.argmax(np.where(is_maximum, amplitude, 0.0)))
+        if not is_maximum[order] or order in waves:
+            break
+        wave = [np.cos(order * angle), np.sin(order * angle)]
+        with_wave = np.column_stack([columns, *wave])
+        sizes_with, left = fitted(with_wave)
+        over = np.hypot(*sizes_with[-2:]) / max(_surroundings(left)[order], 1e-300)
+        if over <= _WAVE:
+            break
+        waves[order] = float(over)
+        columns, sizes, amplitude = with_wave, sizes_with, left
+    found = [
+        (order, float(np.hypot(*size)), over)
+        for (order, over), size in zip(
+            waves.items(), sizes[n_smooth:].reshape(-1, 2), strict=True
+        )
+    ]
+    return tuple(sorted(found, key=lambda one: -one[1]))
+
+
+def _surroundings(amplitude: Array) -> Array:
+    """Return the median amplitude of each order's 31 neighbours (K,)."""
+    return np.asarray(scipy.ndimage.median_filter(amplitude, 31))
+
+
+def _amplitudes(
+    pull: NDArray[np.complex128], count: NDArray[np.complex128], highest: int
+) -> Array:
+    """Return the amplitude of each order k = 0 ... K, fitted by least squares alone.
+
+    pull (bins,) : sums of r exp(-i k q) over the rows; count (bins,) : sums of
+    exp(-i k q), which are those of cos and sin that the normal equations need: of
+    cos^2 k q = (1 + cos 2 k q) / 2 and so on. Zero where the rows do not show an order.
+    """
+    k = np.arange(highest + 1)
+    double = count[2 * k]
+    n_rows = float(count[0].real)
+    cc = 0.5 * (n_rows + double.real)
+    ss = 0.5 * (n_rows - double.real)
+    cs = -0.5 * double.imag
+    normal = np.stack([cc, cs, cs, ss], axis=1).reshape(-1, 2, 2)
+    right = np.stack([pull[k].real, -pull[k].imag], axis=1)
+    is_seen = np.linalg.det(normal) > 1e-6 * n_rows**2
+    normal[~is_seen] = np.eye(2)
+    sizes = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    return np.where(is_seen, np.hypot(sizes[:, 0], sizes[:, 1]), 0.0)
 
 
 def failing_stretches(

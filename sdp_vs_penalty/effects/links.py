@@ -374,7 +374,7 @@ class GearError(LinkDeviation):
         "the gear of {joint} turns unevenly: its link runs ahead and behind by "
         "{length}{waves}"
     )
-    seen_against = "position in a turn"
+    seen_against = "waves per turn"
     reference = (
         "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
     )

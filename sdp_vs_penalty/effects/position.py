@@ -183,7 +183,7 @@ class TorqueRipple(JointEffect):
         "the torque of {joint} waves by {size} as it turns{waves}: motor poles, "
         "gear teeth or an eccentric gear"
     )
-    seen_against = "position in a turn"
+    seen_against = "waves per turn"
     reference = (
         "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
     )

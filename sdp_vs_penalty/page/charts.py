@@ -17,7 +17,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.render import charts as plots
 from sdp_vs_penalty.render.charts import POINTS, Curves, Figure
 from sdp_vs_penalty.render.pieces import shades
-from sdp_vs_penalty.render.words import cause_of
+from sdp_vs_penalty.render.words import shown_cause, shown_waves
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -238,7 +238,8 @@ def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
         before,
         after if finding.torque_is_certain else None,
         joint=joint,
-        cause=finding.seen_against or cause_of(failures, joint),
+        cause=shown_cause(finding, failures, joint),
+        waves=shown_waves(failures[joint - 1], finding),
         units=units,
         position_units=["m" if unit == "N" else "rad" for unit in units],
         floor=step.comparison["noise_floor"],

@@ -482,7 +482,7 @@ class CauseAxis:
 
 
 def cause_axis(
-    signals: Signals, joint: int, cause: str, position_unit: str
+    signals: Signals, joint: int, cause: str, position_unit: str, waves: float = 1.0
 ) -> CauseAxis:
     """Choose the abscissa that shows how a joint's error depends on a cause.
 
@@ -499,6 +499,9 @@ def cause_axis(
         A cause of diagnosis/causes.py; any other is drawn over time.
     position_unit : str
         "rad" or "m".
+    waves : float
+        Of the cause WAVES: how many of them there are in 2 pi of the position. They are
+        drawn over the period of one, since the bins of a mean are coarser.
 
     Returns
     -------
@@ -518,8 +521,12 @@ def cause_axis(
         label = f"position [{position_unit}]"
         return CauseAxis(signals.q[:, j], np.sign(signals.dq[:, j]), label)
     if cause in (WAVES, TURN):
-        turn = signals.q[:, j] % (2.0 * np.pi)
-        return CauseAxis(turn, ones, "angle within a turn [rad]")
+        one_period = 2.0 * np.pi / (waves if cause == WAVES else 1.0)
+        where = (
+            "angle within a turn" if one_period > 6.0 else "position within one wave"
+        )
+        label = f"{where} [{position_unit}]"
+        return CauseAxis(signals.q[:, j] % one_period, ones, label)
     if cause in (VELOCITY, HIGH_SPEED, STANDSTILL):
         return CauseAxis(signals.dq[:, j], ones, f"velocity [{position_unit}/s]")
     if cause == ACCELERATION:
@@ -586,6 +593,7 @@ def cause_figure(
     units: Sequence[str],
     position_units: Sequence[str],
     floor: Sequence[float | None] | Array | None,
+    waves: float = 1.0,
     names: tuple[str, str] = ("before", "after"),
 ) -> Figure:
     """A joint's error against its cause, before and after effects were added.
@@ -605,6 +613,8 @@ def cause_figure(
         Units of each joint's torque and position.
     floor : (n,) sequence or None
         RMS noise of each joint, drawn as the band that holds 95 % of it.
+    waves : float
+        Of the cause WAVES: how many of them there are in 2 pi of the position.
     names : pair of str
         Names of the two models in the legend.
 
@@ -614,7 +624,7 @@ def cause_figure(
         One panel.
     """
     j = joint - 1
-    axis = cause_axis(before, joint, cause, position_units[j])
+    axis = cause_axis(before, joint, cause, position_units[j], waves)
     inside = np.isfinite(axis.x)
     if axis.limits is not None:
         inside &= (axis.x >= axis.limits[0]) & (axis.x <= axis.limits[1])

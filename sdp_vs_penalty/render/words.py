@@ -491,16 +491,33 @@ def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
     return lines
 
 
-def shown_cause(diagnosis: Diagnosis | None, failures: Failures, joint: int) -> str:
-    """Return the cause that the chart of a joint's error (from 1) is drawn against.
-
-    That is the one which shows the joint's first finding, or else the cause that the
-    error depends on most.
+def shown_finding(diagnosis: Diagnosis | None, joint: int) -> Finding | None:
+    """Return the first finding on a joint (from 1) that is not weak, which the chart of
+    its error shows; None without one.
     """
     for finding in () if diagnosis is None else diagnosis.effects:
         if finding.main_joint == joint and finding.rating != "weak":
-            return finding.seen_against or cause_of(failures, joint)
-    return cause_of(failures, joint)
+            return finding
+    return None
+
+
+def shown_cause(finding: Finding | None, failures: Failures, joint: int) -> str:
+    """Return the cause that the chart of a joint's error (from 1) is drawn against.
+
+    That is the one which shows the joint's ``finding``, or else the cause that the
+    error depends on most.
+    """
+    seen_against = "" if finding is None else finding.seen_against
+    return seen_against or cause_of(failures, joint)
+
+
+def shown_waves(failure: JointFailure, finding: Finding | None = None) -> float:
+    """Return how many waves in 2 pi of the position a chart shows one of: those of the
+    finding, or else the largest ones of the error; 1 without any.
+    """
+    if finding is not None and "k" in finding.shape:
+        return finding.shape["k"]
+    return float(failure.orders[0][0]) if failure.orders else 1.0
 
 
 def describe_failure(failure: JointFailure, unit: str) -> str:

@@ -204,7 +204,9 @@ def verdict(data: ReportData) -> Context:
     record = data.verdict
     change = "" if is_alone else words.describe_addition(first, last)
     joint = first.worst_joint
-    cause = words.shown_cause(data.diagnosis, data.failures[first.name], joint)
+    failures = data.failures[first.name]
+    finding = words.shown_finding(data.diagnosis, joint)
+    cause = words.shown_cause(finding, failures, joint)
     picture = charts.cause_figure(
         first.signals,
         None if is_alone else last.signals,
@@ -213,6 +215,7 @@ def verdict(data: ReportData) -> Context:
         units=data.units,
         position_units=data.last.robot.position_units,
         floor=last.noise_floor,
+        waves=words.shown_waves(failures[joint - 1], finding),
     )
     rows = [
         tables.judged_cells(compared, data.verdict_of(compared).grade)
@@ -483,15 +486,16 @@ def _picture_of_finding(data: ReportData, finding: Finding) -> Any:
     first = data.comparisons[0]
     last = data.comparisons[-1]
     joint = finding.main_joint
-    cause = finding.seen_against or words.cause_of(data.failures[first.name], joint)
+    failures = data.failures[first.name]
     plot = charts.cause_figure(
         first.signals,
         None if first is last else last.signals,
         joint=joint,
-        cause=cause,
+        cause=words.shown_cause(finding, failures, joint),
         units=data.units,
         position_units=data.last.robot.position_units,
         floor=last.noise_floor,
+        waves=words.shown_waves(failures[joint - 1], finding),
     )
     return pieces.figure(plot, height=250)
 

@@ -1,0 +1,20 @@
+"""Charts show what the error does, and no beat of it with their bins."""
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.diagnosis.causes import WAVES
+from sdp_vs_penalty.diagnosis.comparison import Signals
+from sdp_vs_penalty.render.charts import cause_axis, mean_curve
+
+
+def test_a_ripple_is_drawn_over_one_of_its_waves():
+    """24 bins in a turn hold 36 waves: their means were a slower wave that is none."""
+    t = np.linspace(0.0, 20.0, 40_000)
+    q = 3.0 * np.sin(t)[:, None]
+    ripple = 1.6 * np.sin(36.0 * q)
+    signals = Signals(t, q, np.gradient(q, t, axis=0), ripple, np.zeros_like(q))
+    axis = cause_axis(signals, 1, WAVES, "rad", waves=36.0)
+    centres, means = mean_curve(axis.x, signals.residual[:, 0])
+    assert np.ptp(centres) == pytest.approx(2.0 * np.pi / 36.0, rel=0.1)
+    assert np.nanmax(means) == pytest.approx(1.6, rel=0.05)
