@@ -201,7 +201,8 @@ def where_it_fails(failures: Failures, model: str) -> None:
     """
     from sdp_vs_penalty.render.words import describe_failures
 
-    say(f"Where {model} fails (shares of the error on data left out)", style="italic")
+    shares = "shares of the error on data left out; causes overlap"
+    say(f"Where {model} fails ({shares})", style="italic")
     for line in describe_failures(failures):
         paragraph(line)
 

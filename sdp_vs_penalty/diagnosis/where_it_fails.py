@@ -100,6 +100,14 @@ USUAL = (
     " joints share"
 )
 
+#: What the shares of causes are shares of, for the heading of every table and picture.
+SHARES = (
+    "Share of a joint's error that a function of one cause explains on data left out: of"
+    " what other parameters of the model and the usual error of drives would leave, or of"
+    " the whole error where no cause stands out there. Causes overlap: their shares may"
+    " add to more than 100 %."
+)
+
 #: What makes an error that follows a torque of the model, by the name of its cause.
 MEANINGS = {
     MODELLED_TORQUE: "A wrong gain of the torque channel makes such an error.",
@@ -202,18 +210,23 @@ class JointFailure(JsonRecord):
             other_joint=self.other_joint,
         )
 
+    @property
+    def shares(self) -> Mapping[str, float]:
+        """By cause the share of the error that it explains (:data:`SHARES`), the one
+        that words, tables and pictures show."""
+        return self.causes.likelihood
+
     def numbers(self) -> dict[str, float | None]:
         """Return all numbers of the joint by their labels, such as "error [N m or N]".
 
-        Shares are in per cent of the error's variance; those of causes, of the part of
-        the variance that a refit of the model and the usual error would leave. None
-        stands for an unknown number.
+        Shares are in per cent of the error's variance; those of causes are ``shares``.
+        None stands for an unknown number.
         """
         shares = {
             "all that repeats": self.explainable_share,
             "a refit would take": self.refit_share,
             "usual in drives": self.causes.total_usual_share,
-            **self.held_out_shares,
+            **self.shares,
         }
         numbers = {
             "error [N m or N]": self.rmse,
@@ -272,9 +285,8 @@ def _energy_of(hums: Iterable[Hum]) -> float:
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
     """List the likeliest causes of an error, with the share that each explains.
 
-    Shares are of the variance that a refit of the model and the usual error would
-    leave; of the whole variance, where no cause is seen beyond the usual error. Causes
-    that explain less than CHANGES (5 %) of the error, or of that part, are left out.
+    Shares are those of :attr:`JointFailure.shares`. Causes that explain less than
+    CHANGES (5 %) of the error, or of the part that the shares are of, are left out.
 
     Parameters
     ----------
@@ -290,9 +302,9 @@ def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, f
     """
     causes = failure.causes
     return [
-        (name, causes.likelihood[name])
+        (name, failure.shares[name])
         for name in causes.ranking[:most_named]
-        if min(causes.of_error[name], causes.likelihood[name]) >= CHANGES
+        if min(causes.of_error[name], failure.shares[name]) >= CHANGES
     ]
 
 
@@ -494,13 +506,12 @@ class Failures(Record, list[JointFailure]):
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a table with one row a joint (from 1): rmse, noise_floor, share of
-        each cause.
+        each cause (:data:`SHARES`).
         """
         import pandas
 
         rows = [
-            {"rmse": f.rmse, "noise_floor": f.noise_floor, **f.held_out_shares}
-            for f in self
+            {"rmse": f.rmse, "noise_floor": f.noise_floor, **f.shares} for f in self
         ]
         return pandas.DataFrame(rows, [f.joint for f in self], dtype=float).rename_axis(
             "joint"

@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
+from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, JointFailure
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import over_noise
@@ -255,7 +255,7 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
 
 
 def heat_rows(
-    failures: Sequence[Mapping[str, Any]], shares_found: Mapping[str, Sequence[float]]
+    failures: Sequence[JointFailure], shares_found: Mapping[str, Sequence[float]]
 ) -> list[tuple[str, list[float]]]:
     """Return the rows of the heat map: how much of each joint's error a cause explains.
 
@@ -263,8 +263,8 @@ def heat_rows(
 
     Parameters
     ----------
-    failures : sequence of mappings
-        Error analysis of each joint, as JointFailure.to_dict() writes it.
+    failures : sequence of JointFailure
+        Error analysis of each joint.
     shares_found : mapping of str to sequence of float
         Result of :func:`found_shares`.
 
@@ -274,10 +274,8 @@ def heat_rows(
         Name and shares (n,) of each row.
     """
     shares_by_row = dict(shares_found)
-    causes = failures[0]["held_out_shares"] if failures else {}
-    for cause in causes:
-        of_joints = [failure["held_out_shares"][cause] for failure in failures]
-        shares_by_row[cause] = of_joints
+    for cause in failures[0].shares if failures else ():
+        shares_by_row[cause] = [failure.shares[cause] for failure in failures]
     return [
         (name, list(shares))
         for name, shares in shares_by_row.items()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, JointFailure
 from sdp_vs_penalty.estimation.estimate import (
     LINK_HEADS,
     Estimate,
@@ -19,9 +20,6 @@ from sdp_vs_penalty.estimation.uncertainty import Interval
 from sdp_vs_penalty.estimation.verdict import over_noise
 from sdp_vs_penalty.formatting import change_of, finite, number, plain_unit
 from sdp_vs_penalty.results.table import Table
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 
 #: Of a table of models: what :func:`judged_cells` says after the name.
 JUDGED_HEADS = (
@@ -165,10 +163,7 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
         for name, value in failure.numbers().items():
             rows.setdefault(name, []).append(number(value))
     joints = [str(failure.joint) for failure in failures]
-    title = (
-        "Error of each joint; per cent of its variance, of causes: what each explains, on"
-        " data left out, of what a refit and the usual error of drives would leave"
-    )
+    title = f"Error of each joint, and per cent of its variance. {SHARES}"
     return Table(
         ["", *joints], [[name, *cells] for name, cells in rows.items()], title=title
     )

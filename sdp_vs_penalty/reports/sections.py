@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.open_findings import (
     still_missing,
 )
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
-from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures
 from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
@@ -398,7 +398,7 @@ def failures(data: ReportData) -> Context:
     shares = pieces.found_shares(data.diagnosis, data.last.robot.n)
     maps = []
     for name, failing in data.failures.items():
-        rows = pieces.heat_rows([f.to_dict() for f in failing], shares)
+        rows = pieces.heat_rows(failing, shares)
         maps.append(pieces.heat_map(name, rows, len(failing)))
         shares = {}  # the diagnosis is of the first model: the last one gets no findings
     errors = data.comparisons[-1].rmse
@@ -414,7 +414,11 @@ def failures(data: ReportData) -> Context:
         )
     ]
     heads = ("joint", f"where {data.name} errs", "error", "noise floor")
-    return {"maps": maps, "table": pieces.framed(Table(heads, lines, words=(0, 1)))}
+    return {
+        "shares": SHARES,
+        "maps": maps,
+        "table": pieces.framed(Table(heads, lines, words=(0, 1))),
+    }
 
 
 def findings(data: ReportData) -> Context:

@@ -30,6 +30,7 @@ from sdp_vs_penalty.diagnosis import (
     shared_lags,
     torque_scatter,
 )
+from sdp_vs_penalty.render import heat_rows
 from sdp_vs_penalty.render.words import describe_failures
 
 Array = np.ndarray
@@ -318,6 +319,22 @@ def test_a_cause_beyond_the_usual_error_comes_before_the_usual_one():
         usual_share=0.8,
     )
     assert causes.ranking[0] == "load"
+
+
+@pytest.mark.parametrize("beyond", [0.004, 0.2], ids=["of the error", "beyond usual"])
+def test_words_map_and_table_show_the_same_share(beyond):
+    """ "Depends most on position in a turn (25 %)" stood beside a blank map (0.4 %)."""
+    one = replace(
+        failure(1, 5.0),
+        shares_of_error={"position in a turn": 0.25},
+        held_out_shares={"position in a turn": beyond},
+    )
+    shown = one.shares["position in a turn"]
+    assert shown == (0.25 if beyond < 0.05 else 0.2)
+    (line,) = describe_failures(Failures([one], ["N m"]))
+    assert f"position in a turn ({100.0 * shown:.0f} %)" in line
+    assert heat_rows([one], {}) == [("position in a turn", [shown])]
+    assert one.numbers()["position in a turn [%]"] == 100.0 * shown
 
 
 def lag_fits(delays: list[float]) -> list[LagFit]:

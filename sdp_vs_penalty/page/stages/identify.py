@@ -9,6 +9,7 @@ from nicegui import ui
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
@@ -236,7 +237,9 @@ class _Fit:
         self.legend = ui.html("", sanitize=False)
         self.words = draw.tag("p", "", "words")
         if self.model.failures:
-            _heat(view, self.model.failures, view.session.findings_of_current)
+            joints = self.model.failures
+            failures = Failures.from_dict({"units": (), "joints": joints})
+            _heat(view, failures, view.session.findings_of_current)
         with draw.tag("div", style="pick"):
             look = lambda name: view.select(signal=name)  # noqa: E731
             signals = charts.SIGNALS.items()
@@ -352,18 +355,13 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     return " ".join([f"{text}.", *sentences])
 
 
-def _heat(
-    view: View, failures: list[dict[str, Any]], diagnosis: Diagnosis | None
-) -> None:
+def _heat(view: View, failures: Failures, diagnosis: Diagnosis | None) -> None:
     """Draw the share of each joint's error that each cause explains, as a heat map.
 
     Causes that the diagnosis has found come first. A click on a cell selects its joint.
     """
     draw.tag("h4", "Where it fails, and why")
-    draw.note(
-        "Share of the error explained by each cause, in per cent, on data left out."
-        " Click a cell to see the joint."
-    )
+    draw.note(f"{SHARES} In per cent. Click a cell to see the joint.")
     rows = pieces.heat_rows(failures, pieces.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
     drawn = pieces.heat_map(title, rows, len(failures), SHOWN_BY)
