@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -51,7 +52,7 @@ def command_line(words: Iterable[object]) -> str:
     Parameters
     ----------
     words : iterable
-        Program and arguments.
+        Program and arguments; a path that begins with a dash gets "./" before it.
 
     Returns
     -------
@@ -73,6 +74,8 @@ def _shell_word(word: object) -> str:
     import shlex
 
     text = str(word)
+    if isinstance(word, os.PathLike) and text.startswith("-"):
+        text = f"./{text}"  # a file, and no option
     if text.isprintable():
         return shlex.quote(text)
     # Bash, zsh and POSIX.1-2024 read escapes in $'...', other bytes one by one.

@@ -8,6 +8,7 @@ from pathlib import Path
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.files import load_measurements, run_files, windowed
+from sdp_vs_penalty.data.formats import FILE_SEPARATOR
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
@@ -161,8 +162,31 @@ def parsed_known(text: str | None) -> dict[str, float]:
 
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:
-    """Return the runs as words of a command, as they stand after --data."""
-    return [*map(str, data), *([] if window is None else ["--window", window])]
+    """Return the runs as words of a command, as they stand after --data; a name that
+    begins with a dash is no option."""
+    names = [f"./{name}" if name.startswith("-") else name for name in map(str, data)]
+    return [*names, *([] if window is None else ["--window", window])]
+
+
+def recorded_runs(recorded: Sequence[str]) -> tuple[list[Path], str | None] | None:
+    """Return the runs, and their window, that a model.json names; the inverse of
+    :func:`words`.
+
+    None unless these are files that exist and a window, whatever the file says.
+    """
+    names, window = list(recorded), None
+    if names[-2:-1] == ["--window"]:
+        *names, _, window = names
+    try:
+        time_windows(window)
+    except InputError:
+        return None
+    parts = [part for name in names for part in name.split(FILE_SEPARATOR)]
+    are_files = all(
+        part.isprintable() and not part.startswith("-") and Path(part).exists()
+        for part in parts
+    )
+    return ([*map(Path, names)], window) if parts and are_files else None
 
 
 def judging_runs(
@@ -174,40 +198,11 @@ def judging_runs(
     None if the latter no longer exist.
     """
     if data is None:
-        kept = list(estimate.provenance.get("judged_data", ()))
-        if "--window" in kept:
-            *kept, _, window = kept
-        data = [Path(word) for word in kept]
-        if not data or not all(path.exists() for path in data):
+        recorded = recorded_runs(estimate.provenance.get("judged_data", ()))
+        if recorded is None:
             return None
+        data, window = recorded
     return runs_for(estimate, data, window)
-
-
-def next_diagnosis(
-    model: Path | str,
-    estimate: Estimate,
-    data: list[Path],
-    window: str | None,
-    gravity: str | None = None,
-) -> None:
-    """Print the command that diagnoses a model next.
-
-    The command searches in the runs that the model was identified from, and judges on
-    the given ones.
-
-    model : the model's file; data, window : the given runs and their time windows;
-    gravity : direction of gravity as text, if it differs from that of the model. Runs
-    of two mountings cannot be mixed: the command then searches in the given runs.
-    """
-    train = estimate.provenance.get("data", ["TRAIN.csv"])
-    if gravity is not None:  # runs of another mounting cannot be mixed
-        train = words(data, window)
-    mounting = [] if gravity is None else ["--gravity", gravity]
-    data_words = words(data, window)
-    test = [] if train == data_words else ["--test", data[0]]
-    test += [] if train == data_words or window is None else ["--test-window", window]
-    options = [*train, *test, *mounting, "--json", "findings.json"]
-    console.next_step(["diagnose", model, "--data", *options])
 
 
 def runs_for(

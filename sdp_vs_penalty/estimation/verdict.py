@@ -138,6 +138,13 @@ class Verdict(JsonRecord):
         lines_in_words = "\n".join(f"  {line.grade:10}  {line}" for line in self.lines)
         return f"{self.headline}\n{lines_in_words}"
 
+    @property
+    def is_something_missing(self) -> bool:
+        """Whether the line on missing effects is less than good."""
+        return any(
+            line.about == MISSING and line.grade != "good" for line in self.lines
+        )
+
     def brief(self) -> str:
         """Return the verdict in one line, for the header of a file."""
         reasons = " ".join(str(line) for line in self.lines)

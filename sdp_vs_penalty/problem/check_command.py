@@ -87,8 +87,12 @@ class CheckCommand:
 
         Example: check panda --data run.csv --gravity 0,0,-9.8
         """
-        runs = [str(run) for run in self.runs]
-        return ["check", str(self.problem), "--data", *runs, *self.options]
+        problem = str(self.problem)
+        files = [
+            f"./{x}" if x.startswith("-") else x
+            for x in [problem, *map(str, self.runs)]
+        ]
+        return ["check", files[0], "--data", *files[1:], *self.options]
 
     @property
     def repair_words(self) -> list[str]:

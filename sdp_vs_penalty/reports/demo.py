@@ -126,7 +126,10 @@ def demo(
         ("better", better, after),
     ):
         estimate.provenance["verdict"] = judged.verdict.to_dict()
-        estimate.provenance.update({"data": list(RUNS[:-1]), "checked": True})
+        files = [str(folder / name) for name in RUNS]
+        estimate.provenance.update(
+            data=files[:-1], judged_data=files[-1:], checked=True
+        )
         estimate.save(folder / f"{name}.json")
     progress("writing the report")
     shown = Comparisons(

@@ -33,6 +33,7 @@ def verb(
     """
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for, words
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.diagnosis.adding import add as run
@@ -90,7 +91,7 @@ def verb(
     printing.certificate(bigger)
     console.written(out)
     mounting = [] if gravity is None else ["--gravity", gravity]
-    options = [*judge, *mounting, "--out", "report.html"]
+    options = [*judge, *mounting, "--out", free_name("report.html")]
     console.next_step(["report", model, out, "--data", *options])
 
 

@@ -23,7 +23,8 @@ def verb(
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import model_from_options, next_diagnosis, runs_for
+    from sdp_vs_penalty.cli.next_step import say_what_follows
+    from sdp_vs_penalty.cli.runs import model_from_options, runs_for
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 
@@ -54,7 +55,9 @@ def verb(
             "loops": {name: loop.to_dict() for name, loop in loops.items()},
         },
     )
-    next_diagnosis(newest, estimate, data, window, gravity)
+    verdict = results[-1].verdict
+    whole = runs_given.judged_recordings
+    say_what_follows(newest, estimate, verdict, data, window, gravity, whole)
 
 
 def _simulated_loops(

@@ -39,6 +39,7 @@ def verb(
     from sdp_vs_penalty import formatting
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.data.formats.columns import columns_of
+    from sdp_vs_penalty.problem.check_command import CheckCommand
     from sdp_vs_penalty.problem.load import convert, convert_options
     from sdp_vs_penalty.problem.problem import Problem
 
@@ -66,3 +67,5 @@ def verb(
     console.written(
         out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}"
     )
+    if problem is not None:
+        console.next_step(CheckCommand(problem=problem, runs=[out], hold=hold).words)

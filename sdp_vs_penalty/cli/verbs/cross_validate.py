@@ -23,11 +23,13 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import (
         parsed_known,
         problem_from_options,
         read_and_hold,
     )
+    from sdp_vs_penalty.cli.runs import words as run_words
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation.resampling import cross_validate
@@ -76,8 +78,9 @@ def verb(
         "--effects": effects,
         "--gravity": gravity,
         "--hold": hold,
-        "--out": "model.json",
+        "--known": known,
+        "--out": str(free_name("model.json")),
     }
     words = (word for pair in settings.items() if pair[1] for word in pair)
     console.save_json(json_, result.to_dict())
-    console.next_step(["identify", problem, "--data", *data, *words])
+    console.next_step(["identify", problem, "--data", *run_words(data, None), *words])

@@ -67,7 +67,7 @@ def verb(
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     words += _written(
         {
-            "--test": test,
+            "--test": None if test is None else runs.words([test], None)[0],
             "--test-window": test_window,
             "--gravity": gravity,
             "--gain-uncertainty": gain_uncertainty,
@@ -78,7 +78,7 @@ def verb(
     printing.diagnosis(result, units, model, bool(what), verbose)
     console.save_json(json_, result.to_dict())
     if what:
-        out = ["--out", _free_name(model)]
+        out = ["--out", _next_name(model)]
         if json_ is not None and _leaves_curves_out(result):
             console.paragraph(CURVES_LEFT_OUT)
         console.next_step(["add", model, *what, *words, *out])
@@ -115,11 +115,8 @@ def _leaves_curves_out(result: Diagnosis) -> bool:
     return bool(result.curves) and bool(result.sure) and not all(are_certain)
 
 
-def _free_name(model: Path) -> Path:
-    """Return the next free file name after a model: model2.json, model3.json ..."""
-    stem = model.stem.rstrip("0123456789") or model.stem
-    names = [path.stem for path in model.parent.glob(f"{stem}*.json")]
-    endings = [name.removeprefix(stem) for name in names]
-    numbers = [int(ending) for ending in endings if ending.isdigit()]
-    free = max(numbers, default=1) + 1
-    return model.with_name(f"{stem}{free}.json")
+def _next_name(model: Path) -> Path:
+    """Return the next free name after a model's: model2.json, model3.json ..."""
+    from sdp_vs_penalty.cli.next_step import free_name
+
+    return free_name(model)

@@ -37,6 +37,7 @@ def verb(
     """
     from sdp_vs_penalty.api import identify_and_judge
     from sdp_vs_penalty.cli import console, printing, runs
+    from sdp_vs_penalty.cli.next_step import say_what_follows
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation import PoseOptions
@@ -93,4 +94,4 @@ def verb(
     for path in filter(None, (out, proof)):
         console.written(path)
     if fit is not None:
-        runs.next_diagnosis(out, estimate, data, window)
+        say_what_follows(out, estimate, fit.verdict, data, window)

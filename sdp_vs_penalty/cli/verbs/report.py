@@ -25,6 +25,7 @@ def verb(
     --forward: Forward simulation of whole runs, however long it takes.
     """
     from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for
     from sdp_vs_penalty.reports import check_name, report
 
@@ -49,4 +50,4 @@ def verb(
     printing.verdict(summary, list(estimates)[-1])
     console.written(out, "open it in a browser")
     if summary.grade != "do not use":
-        console.next_step(["export", models[-1], "--out", "identified.urdf"])
+        console.next_step(["export", models[-1], "--out", free_name("identified.urdf")])

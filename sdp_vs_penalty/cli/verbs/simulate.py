@@ -34,6 +34,7 @@ def verb(
     if follow:
         _follow(source, follow, drive, seed, out, json_)
         return
+    from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, planned, refuse_foreign
 
@@ -61,7 +62,7 @@ def verb(
             effects,
             *(["--hold", hold] if hold else []),
             "--out",
-            "model.json",
+            free_name("model.json"),
         ]
     )
 
@@ -78,7 +79,7 @@ def _follow(
 
     drive : "torque", "pd" or "servo"; out : file for the motion of the first free run.
     """
-    from sdp_vs_penalty.cli.runs import next_diagnosis
+    from sdp_vs_penalty.cli.next_step import say_what_follows
     from sdp_vs_penalty.data.formats import csv
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.simulation.follow import follow
@@ -107,4 +108,4 @@ def _follow(
     if out is not None:
         csv.write(following.free[0].simulated, out)
         console.written(out)
-    next_diagnosis(model, estimate, runs, None)
+    say_what_follows(model, estimate, estimate.verdict, runs)

@@ -1,0 +1,143 @@
+"""The command to run next: of files that exist, with nothing of a stranger's options,
+and it runs."""
+
+import re
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from commands import run_cli
+from small_runs import small_run
+
+import sdp_vs_penalty as sdp
+from sdp_vs_penalty.cli.next_step import free_name, say_what_follows
+from sdp_vs_penalty.cli.runs import recorded_runs
+from sdp_vs_penalty.data import save
+
+
+def next_words(printed: str) -> list[str]:
+    """The words of the printed command behind the program's name; none without one."""
+    lines = re.findall("^Next: sdp-vs-penalty (.*)$", printed, re.MULTILINE)
+    assert len(lines) <= 1, printed
+    return shlex.split(lines[0]) if lines else []
+
+
+def followed(words: list[str], capsys: pytest.CaptureFixture[str]) -> list[list[str]]:
+    """Run a command, what it prints to run next, and so on; all of these commands."""
+    commands = []
+    while words and words[0] not in [command[0] for command in commands]:
+        commands.append(words)
+        code = run_cli(*words)
+        printed = capsys.readouterr()
+        assert code == 0, f"{words}\n{printed.out}{printed.err}"
+        words = next_words(printed.out)
+    return commands
+
+
+@pytest.fixture(scope="module")
+def folder(two_link, tmp_path_factory) -> Path:
+    """Two runs of training, one that is new, and a model of the first two."""
+    home = tmp_path_factory.mktemp("next")
+    for k, name in enumerate(("run 1.csv", "-run2.csv", "new.csv")):
+        save(small_run(two_link, seconds=10.0, seed=k), home / name)
+    (home / "copy of run 1.csv").write_bytes((home / "run 1.csv").read_bytes())
+    runs = sdp.load_measurements(home / "run 1.csv", home / "-run2.csv")
+    sdp.identify(two_link, runs, "ols").save(home / "model.json")
+    return home
+
+
+@pytest.fixture
+def inside(folder, monkeypatch) -> Path:
+    monkeypatch.chdir(folder)
+    return folder
+
+
+RECORDED = ["run 1.csv", "./-run2.csv"]
+TRAIN = "--data 'run 1.csv' ./-run2.csv"
+
+
+@pytest.mark.parametrize(
+    ("recorded", "given", "options"),
+    [
+        # Judged on what is new, by whatever name it comes.
+        (RECORDED, ["new.csv"], f"{TRAIN} --test new.csv"),
+        (RECORDED, ["run 1.csv"], TRAIN),
+        (RECORDED, ["./run 1.csv"], TRAIN),
+        (RECORDED, ["copy of run 1.csv"], TRAIN),
+        (RECORDED, ["run 1.csv", "new.csv"], f"{TRAIN} --test new.csv"),
+        # Runs that are not there, and what is no run, are not named.
+        (["gone.csv"], ["new.csv"], "--data new.csv"),
+        ([], ["new.csv"], "--data new.csv"),
+        (["run 1.csv", "--json", "victim.json"], ["new.csv"], "--data new.csv"),
+        (["--json"], ["new.csv"], "--data new.csv"),
+        (["run 1.csv", "--window", "--json"], ["new.csv"], "--data new.csv"),
+        (["new.csv", "--window", "0:5"], ["new.csv"], "--data new.csv --window 0:5"),
+    ],
+)
+def test_a_diagnosis_is_of_runs_that_exist(recorded, given, options, inside, capsys):
+    estimate = sdp.load_estimate("model.json")
+    estimate.provenance["data"] = recorded
+    runs = sdp.load_measurements(*given)
+    paths = [Path(name) for name in given]
+    say_what_follows(Path("model.json"), estimate, None, paths, measurements=runs)
+    expected = f"diagnose model.json {options} --json findings.json"
+    assert next_words(capsys.readouterr().out) == shlex.split(expected)
+
+
+def test_nothing_is_diagnosed_where_nothing_is_missing(inside, capsys):
+    estimate = sdp.load_estimate("model.json")
+    verdict = estimate.verdict
+    lines = tuple(replace(line, grade="good") for line in verdict.lines)
+    nothing_missing = replace(verdict, lines=lines)
+    say_what_follows("model.json", estimate, nothing_missing, [Path("new.csv")])
+    assert next_words(capsys.readouterr().out)[0] == "report"
+
+
+def test_the_findings_of_another_model_stay(inside, capsys):
+    estimate = sdp.load_estimate("model.json")
+    Path("findings.json").write_text("of another model")
+    try:
+        say_what_follows("model.json", estimate, None, [Path("new.csv")])
+    finally:
+        Path("findings.json").unlink()
+    assert next_words(capsys.readouterr().out)[-1] == "findings2.json"
+
+
+def test_a_name_is_free(tmp_path):
+    assert free_name(tmp_path / "model.json") == tmp_path / "model.json"
+    for name in ("model.json", "model3.json", "model_x.json"):
+        (tmp_path / name).touch()
+    assert free_name(tmp_path / "model.json") == tmp_path / "model4.json"
+    assert free_name(tmp_path / "model3.json") == tmp_path / "model4.json"
+
+
+def test_recorded_runs_are_the_words_again(inside):
+    assert recorded_runs(["run 1.csv", "--window", "0:1,2:3"]) == (
+        [Path("run 1.csv")],
+        "0:1,2:3",
+    )
+
+
+def test_commands_that_follow_each_other_run(inside, capsys, monkeypatch):
+    """From a file to the last command that is printed."""
+    words = ["convert", "run 1.csv", "--problem", "two_link", "--out", "-a.csv"]
+    words[-2:] = ["--out=./-a.csv"]
+    commands = followed(words, capsys)
+    assert [command[0] for command in commands[:3]] == ["convert", "check", "identify"]
+    followed(["compare", "model.json", "--data", "new.csv"], capsys)
+    words = "add model.json joint_spring:1 --data new.csv --out added.json"
+    followed(words.split(), capsys)
+    followed(["simulate", "model.json", "--follow", "new.csv"], capsys)
+    followed(
+        ["cross-validate", "two_link", "--data", "new.csv", "--method", "ols"], capsys
+    )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "words", ["demo --out demo", "simulate two_link --hide joint_spring:2 --out sim"]
+)
+def test_commands_that_follow_a_simulation_run(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert len(followed(words.split(), capsys)) > 2
