@@ -123,8 +123,11 @@ def export_sdp(
         "meaning": (
             "objective = offset + scale * (optimum of the file); lower <= objective <="
             " upper is proved in exact arithmetic for the identification problem, whose"
-            " numbers the file holds rounded to doubles"
+            " numbers the file holds rounded to doubles; the parameters are theta ="
+            " centre + theta_scale * (the first variables of the file)"
         ),
+        "centre": sdp.centre.tolist(),
+        "theta_scale": sdp.theta_scale.tolist(),
         "variables": len(files_written.problem.q),
         "rows": len(files_written.problem.b),
         "nonzeros": int(files_written.problem.A.nnz),

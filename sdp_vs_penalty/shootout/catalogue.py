@@ -1,15 +1,18 @@
 """The instances that there are, by name: which exist is known without building one.
 
-The library is what `shootout --export` writes; the catalogue is the part of it that the
-shootout runs on by itself. Ill-conditioned ones take a standard instance, such as the
-simulated Panda with a minimum thickness, and change one thing that users do, or data do
-to them.
+All can be raced, judged and exported. Two sets are declared, by the hashes of names, so
+that nobody chooses: "drawn", on which settings may be tuned, and "untouched", on which
+nobody may, of instances that no shootout ran before the sets were declared. Instances
+that are handed out as a bare conic form are a set of their own, "conic form".
+Ill-conditioned ones take a standard instance, such as the simulated Panda with a minimum
+thickness, and change one thing that users do, or data do to them.
 """
 
+import hashlib
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
 from itertools import product
 
 import numpy as np
@@ -20,30 +23,40 @@ from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.shootout.instances import (
     Instance,
     chain_task,
+    exactly_squarable,
     in_units,
     posed,
+    principal_rows,
     recorded,
 )
 
 Change = Callable[[Instance], Instance]
 
 
-def posed_as(formulation: str, unit: float = 1.0) -> Change:
-    """Return a change of an instance to other units and another formulation.
+#: Units of mass [kg] and length [m].
+GRAM_MILLIMETRE = 1e-3, 1e-3
+POUND_INCH = 0.45359237, 0.0254
 
-    Parameters
-    ----------
-    formulation : str
-        "residual", "gram", "gram in float32" or "rows".
-    unit : float
-        Size of the new units of mass [kg] and length [m].
 
-    Returns
-    -------
-    callable
-        Maps an instance to the changed one.
-    """
-    return lambda made: replace(in_units(made, unit, unit), formulation=formulation)
+def in_unit(mass: float, length: float) -> Change:
+    """Return a change of an instance to other units of mass [kg] and length [m]."""
+    return lambda made: in_units(made, mass, length)
+
+
+def as_gram(mass: float, length: float) -> Change:
+    """Return a change to the bare quadratic form, in other units of mass and length."""
+
+    def change(instance: Instance) -> Instance:
+        """Return the instance whose Gram matrix doubles hold without rounding."""
+        made = in_units(instance, mass, length)
+        return replace(made.with_data(exactly_squarable(made.data)), formulation="gram")
+
+    return change
+
+
+def unscaled(instance: Instance) -> Instance:
+    """Return the instance as plain rows z = R theta - rho, without centre and scales."""
+    return replace(instance, formulation="rows")
 
 
 def unidentifiable(instance: Instance) -> Instance:
@@ -118,21 +131,14 @@ def total_mass_at_least(shift: float) -> Change:
 
 
 def rounded(instance: Instance) -> Instance:
-    """Round R and rho of the objective |R theta - rho|^2 to single precision.
+    """Round R and rho of |R theta - rho|^2 to single precision.
 
-    Parameters
-    ----------
-    instance : Instance
-        A regular instance.
-
-    Returns
-    -------
-    Instance
-        Its optimum is that of the rounded data, and is proved for them.
+    The optimum is that of the rounded data, and is proved for them.
     """
-    R = instance.data.R.astype(np.float32).astype(float)
-    rho = instance.data.rho.astype(np.float32).astype(float)
-    return instance.having(R=R, rho=rho)
+    data = principal_rows(instance.data)
+    R = data.R.astype(np.float32).astype(float)
+    rho = data.rho.astype(np.float32).astype(float)
+    return instance.with_data(replace(data, R=R, rho=rho))
 
 
 def too_thick(instance: Instance) -> Instance:
@@ -157,20 +163,12 @@ def too_thick(instance: Instance) -> Instance:
 
 
 def rank_deficient(instance: Instance) -> Instance:
-    """Keep about twenty rows of R in |R theta - rho|^2.
+    """Keep the twenty directions of theta that |R theta - rho|^2 shows best.
 
-    Parameters
-    ----------
-    instance : Instance
-        A regular instance.
-
-    Returns
-    -------
-    Instance
-        Its rows determine far fewer directions than there are parameters.
+    They determine far fewer directions than there are parameters.
     """
-    step = max(1, len(instance.data.R) // 20)
-    return instance.having(R=instance.data.R[::step], rho=instance.data.rho[::step])
+    data = principal_rows(instance.data)
+    return instance.with_data(replace(data, R=data.R[:20], rho=data.rho[:20]))
 
 
 def noise_free(instance: Instance) -> Instance:
@@ -187,29 +185,31 @@ def noise_free(instance: Instance) -> Instance:
         The loss of its optimum is zero.
     """
     rho = instance.data.R @ instance.task.nominal
-    return instance.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
+    exact = replace(
+        instance.data, rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho)
+    )
+    return instance.with_data(exact)
 
 
-#: One thing that users do, or data do to them, and how it is told in the library; the
-#: last one is not in it: its file would have other numbers than its proof.
+#: One thing that users do, or data do to them, and what it is in the library.
 CHANGES: dict[str, tuple[Change, str]] = {
-    "gram kg m": (posed_as("gram"), "as the bare quadratic form of the Gram matrix"),
+    "gram kg m": (as_gram(1.0, 1.0), "as the bare quadratic form of the Gram matrix"),
     "gram g mm": (
-        posed_as("gram", 1e-3),
+        as_gram(*GRAM_MILLIMETRE),
         "as the bare quadratic form, in grams and millimetres",
     ),
-    "gram t km": (
-        posed_as("gram", 1e3),
-        "as the bare quadratic form, in tons and kilometres",
+    "gram lb in": (
+        as_gram(*POUND_INCH),
+        "as the bare quadratic form, in pounds and inches",
     ),
-    "units g mm": (posed_as("residual", 1e-3), "in grams and millimetres"),
-    "units t km": (posed_as("residual", 1e3), "in tons and kilometres"),
-    "no scaling": (posed_as("rows"), "without a centre and without scales"),
+    "units g mm": (in_unit(*GRAM_MILLIMETRE), "in grams and millimetres"),
+    "units lb in": (in_unit(*POUND_INCH), "in pounds and inches"),
+    "no scaling": (unscaled, "without a centre and without scales"),
     "unidentifiable links": (
         unidentifiable,
         "without bounds on size: the optima are unbounded",
     ),
-    "rank-deficient": (rank_deficient, "from twenty rows only"),
+    "rank-deficient": (rank_deficient, "from twenty directions only"),
     "noise-free": (noise_free, "of exact torques: the optimum is zero"),
     "nearly infeasible 1e-3": (
         total_mass_at_least(-1e-3),
@@ -229,8 +229,9 @@ CHANGES: dict[str, tuple[Change, str]] = {
     ),
     "infeasible thickness": (too_thick, "with links thicker than their bounds allow"),
     "float32 data": (rounded, "from data rounded to single precision"),
-    "float32 gram": (posed_as("gram in float32"), ""),
 }
+#: Changes of the form that is handed out; the others change the problem.
+FORMS = ("gram kg m", "gram g mm", "gram lb in", "no scaling")
 
 _SHAPES = {
     "plain": "physical consistency and the problem's bounds",
@@ -242,35 +243,47 @@ _STEPS = {
     "one-step": "torque error",
     "two-step": "distance of the base parameters from least squares",
 }
-#: Names of the catalogue, and of them those of --quick.
-_CATALOGUE = (
+#: Links of each robot.
+ROBOTS = {"two_link": 2, "panda": 7, "ur10e": 6, "emps": 1, "tx40": 6}
+#: Names of the instances on which this package's solvers were tuned before there was a
+#: declared set.
+_TUNED_ON = (
     r"two_link simulated (one|two)-step (plain|gyration|regulariser)|"
     r"panda (simulated|measured) (14 s .*|1 s (one-step .*|two-step gyration))|"
     r"ur10e (simulated (one|two)|measured one)-step gyration|"
     rf"chain of (2|7|14|30|60) links gyration 0|panda ({'|'.join(CHANGES)})"
 )
-_QUICK = (
-    r"two_link .* gyration|panda simulated 14 s one-step (plain|gyration|regulariser)|"
-    r"chain of [27] links .*|panda (gram g mm|float32 gram|infeasible 1e-3|noise-free)"
-)
+#: How many instances are drawn, and how many untouched: of each robot, and of random arms
+#: of up to so many links. No robot has a quarter of a set.
+_DRAWN: dict[str, tuple[int, int]] = dict.fromkeys(ROBOTS, (6, 4))
+_DRAWN_ARMS = {8: (5, 3), 14: (3, 2), 60: (4, 2)}
+_DRAWN_FORMS = 8
+#: How many of each robot are quick, and of how many links at most.
+_QUICK = 2, 7
+NO_MEASUREMENTS = "its measurements are absent (SDP_VS_PENALTY_DATA)"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """build : the instance, nameless; sentence : what it is, in the library ("": not
-    one of it)."""
+    """An instance that exists, before it is built."""
 
     name: str
+    #: A robot, "chains", or "ill-conditioned".
     group: str
+    #: Makes the instance, without its name.
     build: Callable[[], Instance]
+    #: What it is, in the library.
     sentence: str
+    #: Which arm it is about; every random arm is one.
+    robot: str
+    links: int
+    #: What else it can be selected by: its source, step, shape and change.
+    families: tuple[str, ...]
 
     @property
     def measured(self) -> bool:
-        """Whether the instance needs real measurements, which may be absent on this
-        computer.
-        """
-        return " measured " in self.name
+        """Whether the instance needs measurements that this computer may lack."""
+        return "measured" in self.families
 
     def make(self) -> Instance:
         """Build the instance, and give it its name."""
@@ -285,24 +298,56 @@ class Entry:
         return f"{self.group}/{plain_name}"
 
     @property
-    def quick(self) -> bool:
-        """Whether a quick shootout (--quick) includes the instance."""
-        return re.fullmatch(_QUICK, self.name) is not None
+    def set(self) -> str:
+        """The declared set that holds the instance, "" if none does."""
+        return declared_sets()[0].get(self.name, "")
+
+    @cached_property
+    def tags(self) -> frozenset[str]:
+        """All words by which the instance can be selected."""
+        words = {self.group, self.robot, self.name, f"{self.links} links", self.set}
+        if self.name in declared_sets()[1]:
+            words.add("quick")
+        return frozenset({*words, *self.families} - {""})
 
 
-def everything() -> list[Entry]:
+@cache
+def everything() -> tuple[Entry, ...]:
     """List every instance, measured ones included, in a fixed order."""
-    return [*_robots(), *_chains(), *_changed()]
+    return (*_robots(), *_chains(), *_changed())
 
 
-def library() -> list[Entry]:
-    """List the instances that `shootout --export` writes as files."""
-    return [entry for entry in everything() if entry.sentence]
+@cache
+def declared_sets() -> tuple[dict[str, str], frozenset[str]]:
+    """Return the set of each instance that is in one, by name, and which are quick.
 
-
-def catalogue() -> dict[str, Entry]:
-    """Return the instances that a shootout runs if no names are given, by name."""
-    return {e.name: e for e in everything() if re.fullmatch(_CATALOGUE, e.name)}
+    A set is "drawn", "untouched" or "conic form". Of each robot, and of the random arms,
+    those count whose names have the least hash; quick are the first of the drawn ones
+    that are small and need no measurements.
+    """
+    by_hash = sorted(
+        everything(), key=lambda e: hashlib.sha256(e.name.encode()).digest()
+    )
+    posed = [e for e in by_hash if e.families[-1] not in FORMS]
+    strata = [[e for e in posed if e.robot == robot] for robot in ROBOTS]
+    arms = [e for e in posed if e.robot not in ROBOTS]
+    for most in _DRAWN_ARMS:
+        strata.append([e for e in arms if e.links <= most])
+        arms = [e for e in arms if e.links > most]
+    n_quick, most_links = _QUICK
+    forms = [e for e in by_hash if e not in posed][:_DRAWN_FORMS]
+    sets = {e.name: "conic form" for e in forms}
+    quick = [e.name for e in forms[:n_quick]]
+    counts = [*_DRAWN.values(), *_DRAWN_ARMS.values()]
+    for stratum, (n_drawn, n_untouched) in zip(strata, counts, strict=True):
+        fresh = [e for e in stratum if not re.fullmatch(_TUNED_ON, e.name)]
+        untouched = fresh[:n_untouched]
+        drawn = [e for e in stratum if e not in untouched][:n_drawn]
+        sets |= {e.name: "untouched" for e in untouched}
+        sets |= {e.name: "drawn" for e in drawn}
+        small = [e for e in drawn if e.links <= most_links and not e.measured]
+        quick += [e.name for e in small[:n_quick]]
+    return sets, frozenset(quick)
 
 
 def _robots() -> Iterator[Entry]:
@@ -311,7 +356,7 @@ def _robots() -> Iterator[Entry]:
     There is one for each step of the identification and each demand on the links'
     shapes; the Panda has four lengths of the run.
     """
-    for robot in ("two_link", "panda", "ur10e", "emps", "tx40"):
+    for robot, links in ROBOTS.items():
         sources = ("simulated",) if robot == "two_link" else ("simulated", "measured")
         stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
         for source, stop, step, shape in product(sources, stops, _STEPS, _SHAPES):
@@ -321,7 +366,8 @@ def _robots() -> Iterator[Entry]:
             )
             name = f"{robot} {source}{seconds} {step} {shape}"
             build = partial(recorded, robot, source, step, shape, stop)
-            yield Entry(name, robot, build, description)
+            families = source, step, shape
+            yield Entry(name, robot, build, description, robot, links, families)
 
 
 def _chains() -> Iterator[Entry]:
@@ -339,9 +385,14 @@ def _chains() -> Iterator[Entry]:
                     f"A random arm of {n} revolute joints from 60 random states;"
                     f" {demand}."
                 )
-                name = f"chain of {n} links {shape} {draw}"
                 yield Entry(
-                    name, "chains", partial(_chain, n, shape, draw), description
+                    name=f"chain of {n} links {shape} {draw}",
+                    group="chains",
+                    build=partial(_chain, n, shape, draw),
+                    sentence=description,
+                    robot=f"chain of {n} links {draw}",
+                    links=n,
+                    families=("simulated", "one-step", shape),
                 )
 
 
@@ -361,38 +412,42 @@ def _changed() -> Iterator[Entry]:
     CHANGES has by name the function that changes an instance, and the change in words.
     """
     simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
-    bases: dict[str, Callable[[], Instance]] = {
-        "two_link": partial(simulated, "two_link"),
-        "panda": partial(simulated, "panda", stop=14.0),
-        "ur10e": partial(simulated, "ur10e"),
-        "chain of 7 links": partial(_chain, 7),
-        "chain of 14 links": partial(_chain, 14),
+    bases: dict[str, tuple[Callable[[], Instance], int]] = {
+        "two_link": (partial(simulated, "two_link"), 2),
+        "panda": (partial(simulated, "panda", stop=14.0), 7),
+        "ur10e": (partial(simulated, "ur10e"), 6),
+        "chain of 7 links": (partial(_chain, 7), 7),
+        "chain of 14 links": (partial(_chain, 14), 14),
     }
-    for (robot, base), (change, (make, words)) in product(
+    for (robot, (base, links)), (change, (make, words)) in product(
         bases.items(), CHANGES.items()
     ):
         if (change, robot) == ("rank-deficient", "two_link"):
             continue  # its R has no more than twenty rows
-        # The last change has no words, because the library leaves it out.
-        sentence = words and f"{robot} with links at least 2 cm thick, {words}."
-        # Defaults bind the loop's present values: the lambda is called later.
-        build = lambda make=make, base=base: make(base())  # noqa: E731
-        yield Entry(f"{robot} {change}", "ill-conditioned", build, sentence)
+        yield Entry(
+            name=f"{robot} {change}",
+            group="ill-conditioned",
+            # Defaults bind the loop's present values: the lambda is called later.
+            build=lambda make=make, base=base: make(base()),  # type: ignore[misc]
+            sentence=f"{robot} with links at least 2 cm thick, {words}.",
+            robot=f"{robot} 0" if robot.startswith("chain") else robot,
+            links=links,
+            families=("simulated", "one-step", "gyration", change),
+        )
 
 
 def selected(
-    groups: Sequence[str] | None, entries: Iterable[Entry], quick: bool = False
+    words: Sequence[str] | None, quick: bool = False
 ) -> tuple[list[Entry], list[Entry]]:
-    """Choose instances by group or by name.
+    """Choose instances by their tags or names.
 
     Parameters
     ----------
-    groups : sequence of str, optional
-        Names of groups or instances; by default all.
-    entries : iterable of Entry
-        Instances to choose from.
+    words : sequence of str, optional
+        Each a name, or tags joined by "+", such as "tx40+measured+6 links"; an instance
+        counts if one of the words has it. By default the declared sets.
     quick : bool
-        Whether a group stands for its instances of --quick only.
+        Whether only instances of --quick count, besides those that are named.
 
     Returns
     -------
@@ -402,27 +457,37 @@ def selected(
     Raises
     ------
     InputError
-        For an unknown group or name.
+        For a word that nothing has, a named instance whose measurements are absent, or
+        if no instance is left.
     """
-    all_entries = list(entries)
-    known = list(dict.fromkeys(entry.group for entry in all_entries))
-    names = {entry.name for entry in all_entries}
-    for group in groups or ():
-        if group not in known and group not in names:
-            what = f"--problems {group!r} is unknown"
-            remedy = (
-                f"choose from {', '.join(known)} and the names of `sdp-vs-penalty"
-                " shootout --list`"
-            )
-            raise InputError(what, remedy)
-    groups_chosen = groups or known
-    chosen = []
-    for entry in all_entries:
-        is_of_group = entry.group in groups_chosen and (entry.quick or not quick)
-        if is_of_group or entry.name in groups_chosen:
-            chosen.append(entry)
-    absent = [e for e in chosen if e.measured and real_data_folder() is None]
-    return [e for e in chosen if e not in absent], absent
+    chosen = list[Entry]()
+    if words is None:
+        chosen = [e for e in everything() if e.set]
+    for word in words or ():
+        tags = {tag.strip() for tag in word.split("+")}
+        having = [e for e in everything() if tags <= e.tags]
+        if not having:
+            what = f"no instance has {word!r} (--problems)"
+            raise InputError(what, "see `sdp-vs-penalty shootout --list`")
+        chosen += having
+    is_named = {e.name for e in chosen if e.name in (words or ())}
+    kept = [
+        e
+        for e in dict.fromkeys(chosen)
+        if not quick or "quick" in e.tags or e.name in is_named
+    ]
+    absent = []
+    if real_data_folder() is None:
+        absent = [e for e in kept if e.measured]
+    present = [e for e in kept if e not in absent]
+    named_and_absent = [e.name for e in absent if e.name in is_named]
+    if named_and_absent or not present:
+        what = f"the measurements of {', '.join(named_and_absent)} are absent"
+        if not named_and_absent:
+            what = "no instance is left" + " without measurements" * bool(absent)
+        remedy = "name the folder of measurements in SDP_VS_PENALTY_DATA"
+        raise InputError(what, remedy if absent else "choose more by --problems")
+    return present, absent
 
 
 @lru_cache(maxsize=4)

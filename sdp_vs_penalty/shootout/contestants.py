@@ -1,6 +1,7 @@
 """Who takes part: our default method, every conic solver of the library, what users do
 without one."""
 
+import time
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -36,7 +37,7 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
     instance : Instance
         The problem.
     accuracy : float
-        Ignored, since users rarely pass one.
+        Ignored: nothing is passed to prob.solve() but the solver.
     solver : str or None
         CVXPY's name of the solver; None for CVXPY's own choice.
 
@@ -115,125 +116,83 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     return Answer(fit.theta, claims, status, fit.multipliers, attempts=len(runs))
 
 
-_LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
+#: What the clock of a contestant holds.
+SOLVER_CALL = "the solver's call; form and interior point are there before"
+ALL_OF_IT = "posing, solving, proving"
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """name, description, solve(instance, accuracy) and version; absent : why it is not
-    here, or "".
-
-    options : what it is told at an accuracy, by the names of its documentation; None: it cannot be
-        asked, and promises ``promise``. entropy : whether log det can be posed to it. warm_up : what a
-        first call pays for once; it must start no thread: a forked child would wait for it for ever.
-    """
+    """Who takes part, with all that is printed about it."""
 
     name: str
+    #: What it is, in a line.
     description: str
+    #: Solves an instance, asked for an accuracy.
     solve: Callable[[Instance, float], Answer]
+    #: What is passed at an accuracy, by the names of its documentation.
+    options: Callable[[float], dict[str, Any]]
     version: Callable[[], str] = lambda: __version__
+    #: Why it is not here, "" if it is.
     absent: str = ""
-    options: Callable[[float], dict[str, Any]] | None = None
-    promise: float = 1e-8
+    #: The accuracy that it promises, if it cannot be asked for one.
+    promise: float | None = None
+    #: Whether it claims an optimum only after it has proved the gap of its answer.
+    certifies: bool = False
+    #: Whether it gets the conic form that is handed out; the others pose R and rho.
+    takes_conic_form: bool = False
+    #: Whether log det can be posed to it.
     entropy: bool = True
+    #: What its processor time holds.
+    clock: str = ALL_OF_IT
+    #: What a first call pays for once. It must start no thread: a forked child would wait
+    #: for it for ever.
     warm_up: Callable[[], None] = lambda: None
 
     @property
-    def is_certified(self) -> bool:
-        """Whether this is a conic solver inside our certified fit, which scales the
-        problem and proves the gap of the answer.
-        """
+    def is_loop(self) -> bool:
+        """Whether this is a solver inside our certified fit: it runs where it is named."""
         return self.name.endswith(" certified")
 
     def asked(self, accuracies: Iterable[float]) -> list[float]:
-        """Return the accuracies at which this contestant runs, from loose to tight.
-
-        Parameters
-        ----------
-        accuracies : iterable of float
-            Those of the shootout.
-
-        Returns
-        -------
-        list of float
-            All of them; or only the accuracy that the contestant promises, if it has no
-            setting for accuracy.
-        """
-        if self.options is None:
+        """Return the accuracies at which this contestant runs, from loose to tight."""
+        if self.promise is not None:
             return [self.promise]
         return sorted(set(accuracies), reverse=True)
 
     def settings(self, accuracy: float) -> str:
-        """Return the key of a run's settings in runs.csv: its accuracy, or "default".
-
-        Parameters
-        ----------
-        accuracy : float
-            Accuracy that is asked for.
-
-        Returns
-        -------
-        str
-        """
-        return "default" if self.options is None else f"{accuracy:.0e}"
-
-    def options_in_words(self, accuracy: float) -> str:
-        """Return the options that are passed to the solver, in words.
-
-        Parameters
-        ----------
-        accuracy : float
-            Accuracy that is asked for.
-
-        Returns
-        -------
-        str
-            Names of its documentation with values; "" if it takes none.
-        """
-        options = {} if self.options is None else self.options(accuracy)
-        words = [
+        """Return everything that is passed at an accuracy, in words; part of a run's key."""
+        return ", ".join(
             f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
-            for name, value in options.items()
-        ]
-        return ", ".join(words)
+            for name, value in self.options(accuracy).items()
+        )
 
     def refuses(self, instance: Instance) -> str | None:
-        """Return why an instance cannot be posed to this contestant.
-
-        Parameters
-        ----------
-        instance : Instance
-            The problem.
-
-        Returns
-        -------
-        str or None
-            The reason; None if it can be posed.
-        """
-        posed = self.entropy or instance.objective.entropy is None
-        return None if posed else "no cone for log det"
+        """Return why an instance cannot be posed to this contestant, None if it can."""
+        if instance.formulation != "residual" and not self.takes_conic_form:
+            return "takes R and rho, which this form does not hand out"
+        if instance.objective.entropy is not None and not self.entropy:
+            return "no cone for log det"
+        return None
 
 
 def contestants() -> dict[str, Contestant]:
     """Return all contestants by name, including those that are not installed.
 
-    Each conic solver takes part twice: by itself, and inside our certified loop.
+    Each conic solver takes part as its authors ship it, with what we tune (where we do),
+    and, where it is named, inside our certified loop.
     """
-    contestants_found = _baselines()
+    found = _baselines()
     for name, kind in solver_types().items():
-        conic = kind()
-        conic_contestant = _conic(conic)
-        finest = conic.finest
-        certified = replace(
-            conic_contestant,
-            name=f"{name} certified",
-            description=f"{name} {_LOOP}",
-            solve=partial(_in_our_loop, solver=name, finest=finest),
-            options=None,
-            promise=max(Contestant.promise, 10.0 * finest),
-        )
-        contestants_found += [conic_contestant, certified]
-    return {c.name: c for c in sorted(contestants_found, key=lambda c: c.name)}
+        solver = kind()
+        alone = _conic(solver, tuned=False)
+        found.append(alone)
+        if solver.tuned_options:
+            found.append(_conic(solver, tuned=True))
+        loop = _certified(name, solver.finest)
+        same = ("version", "absent", "entropy", "warm_up")
+        found.append(replace(loop, **{x: getattr(alone, x) for x in same}))
+    return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
 
 def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:
@@ -242,7 +201,7 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     Parameters
     ----------
     names : list of str or None
-        None for all.
+        None for all but the certified loops.
 
     Returns
     -------
@@ -256,25 +215,24 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     """
     by_name = contestants()
     if names is None:
-        present = [c for c in by_name.values() if not c.absent]
-        absent = [c for c in by_name.values() if c.absent]
-        return present, absent
+        drawn = [c for c in by_name.values() if not c.is_loop]
+        return [c for c in drawn if not c.absent], [c for c in drawn if c.absent]
     for name in names:
         require_known("solver", name, by_name)
         if reason := by_name[name].absent:
             raise InputError(f"solver {name} cannot be used here", reason)
-    return [by_name[name] for name in names], []
+    return [by_name[name] for name in dict.fromkeys(names)], []
 
 
-def _conic(solver: Solver) -> Contestant:
-    """Make a contestant of a conic solver alone, without our scaling loop and
-    certificate.
-    """
+def _conic(solver: Solver, tuned: bool) -> Contestant:
+    """Make a contestant of a conic solver alone, without our loop and certificate."""
 
     def solve(instance: Instance, accuracy: float) -> Answer:
         """Solve an instance to an accuracy, and bring the answer back to its units."""
         sdp = instance.sdp
-        solution = solver.solve(sdp.conic, accuracy)
+        start = time.process_time()
+        solution = solver.solve(sdp.conic, accuracy, tuned)
+        in_this_process = time.process_time() - start
         multipliers = sdp.multipliers(solution)
         return Answer(
             theta=sdp.theta(solution),
@@ -282,38 +240,67 @@ def _conic(solver: Solver) -> Contestant:
             status=solution.status,
             multipliers=instance.constraints.stack_multipliers(multipliers),
             entropy_slopes=sdp.entropy_slopes(solution),
+            # What a program takes is no time of this process: this writes and reads.
+            file_seconds=in_this_process * (solver.requires[0] == "program"),
+            solution=solution,
         )
 
+    words = "; tuned by us" if tuned else ""
     return Contestant(
-        name=solver.name,
-        description=solver.description,
+        name=f"{solver.name} tuned" if tuned else solver.name,
+        description=solver.description.removesuffix(".") + words,
         solve=solve,
+        options=lambda accuracy: solver.options(accuracy, tuned),
         version=solver.version,
         absent=solver.absent,
-        options=solver.options,
+        takes_conic_form=True,
         entropy="exp" in solver.cones,  # log det needs exponential cones
+        clock=SOLVER_CALL,
         warm_up=lambda: None if solver.absent else solver.warm_up(),
     )
 
 
+def _certified(solver: str | None, finest: float) -> Contestant:
+    """Make a contestant of our certified fit with a conic solver inside, asked for
+    ``finest``; None: the default method, which is a portfolio.
+    """
+    gap = max(1e-8, 10.0 * finest)
+    words = f"{solver} in our loop: scaled, proved, solved again where the gap is loose"
+    if solver is None:
+        words = (
+            "our default, a portfolio of two: a NumPy interior point, and Clarabel where"
+            " its proved gap is loose"
+        )
+    return Contestant(
+        name="lmi-sdp" if solver is None else f"{solver} certified",
+        description=words,
+        solve=partial(_in_our_loop, solver=solver, finest=finest, gap=gap),
+        options=lambda accuracy: {"accuracy": finest, "proved gap": gap},
+        promise=gap,
+        certifies=True,
+    )
+
+
 def _in_our_loop(
-    instance: Instance, accuracy: float, solver: str | None, finest: float
+    instance: Instance, accuracy: float, solver: str | None, finest: float, gap: float
 ) -> Answer:
     """Solve an instance by our certified fit with a conic solver inside.
 
     The fit scales the problem, calls the solver, and proves a gap from its multipliers.
-    It claims an optimum only if that gap is within the accuracy.
+    It claims an optimum only if the proved gap is at most ``gap``.
 
     Parameters
     ----------
     instance : Instance
         The problem.
     accuracy : float
-        Relative gap below which an optimum is claimed.
+        Ignored: ``gap`` is promised.
     solver : str or None
         Name of the conic solver; None for the default of lmi-sdp.
     finest : float
         Accuracy that is asked of the solver.
+    gap : float
+        Relative gap up to which an optimum is claimed.
 
     Returns
     -------
@@ -325,14 +312,15 @@ def _in_our_loop(
             instance.task, instance.objective, instance.constraints, solver
         )
         fit: Fit = posed.fit(instance.objective, finest)
-        gap = fit.gap
+        proved_gap = fit.gap
     except InputError as error:
         return no_answer(instance, error)
     solver_words: list[str] = fit.details["solver_said"]  # one text for each call
+    words = f"{fit.details['solver']}: proved gap {proved_gap:.1e}; "
     return Answer(
         theta=fit.theta,
-        claims="optimal" if gap <= accuracy else "inaccurate",
-        status=f"certified gap {gap:.1e}; " + ", ".join(solver_words),
+        claims="optimal" if proved_gap <= gap else "inaccurate",
+        status=words + ", ".join(solver_words),
         multipliers=fit.multipliers,
         entropy_slopes=fit.entropy_slopes,
         attempts=len(solver_words),
@@ -345,45 +333,44 @@ def _baselines() -> list[Contestant]:
     They are our default method, CVXPY as users call it, the penalty method, and an
     augmented Lagrangian in log-Cholesky variables.
     """
-    words = (
-        "our default: the NumPy interior point, certified; Clarabel where the certified"
-        " gap is loose"
-    )
+    formulas = "CVXPY as a user meets it: the formulas, unscaled, prob.solve"
     cvxpy = Contestant(
-        "cvxpy",
-        "CVXPY as a user meets it: the formulas, prob.solve(), no options",
-        partial(solve_cvxpy, solver=None),
-        partial(metadata.version, "cvxpy"),
-        promise=1e-5,  # what it asks of its default solver for such problems, SCS
+        name="cvxpy scs",
+        description=f"{formulas}(): its default for these cones is SCS at eps 1e-5",
+        solve=partial(solve_cvxpy, solver=None),
+        options=lambda accuracy: {"eps": "1e-05 by CVXPY's default"},
+        version=partial(metadata.version, "cvxpy"),
+        promise=1e-5,
+        clock="CVXPY's modelling and the solver's call",
         warm_up=ThroughCvxpy.warm_up,
     )
-    return [
-        Contestant(
-            "lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)
-        ),
+    clarabel = replace(
         cvxpy,
-        replace(
-            cvxpy,
-            name="cvxpy clarabel",
-            description=(
-                "CVXPY as a user meets it: the formulas, prob.solve(solver='CLARABEL')"
-            ),
-            solve=partial(solve_cvxpy, solver="CLARABEL"),
-            promise=Contestant.promise,
-        ),
-        Contestant(
-            "penalty",
-            "the exact penalty, multi-start (no SDP solver)",
-            solve_penalty,
-            options=lambda accuracy: {"starts": Penalty.starts, "tolerance": accuracy},
-            entropy=False,
-        ),
-        Contestant(
-            "log-cholesky L-BFGS",
+        name="cvxpy clarabel",
+        description=f"{formulas}(solver='CLARABEL')",
+        solve=partial(solve_cvxpy, solver="CLARABEL"),
+        options=lambda accuracy: {"tol_gap_rel": "1e-08 by Clarabel's default"},
+        promise=1e-8,
+    )
+    penalty = Contestant(
+        name="penalty",
+        description="the exact penalty, multi-start (no SDP solver)",
+        solve=solve_penalty,
+        options=lambda accuracy: {"starts": Penalty.starts, "tolerance": accuracy},
+        entropy=False,
+    )
+    cholesky = Contestant(
+        name="log-cholesky L-BFGS",
+        description=(
             "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP"
-            " solver)",
-            augmented_lagrangian.solve,
-            partial(metadata.version, "scipy"),
-            options=augmented_lagrangian.options,
+            " solver)"
         ),
-    ]
+        solve=augmented_lagrangian.solve,
+        options=augmented_lagrangian.options,
+        version=partial(metadata.version, "scipy"),
+    )
+    portfolio = replace(
+        _certified(None, LmiSdp.accuracy),
+        version=lambda: f"{__version__}, clarabel {metadata.version('clarabel')}",
+    )
+    return [portfolio, cvxpy, clarabel, penalty, cholesky]

@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import scipy
@@ -23,7 +23,7 @@ from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, open_box
 from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import ConeGroup, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.simulation.experiments import experiment
@@ -41,43 +41,26 @@ _CHAIN_SEED = 20191015
 
 @dataclass(frozen=True)
 class Instance:
-    """minimise objective(theta) over task.constraints.convex, |theta_k| <= task.bound.
+    """minimise objective(theta) over task.constraints.convex, |theta_k| <= task.bound."""
 
-    task : data, constraints and bounds in the instance's own units; what it calls nonconvex is empty.
-    formulation : "residual" is ours, centred and scaled; "gram", "gram in float32" and "rows" are what
-        users write (:func:`unscaled_sdp`).
-    """
-
+    #: Data, constraints and bounds in the instance's own units; nothing nonconvex.
     task: Task
     objective: Objective
+    #: "residual": R and rho, for conic solvers centred and scaled. "rows" and "gram" are
+    #: conic forms without either, as users write them (:func:`unscaled_sdp`).
     formulation: str = "residual"
     name: str = ""
 
-    def having(self, convex: Iterable[Constraint] | None = None, **data: Any) -> Self:
-        """Return the instance with other constraints, or other least-squares data.
+    def having(self, convex: Iterable[Constraint]) -> Self:
+        """Return the instance with other convex constraints."""
+        constraints = ConstraintSet(tuple(convex))
+        return replace(self, task=replace(self.task, constraints=constraints))
 
-        Parameters
-        ----------
-        convex : iterable of Constraint, optional
-            Convex constraints that replace the present ones.
-        **data : Any
-            Fields of LeastSquares to replace, such as R and rho.
-
-        Returns
-        -------
-        Instance
-            A changed copy.
-        """
-        rows = replace(self.data, **data)
-        constraints_kept = (
-            self.constraints if convex is None else ConstraintSet(tuple(convex))
-        )
-        objective = replace(self.objective, least_squares=rows)
-        return replace(
-            self,
-            task=replace(self.task, data=rows, constraints=constraints_kept),
-            objective=objective,
-        )
+    def with_data(self, data: LeastSquares) -> Self:
+        """Return the instance with other data of the objective."""
+        task = replace(self.task, data=data)
+        objective = replace(self.objective, least_squares=data)
+        return replace(self, task=task, objective=objective)
 
     @property
     def constraints(self) -> ConstraintSet:
@@ -115,16 +98,40 @@ class Instance:
         """The semidefinite program as it is posed to conic solvers."""
         if self.formulation != "residual":
             return unscaled_sdp(self.data, self.sent, self.formulation)
-        centre = self.task.nominal if self.interior is None else self.interior
-        smallest_scale = 1e-6 * self.data.tau_squared
+        centre = self.inside
         return least_squares_sdp(
             self.objective,
             self.sent,
             centre,
             self.task.bound,
             centre,
-            least_loss=smallest_scale,
+            least_loss=self.least_loss,
         )
+
+    @property
+    def inside(self) -> Array:
+        """The interior point (p,), or the nominal theta where nothing is feasible."""
+        return self.task.nominal if self.interior is None else self.interior
+
+    @property
+    def least_loss(self) -> float:
+        """Loss below which the objective as it is handed out says little more: the
+        least number that relative errors refer to.
+
+        The bare quadratic form leaves out rho^T rho, and has its size. The other forms
+        are posed in units of at least a millionth of |tau|^2.
+        """
+        rho = self.data.rho
+        is_gram = self.formulation == "gram"
+        size = float(rho @ rho) if is_gram else 1e-6 * self.data.tau_squared
+        return max(size, self.least_size)
+
+    @property
+    def least_size(self) -> float:
+        """Least size that errors refer to: 1 in a form that is handed out without scales,
+        as in solvers' own tolerances.
+        """
+        return 0.0 if self.formulation == "residual" else 1.0
 
     @cached_property
     def hash(self) -> str:
@@ -155,8 +162,7 @@ def unscaled_sdp(
     """Pose a problem as users write it, without a centre and without any scaling.
 
     "gram": minimise theta^T (R^T R) theta - 2 rho^T R theta; the constant rho^T rho is
-    left out. "gram in float32": the same with R^T R and R^T rho in single precision.
-    "rows": minimise |z|^2 subject to R theta - z = rho.
+    left out. "rows": minimise |z|^2 subject to R theta - z = rho.
 
     Parameters
     ----------
@@ -165,7 +171,7 @@ def unscaled_sdp(
     constraints : sequence of Constraint
         Constraints on theta (p,).
     formulation : str
-        "gram", "gram in float32" or "rows".
+        "gram" or "rows".
 
     Returns
     -------
@@ -183,12 +189,8 @@ def unscaled_sdp(
         P = scipy.sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc()
         q = np.zeros(p + r)
     else:
-        precision = np.float32 if formulation.endswith("float32") else np.float64
-        R: Array = data.R.astype(precision)
-        rho: Array = data.rho.astype(precision)
-        gram = (R.T @ R).astype(float)
-        P = scipy.sparse.csc_matrix(np.triu(2.0 * gram))
-        q = -2.0 * (R.T @ rho).astype(float)
+        P = scipy.sparse.csc_matrix(np.triu(2.0 * (data.R.T @ data.R)))
+        q = -2.0 * (data.R.T @ data.rho)
         offset += float(data.rho @ data.rho)
     # The r equations, if any, are the first rows of the conic problem. Centre 0 and
     # scales 1 leave the constraints as they are.
@@ -203,6 +205,38 @@ def unscaled_sdp(
         placed=placed,
         offset=offset,
     )
+
+
+def principal_rows(data: LeastSquares) -> LeastSquares:
+    """Return the same loss by the rows s_k v_k of R = U S V^T, and u_k^T rho.
+
+    Up to signs they follow from the loss. A triangular factor does not: below a column
+    that depends on earlier ones, its rows are any rotation of each other, which
+    rounding chooses. What rounds or selects rows starts from these.
+    """
+    left, sizes, right = np.linalg.svd(data.R, full_matrices=False)
+    seen = sizes > 1e-10 * sizes[0]
+    rho = left.T[seen] @ data.rho
+    lost = max(float(data.rho @ data.rho - rho @ rho), 0.0)
+    residual_norm = float(np.hypot(data.residual_norm, np.sqrt(lost)))
+    R = sizes[seen, None] * right[seen]
+    return replace(data, R=R, rho=rho, residual_norm=residual_norm)
+
+
+def exactly_squarable(data: LeastSquares) -> LeastSquares:
+    """Return the data with R and rho in whole multiples of a unit of their column.
+
+    They have 20 bits, so that doubles hold R^T R and R^T rho without rounding: the Gram
+    matrix has no negative eigenvalue, and a proof for R and rho is one for it.
+    """
+
+    def rounded(columns: Array) -> Array:
+        largest = np.abs(columns).max(axis=0)
+        unit = 2.0 ** (np.ceil(np.log2(nonzero_or_one(largest))) - 20)
+        return np.rint(columns / unit) * unit
+
+    exact = principal_rows(data)
+    return replace(exact, R=rounded(exact.R), rho=rounded(exact.rho[:, None])[:, 0])
 
 
 @dataclass(frozen=True)

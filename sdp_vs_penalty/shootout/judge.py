@@ -1,10 +1,11 @@
-"""What an answer is worth, whatever its author says of it: one standard for every
-contestant.
+"""What an answer is worth, whatever its author says of it and whatever was asked: one
+standard for every contestant.
 
 ``objective_error``: how far the objective as returned lies from the proved interval,
-relative to the loss; ``violation`` of the constraints as returned, relative to each
-one's size; beside them the dual gap from the contestant's own multipliers. The classes
-are those of the table in summary.md.
+relative to the loss in the units that were handed out; ``violation`` of the constraints as
+returned, relative to each one's size. Beside them stand the dual gap that the
+contestant's own multipliers prove, and its DIMACS errors. An answer is right to an
+accuracy if both errors are within SLACK times it.
 """
 
 from collections.abc import Sequence
@@ -12,40 +13,45 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+import pandas
+import scipy
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.shootout.instances import Instance
+from sdp_vs_penalty.solvers.conic import Solution, unsvec
 from sdp_vs_penalty.solvers.fit import Fit
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
-CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
+#: What a run is at an accuracy. "inaccurate": an optimum is claimed and the errors are
+#: larger than that, or the contestant says itself that it is inaccurate; "unproved": we
+#: have no interval that could judge it, and it counts for nobody.
+CLASSES = (
+    *("right", "inaccurate", "silently_wrong"),
+    *("failed", "timeout", "crash", "unproved"),
+)
 
-#: How far beyond what was asked an answer may be and still count as right: solvers stop
-#: by errors scaled in their own ways, of which ten times is the usual spread.
+#: How far beyond an accuracy an answer may be and still count as right: solvers stop by
+#: errors scaled in their own ways, of which ten times is the usual spread.
 SLACK = 10.0
+#: Errors beyond which a claimed optimum is silently wrong: not even right to 1e-4.
+WRONG = 1e-3
+#: A proved interval that is wider, relative to the loss, judges nobody.
+JUDGED_TO = 1e-8
 
 
 @dataclass(frozen=True)
 class Reference:
-    """lower <= optimum <= upper, both rigorous; scale : what gaps are relative to.
+    """lower <= optimum <= upper, both rigorous; scale : what errors are relative to."""
 
-    verdict : "feasible" (a strictly feasible point is proved), "infeasible" (proved) or
-    "unknown".
-    """
-
+    #: "feasible" (with an interval that judges), "infeasible" (proved) or "unknown".
     verdict: str
     lower: float
     upper: float
     scale: float
-
-    @property
-    def gap(self) -> float:
-        """Width of the proved interval, relative to ``scale``."""
-        return (self.upper - self.lower) / self.scale
 
 
 def proved(instance: Instance) -> tuple[str, Proof | None]:
@@ -98,36 +104,57 @@ def reference(instance: Instance) -> Reference:
         return Reference("unknown", lower=0.0, upper=np.inf, scale=1.0)
     if status == "proved infeasible":
         return Reference("infeasible", lower=0.0, upper=np.inf, scale=1.0)
-    scale = instance.data.loss_scale(np.array(proof["theta"], float))
-    return Reference(
-        "feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300)
-    )
+    loss = instance.data.loss(np.array(proof["theta"], float))
+    scale = max(loss, instance.least_loss, 1e-300)
+    lower, upper = float(proof["lower"]), float(proof["upper"])
+    verdict = "feasible" if upper - lower <= JUDGED_TO * scale else "unknown"
+    return Reference(verdict, lower, upper, scale)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a contestant returned. multipliers : of a Fit, or None without a dual;
-    attempts : runs that went into it, as far as the contestant starts several."""
+    """What a contestant returned."""
 
     theta: Array
+    #: "optimal", "inaccurate", "infeasible", "unbounded" or "failed".
     claims: str
+    #: Its own words.
     status: str
+    #: As of a Fit; None without a dual.
     multipliers: Array | None = None
     entropy_slopes: Array | None = None
+    #: Runs that went into it, as far as the contestant starts several.
     attempts: int = 1
+    #: Processor time of writing and reading files, which is no work of the solver [s].
+    file_seconds: float = 0.0
+    #: Of the conic form that was handed out, if that was.
+    solution: Solution | None = None
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """class of a run; objective_error, violation : of the answer as returned, relative;
-    own_gap : from the proved upper bound to what the contestant's own multipliers
-    prove, relative."""
+    """The figures of an answer, which say at each accuracy what it is."""
 
-    kind: str
+    #: "claim" (of an optimum, or that there is none), or its class at every accuracy.
+    outcome: str
+    #: The larger of the next two; 0 for a claim that is proved right, inf for one that is
+    #: proved wrong.
+    error: float = np.inf
+    #: Distance of the objective from the proved interval, relative.
     objective_error: float = np.inf
     violation: float = np.inf
+    #: From the proved upper bound to what the contestant's own multipliers prove, relative.
     own_gap: float = np.inf
     remark: str = ""
+    #: Errors 1 to 6 (Mittelmann, Math. Program. 2003), NaN where they are not defined.
+    dimacs: tuple[float, ...] = (np.nan,) * 6
+
+
+def classes(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
+    """Return the class of each run at an accuracy, from its "outcome" and its "error"."""
+    sizes = [runs["error"] <= SLACK * accuracy, runs["error"] <= WRONG]  # NaN: neither
+    of_claims = np.select(sizes, ["right", "inaccurate"], "silently_wrong")
+    return runs["outcome"].where(runs["outcome"] != "claim", of_claims)
 
 
 def no_answer(instance: Instance, error: InputError | str) -> Answer:
@@ -151,10 +178,8 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
     return Answer(nothing, claims, str(error))
 
 
-def judge(
-    instance: Instance, reference: Reference, answer: Answer, accuracy: float
-) -> Judgement:
-    """Classify an answer by the proved interval, whatever the contestant says of it.
+def judge(instance: Instance, reference: Reference, answer: Answer) -> Judgement:
+    """Judge an answer by the proved interval, whatever the contestant says of it.
 
     Parameters
     ----------
@@ -164,70 +189,81 @@ def judge(
         Its proved interval.
     answer : Answer
         What the contestant returned.
-    accuracy : float
-        Relative accuracy that was asked for.
 
     Returns
     -------
     Judgement
-        Class, error of the objective, violation of the constraints, and dual gap.
     """
-    error, violation = _primal(instance, reference, answer.theta)
-    dual_gap = (reference.upper - _dual(instance, answer)) / reference.scale
-    kind = answer.claims
+    errors = _primal(instance, reference, answer.theta)
+    claims = answer.claims
+    error = float(np.max(errors))
     remark = ""
-    if answer.claims not in ("failed", "inaccurate"):
-        kind, remark = classified(reference, answer.claims, error, violation, accuracy)
-    return Judgement(kind, error, violation, dual_gap, remark)
+    outcome = "claim"
+    if claims in ("failed", "inaccurate"):
+        outcome = claims
+    elif reference.verdict == "unknown":
+        outcome = "unproved"
+    elif claims in ("infeasible", "unbounded"):
+        is_proved = reference.verdict == claims
+        error = 0.0 if is_proved else np.inf
+        remark = "" if is_proved else f"claims {claims}, which is proved wrong"
+    elif reference.verdict == "infeasible":
+        error, remark = np.inf, "solves what is proved infeasible"
+    return Judgement(
+        outcome,
+        error,
+        *errors,
+        own_gap=(reference.upper - _dual(instance, answer)) / reference.scale,
+        remark=remark,
+        dimacs=dimacs_errors(instance, answer.solution),
+    )
 
 
-def classified(
-    reference: Reference, claims: str, error: float, violation: float, accuracy: float
-) -> tuple[str, str]:
-    """Classify an answer that claims an optimum, infeasibility or unboundedness.
+def dimacs_errors(instance: Instance, solution: Solution | None) -> tuple[float, ...]:
+    """Return the six DIMACS errors of a solution of the conic form that was handed out.
 
-    An answer is right within SLACK times the accuracy, and inaccurate while at least
-    half of the digits are right (the square root of the accuracy). Beyond that it is
-    silently wrong, because it claims success.
-
-    Parameters
-    ----------
-    reference : Reference
-        The proved interval.
-    claims : str
-        "optimal", "infeasible" or "unbounded".
-    error : float
-        Relative distance of the objective from the interval.
-    violation : float
-        Relative violation of the constraints.
-    accuracy : float
-        Relative accuracy that was asked for.
-
-    Returns
-    -------
-    tuple of (str, str)
-        The class, and the reason if the answer is not right.
+    For: minimise x^T P x / 2 + q^T x with s = b - A x in K, and z in K*. Error 1 is 0,
+    since s is not the solver's; 2 and 4 are the violations of K by s and of K* by z, 3
+    is |P x + q + A^T z|, 5 the gap of the objectives, 6 is s^T z. 1 and 2 are relative to
+    1 + |b|, 3 and 4 to 1 + |q|, 5 and 6 to the objectives. NaN without such a solution,
+    or with exponential cones.
     """
-    allowed = SLACK * accuracy
-    half_of_digits = max(allowed, accuracy**0.5)
-    if claims in ("infeasible", "unbounded"):
-        if reference.verdict == claims:
-            return "right", ""
-        if reference.verdict == "unknown":
-            return "inaccurate", "whether anything is feasible is not proved"
-        return "silently_wrong", f"claims {claims}, which is proved wrong"
-    if reference.verdict == "infeasible":
-        return "silently_wrong", "solves what is proved infeasible"
-    if violation <= allowed and error <= allowed:  # False for NaN
-        if reference.gap > allowed and reference.verdict == "feasible":
-            return "inaccurate", "our interval is wider than what was asked"
-        return "right", ""
-    what = "the objective lies outside of the proved interval"
-    if violation > allowed:
-        what = "violates the constraints"
-    if violation <= half_of_digits and error <= half_of_digits:
-        return "inaccurate", f"{what}, with at least half of the digits asked for"
-    return "silently_wrong", what
+    undefined = (np.nan,) * 6
+    problem = instance.sdp.conic
+    if solution is None or any(c.kind == "exp" for c in problem.cones):
+        return undefined
+    x, z = solution.x, solution.z
+    s = problem.b - problem.A @ x
+    if not (np.all(np.isfinite(s)) and np.all(np.isfinite(z))):
+        return undefined
+    P = problem.P + scipy.sparse.triu(problem.P, 1).T
+    square = float(x @ (P @ x))
+    primal = 0.5 * square + float(problem.q @ x)
+    dual = -0.5 * square - float(problem.b @ z)
+    first, violations = 0, [0.0, 0.0]
+    for cone in problem.cones:
+        rows = slice(first, first + cone.rows)
+        first = rows.stop
+        for k, value in enumerate((s[rows], z[rows])):
+            if cone.kind == "zero":
+                depth = 0.0 if k else -float(np.abs(value).max(initial=0.0))
+            else:
+                member = unsvec(value, cone.size) if cone.kind == "psd" else value
+                depth = _margin(cone.kind, member)
+            violations[k] = max(violations[k], -depth)
+    slope = float(np.linalg.norm(P @ x + problem.q + problem.A.T @ z))
+    of_b = 1.0 + float(np.linalg.norm(problem.b))
+    of_q = 1.0 + float(np.linalg.norm(problem.q))
+    of_both = 1.0 + abs(primal) + abs(dual)
+    gaps = (primal - dual) / of_both, float(s @ z) / of_both
+    return (0.0, violations[0] / of_b, slope / of_q, violations[1] / of_q, *gaps)
+
+
+def _margin(kind: str, value: Array) -> float:
+    """Return how deep a vector or symmetric matrix lies in its cone, negative outside."""
+    if kind == "psd":
+        return float(np.linalg.eigvalsh(value)[0])
+    return float(cone_margin(kind, value))
 
 
 def _primal(
@@ -252,10 +288,12 @@ def _primal(
     """
     if not np.all(np.isfinite(theta)):
         return np.inf, np.inf
-    interior = instance.interior
-    inside = instance.task.nominal if interior is None else interior
     violation = relative_violation(
-        instance.constraints.convex, theta, inside, instance.task.bound
+        instance.constraints.convex,
+        theta,
+        instance.inside,
+        instance.task.bound,
+        instance.least_size,
     )
     if reference.verdict != "feasible":
         return np.inf, violation
@@ -293,7 +331,11 @@ def _dual(instance: Instance, answer: Answer) -> float:
 
 
 def relative_violation(
-    constraints: Sequence[Constraint], theta: Array, inside: Array, bound: Array
+    constraints: Sequence[Constraint],
+    theta: Array,
+    inside: Array,
+    bound: Array,
+    least_size: float = 0.0,
 ) -> float:
     """Return the worst violation of the constraints, independent of units.
 
@@ -311,6 +353,8 @@ def relative_violation(
         A strictly feasible point.
     bound : (p,) array
         Largest absolute value of each parameter.
+    least_size : float
+        No cone's size counts as less.
 
     Returns
     -------
@@ -321,13 +365,13 @@ def relative_violation(
     for c in constraints:
         value = c.value(theta)
         if c.cone == "psd":
-            (scale,) = unit_diagonal_factors(c.value(inside)[None])
-            margin = float(np.linalg.eigvalsh(value * scale)[0])
+            (factors,) = unit_diagonal_factors(c.value(inside)[None])
+            sides = np.sqrt(np.maximum(1.0 / np.diagonal(factors), least_size))
+            size = np.outer(sides, sides)
         else:
             terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
             size = nonzero_or_one(np.maximum(terms, np.abs(c.constant)))
             # The rows of a second-order cone belong together and have one scale.
-            size = size.max() if c.cone == "soc" else size
-            margin = float(cone_margin(c.cone, value / size))
-        worst = max(worst, -margin)
+            size = np.maximum(size.max() if c.cone == "soc" else size, least_size)
+        worst = max(worst, -_margin(c.cone, value / size))
     return worst

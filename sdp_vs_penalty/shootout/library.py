@@ -2,10 +2,11 @@
 proofs beside them.
 
 Each instance is a folder with the problem in three formats (CBF, sparse SDPA where its
-cones allow that, NumPy arrays), a JSON that says how a file's optimum becomes the loss
-and between which proved bounds that lies, and a proof that `verify` checks in rational
-arithmetic. index.csv lists them all with sizes and SHA-256. The same version writes the
-same bytes on the same machine.
+cones allow that, NumPy arrays), a JSON that says how a file's optimum becomes the loss,
+between which proved bounds that lies, and how its variables become the parameters that
+are judged, and a proof that `verify` checks in rational arithmetic. index.csv lists them
+all with sizes and SHA-256. The folder benchopt is a benchmark of benchopt on them. The
+same version writes the same bytes on the same machine.
 """
 
 import hashlib
@@ -18,7 +19,6 @@ from typing import Any
 import numpy as np
 import pandas
 
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.files import write_bytes, write_text
@@ -27,7 +27,7 @@ from sdp_vs_penalty.shootout.instances import Instance
 from sdp_vs_penalty.shootout.judge import proved
 from sdp_vs_penalty.shootout.runner import Shootout
 from sdp_vs_penalty.solvers.conic import ConicProblem
-from sdp_vs_penalty.solvers.proof import write_proof
+from sdp_vs_penalty.solvers.proof import Proof, write_proof
 from sdp_vs_penalty.solvers.rewrite import linear_objective
 
 #: The data card and the citation that go with a library are files beside this one.
@@ -37,9 +37,7 @@ _HERE = Path(__file__).parent
 def write_library(
     folder: Path, entries: Sequence[Entry], progress: Progress
 ) -> list[dict[str, Any]]:
-    """Write instances as files, with their index and data card.
-
-    Instances whose measurements this computer lacks are left out.
+    """Write instances as files, with their index, data card and benchmark.
 
     Parameters
     ----------
@@ -58,16 +56,15 @@ def write_library(
     rows = []
     for k, item in enumerate(entries):
         progress(f"{k} of {len(entries)}: {item.name}")
-        try:
-            rows.append(write_instance(folder / item.folder, item, item.make()))
-        except InputError:
-            if not item.measured:
-                raise
+        rows.append(write_instance(folder / item.folder, item, item.make()))
     table = pandas.DataFrame(rows or {"name": []})
     write_text(folder / "index.csv", table.to_csv(index=False, lineterminator="\n"))
     proved = sum(r["status"] != "not proved" for r in rows)
     card = (_HERE / "card.md").read_text("utf-8")
     write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
+    for path in sorted((_HERE / "benchopt").rglob("*.txt")):
+        place = path.relative_to(_HERE).with_suffix("")
+        write_text(folder / place, path.read_text("utf-8"))
     write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text("utf-8"))
     return rows
 
@@ -101,10 +98,19 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     # The sparse SDPA format (dat-s) has no exponential cones.
     if not any(c.kind == "exp" for c in sdp.conic.cones):
         names.append("problem.dat-s")
+    loss = 0.0 if proof is None or interval is None else _loss(instance, proof)
     about = {
         "name": item.name,
         "about": item.sentence,
+        "set": item.set,
         "formulation": instance.formulation,
+        "hash": instance.hash,
+        "parameters": [p.name for p in instance.task.model.parameters],
+        "interior": None if instance.interior is None else instance.interior.tolist(),
+        # Of what `shootout judge` says: the error of an objective is relative to this,
+        # a violation to its constraint's size at the interior point, or least_size.
+        "relative_to": max(loss, instance.least_loss),
+        "least_size": instance.least_size,
     }
     sums = {}
     for name in names:
@@ -117,7 +123,8 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
     cones = Counter(cone.kind for cone in linear_problem.cones)
     return {
-        **{name: getattr(item, name) for name in ("name", "group", "folder")},
+        **{name: getattr(item, name) for name in ("name", "group", "folder", "set")},
+        "hash": instance.hash,
         "status": status,
         **_interval_cells(instance, status, interval),
         "parameters": len(instance.task.bound),
@@ -131,6 +138,11 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
             for x in ("cbf", "dat-s", "npz")
         },
     }
+
+
+def _loss(instance: Instance, proof: Proof) -> float:
+    """Return the loss at the theta that a proof of an optimum names."""
+    return instance.data.loss(np.array(proof["theta"], float))
 
 
 def _interval_cells(

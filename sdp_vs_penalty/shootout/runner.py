@@ -1,11 +1,11 @@
 """The shootout from names to runs.csv: proofs of the instances' intervals first, then
 every run.
 
-runs.csv has one row a run, written as runs end, read back to go on where a shootout
-stopped. A task is all accuracies of one solver on one problem, from loose to tight:
-what exceeds the time limit at one would exceed it at every tighter one. The worker
-builds the instance, forks for each run, which ends by itself, the clock, its memory or
-a signal, and judges the numbers that come back.
+runs.csv has one row a solver, problem and settings, written as runs end, read back to go
+on where a shootout stopped. A task is all accuracies of one solver on one problem, from
+loose to tight: what exceeds the time limit at one would exceed it at every tighter one.
+The worker builds the instance, forks for each repetition of a run, which ends by itself,
+the clock, its memory or a signal, and judges the numbers that come back.
 """
 
 import bisect
@@ -35,7 +35,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import folder_lock, read_text, unique_fields, write_text
 from sdp_vs_penalty.parallel import end_with, spread
-from sdp_vs_penalty.shootout.catalogue import Entry, catalogue, instance, selected
+from sdp_vs_penalty.shootout.catalogue import NO_MEASUREMENTS, Entry, instance, selected
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen, contestants
 from sdp_vs_penalty.shootout.instances import Instance
 from sdp_vs_penalty.shootout.judge import Answer, Judgement, Reference, judge, reference
@@ -44,17 +44,18 @@ Row = dict[str, Any]
 #: Every column, and what its cells are. Numbers have all their digits: what was proved
 #: is written.
 COLUMNS: dict[str, type] = (
-    dict.fromkeys(("problem", "group", "hash", "solver", "settings"), str)
-    | {"accuracy": float}
-    | dict.fromkeys(("claimed", "status", "class"), str)
-    | dict.fromkeys(
-        ("objective_error", "violation", "own_gap", "lower", "upper"), float
-    )
-    | {"seconds": float, "attempts": int}
-    | dict.fromkeys(("version", "machine", "remark"), str)
+    dict.fromkeys(("problem", "set", "robot", "hash", "solver", "version"), str)
+    | {"settings": str, "time_limit": float, "accuracy": float}
+    | dict.fromkeys(("claimed", "status", "outcome"), str)
+    | dict.fromkeys(("error", "objective_error", "violation", "own_gap"), float)
+    | {f"dimacs_{k}": float for k in range(1, 7)}
+    | dict.fromkeys(("lower", "upper", "scale"), float)
+    | dict.fromkeys(("seconds", "seconds_least", "seconds_most"), float)
+    | {"file_seconds": float, "repeats": int, "attempts": int}
+    | dict.fromkeys(("machine", "remark"), str)
 )
 #: What makes a run the same run.
-KEY = ["problem", "hash", "solver", "settings"]
+KEY = ["problem", "hash", "solver", "version", "settings", "time_limit"]
 
 
 class Results:
@@ -97,25 +98,10 @@ class Results:
             bisect.insort(self._runs, _WrittenRun.of(row))
         self._write()
 
-    def drop_outdated(self, current: dict[str, str]) -> int:
-        """Drop the runs of instances that have changed since, as their hash tells.
-
-        Parameters
-        ----------
-        current : dict of str to str
-            Hash of each instance by problem name. Runs of other problems are kept.
-
-        Returns
-        -------
-        int
-            Number of runs dropped.
-        """
+    def drop_outdated(self, is_current: Callable[[Row], bool]) -> int:
+        """Drop the runs that would be other runs now; return how many."""
         before = len(self._runs)
-        self._runs = [
-            run
-            for run in self._runs
-            if current.get(run.row["problem"], run.row["hash"]) == run.row["hash"]
-        ]
+        self._runs = [run for run in self._runs if is_current(run.row)]
         self._write()
         return before - len(self._runs)
 
@@ -129,7 +115,7 @@ class Results:
 class _WrittenRun:
     """A run, and its line of runs.csv; runs are in the order of the file.
 
-    order : group, problem, solver, and loose accuracies before tight ones.
+    order : set, problem, solver, and loose accuracies before tight ones.
     """
 
     order: tuple[str, str, str, float]
@@ -140,7 +126,7 @@ class _WrittenRun:
     def of(cls, row: Row) -> Self:
         """Return the run of a row that has the cells of all columns."""
         cells = {name: kind(row[name]) for name, kind in COLUMNS.items()}
-        order = (cells["group"], cells["problem"], cells["solver"], -cells["accuracy"])
+        order = (cells["set"], cells["problem"], cells["solver"], -cells["accuracy"])
         return cls(order, _line(cells.values()), cells)
 
 
@@ -178,7 +164,7 @@ class Assignment:
     """Runs of one solver on one problem, or (solver "") the proof of the problem's
     interval.
 
-    time_limit [s] and memory [GB] are for each run, or the proof."""
+    time_limit [s] and memory [GB] are for each repetition, or the proof."""
 
     problem: str
     hash: str
@@ -187,6 +173,7 @@ class Assignment:
     solver: str = ""
     accuracies: tuple[float, ...] = ()
     reference: Reference | None = None
+    repeats: int = 1
 
 
 def perform(task: Assignment) -> list[Row]:
@@ -232,7 +219,7 @@ def perform(task: Assignment) -> list[Row]:
     for accuracy in task.accuracies:
         row = run_one(task, contestant, problem_instance, accuracy, stopped)
         rows.append(row)
-        if row["class"] == "timeout" and not stopped:
+        if row["outcome"] == "timeout" and not stopped:
             stopped = row["settings"]
     return rows
 
@@ -274,10 +261,12 @@ def run_one(
     accuracy: float,
     stopped: str = "",
 ) -> Row:
-    """Run a contestant once in a child process, and judge its answer.
+    """Run a contestant in child processes, and judge its answers.
 
     The time that counts is processor time, with that of programs that the contestant
-    runs, because other runs share the machine.
+    runs and without its files, because other runs share the machine. There are as many
+    repetitions as the task says, or fewer once they took REPEAT_SECONDS together: the
+    row has the median, the least and the largest time, and the worst answer.
 
     Parameters
     ----------
@@ -298,7 +287,8 @@ def run_one(
     dict
         A row of runs.csv.
     """
-    assert task.reference is not None
+    proved = task.reference
+    assert proved is not None
 
     def timed() -> tuple[Answer, float]:
         """Solve, and return the answer with the processor time that it took [s]."""
@@ -306,37 +296,50 @@ def run_one(
         answer = contestant.solve(problem_instance, accuracy)
         return answer, _processor() - used
 
-    remark = ""
-    kind: str  # "ended", or how it failed
-    outcome: Any  # answer and seconds, or a message
-    if stopped:
-        remark = f"not run: {stopped} exceeded the time limit"
-        kind, outcome, seconds = "timeout", "", task.time_limit
-    else:
-        kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
-    if kind == "timeout":  # what the clock showed is no processor time
-        seconds = task.time_limit
-    if kind == "ended":
-        answer, seconds = outcome
-        if seconds > task.time_limit:  # a program's limit is whole seconds
-            kind = "timeout"
-            outcome = f"took {seconds:.2g} s of processor time"
-    if kind == "ended":
-        verdict = judge(problem_instance, task.reference, answer, accuracy)
-    else:
-        answer = Answer(np.empty(0), "", outcome, attempts=0)
-        verdict = Judgement(kind, remark=remark)
-    row = {
-        "settings": contestant.settings(accuracy),
-        "accuracy": accuracy,
-        "class": verdict.kind,
-    }
-    row |= {
+    row: Row = {"settings": contestant.settings(accuracy), "accuracy": accuracy}
+    times = list[float]()
+    worst: tuple[Judgement, Answer] | None = None
+    while len(times) < task.repeats and sum(times) < REPEAT_SECONDS:
+        outcome: Any = f"not run: {stopped} exceeded the time limit"
+        kind = "timeout"
+        if not stopped:
+            kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
+        if kind == "ended":
+            answer, used = outcome
+            seconds = used - answer.file_seconds
+            if seconds > task.time_limit:  # a program's limit is whole seconds
+                kind, outcome = "timeout", f"took {seconds:.2g} s of processor time"
+        if kind == "ended":
+            verdict = judge(problem_instance, proved, answer)
+        else:
+            answer = Answer(np.empty(0), "", outcome, attempts=0)
+            verdict = Judgement(kind)
+        # What the clock showed is no processor time.
+        times.append(task.time_limit if kind == "timeout" else seconds)
+        if worst is None or not verdict.error <= worst[0].error:
+            worst = verdict, answer
+        if verdict.outcome != "claim":
+            break  # what failed, or says that it did, fails again
+    assert worst is not None
+    return row | figures(*worst, times)
+
+
+def figures(verdict: Judgement, answer: Answer, times: Sequence[float]) -> Row:
+    """Return the cells of runs.csv about an answer and its repetitions' times [s]."""
+    cells = asdict(verdict)
+    dimacs = enumerate(cells.pop("dimacs"), start=1)
+    return {
+        **cells,
+        **{f"dimacs_{k}": error for k, error in dimacs},
         "claimed": answer.claims,
         "status": " ".join(answer.status.split()),
-        "seconds": seconds,
+        "seconds": float(np.median(times)),
+        "seconds_least": min(times),
+        "seconds_most": max(times),
+        "file_seconds": answer.file_seconds,
+        "repeats": len(times),
+        "attempts": answer.attempts,
     }
-    return {**asdict(verdict), **row, "attempts": answer.attempts}
 
 
 def _processor() -> float:
@@ -347,6 +350,8 @@ def _processor() -> float:
     return time.process_time() + programs.ru_utime + programs.ru_stime
 
 
+#: A run is not repeated once its repetitions took so long together [s].
+REPEAT_SECONDS = 1.0
 #: Of a quick shootout: the accuracies asked for, and processor time of each run [s].
 #: Solvers that get its small problems right need less than .4 s there, or seconds.
 QUICK_ACCURACIES = (1e-6,)
@@ -359,9 +364,9 @@ CLOCK_AT_LEAST = 3.0
 
 @dataclass(frozen=True)
 class Shootout:
-    """What to run and how. solvers, problems : names, None: all; time_limit [s] and
-    memory [GB] are for each run, proof_limit [s] for each proof of an interval, which
-    no run's limit is to end.
+    """What to run and how. solvers : names, problems : tags or names, None: the declared
+    ones; time_limit [s] and memory [GB] are for each repetition of a run, proof_limit [s]
+    for each proof of an interval, which no run's limit is to end.
 
     Raises InputError for settings that make no sense, and on Windows.
     """
@@ -370,11 +375,12 @@ class Shootout:
     solvers: list[str] | None = None
     problems: list[str] | None = None
     accuracies: tuple[float, ...] = (1e-4, 1e-6, 1e-8)
-    time_limit: float = 60.0
+    time_limit: float = 5.0
     memory: float = 4.0
     quick: bool = False
     scheduler: str | None = None
     jobs: int = 0
+    repeats: int = 5
     proof_limit: float = 900.0
 
     def __post_init__(self) -> None:
@@ -386,6 +392,8 @@ class Shootout:
             raise InputError(what, "separate them by commas: 1e-4,1e-8")
         if not self.time_limit > 0.0 or not self.memory > 0.0:
             raise InputError("--time-limit or --memory is not above 0", "correct it")
+        if self.repeats < 1:
+            raise InputError("--repeats is below 1", "correct it")
         if not hasattr(os, "fork"):
             raise InputError(
                 "The shootout forks a process for each run", "use Linux or macOS"
@@ -423,38 +431,36 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
         For an unknown name, or if another shootout writes into the folder.
     """
     competing, missing = chosen(setup.solvers)
-    if setup.quick and setup.solvers is None:
-        competing = [c for c in competing if not c.is_certified]
-    entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
+    entries, unmeasured = selected(setup.problems, setup.quick)
     absent = {c.name: str(c.absent) for c in missing}
-    absent |= {
-        e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured
-    }
+    absent |= {e.name: NO_MEASUREMENTS for e in unmeasured}
     workers = setup.jobs or os.cpu_count() or 1
     work = partial(spread, perform, scheduler=setup.scheduler, jobs=workers)
     with folder_lock(setup.out):
         results = Results(setup.out)
         notes = []
-        references = _references(setup, entries, say, work)
-        hashes = {name: proved["hash"] for name, proved in references.items()}
-        if n_dropped := results.drop_outdated(hashes):
-            notes.append(
-                f"{n_dropped} runs of instances that have changed since were dropped"
-            )
-        tasks, not_applicable = _pending(setup, entries, competing, references, results)
-        facts = _Facts(
-            group_by_problem={e.name: e.group for e in entries},
+        references = proved_intervals(setup, entries, say, work)
+        facts = Facts(
+            entry_by_name={e.name: e for e in entries},
             version_by_solver={c.name: c.version() for c in competing},
         )
+        if n_dropped := results.drop_outdated(
+            partial(_is_current, setup, competing, references, facts)
+        ):
+            notes.append(
+                f"{n_dropped} runs were dropped: the instance, the solver's version, its"
+                " settings or the time limit are other ones now"
+            )
+        tasks, not_applicable = _pending(setup, entries, competing, references, results)
         _perform_all(tasks, work, results, facts, say)
     return Outcome(results, absent, not_applicable, notes)
 
 
 @dataclass(frozen=True)
-class _Facts:
+class Facts:
     """What rows of runs.csv say beside what a worker returns."""
 
-    group_by_problem: Mapping[str, str]
+    entry_by_name: Mapping[str, Entry]
     version_by_solver: Mapping[str, str]
 
     def of(self, task: Assignment) -> Row:
@@ -464,21 +470,49 @@ class _Facts:
             "problem": task.problem,
             "hash": task.hash,
             "solver": task.solver,
-            "group": self.group_by_problem[task.problem],
+            "set": self.entry_by_name[task.problem].set,
+            "robot": self.entry_by_name[task.problem].robot,
+            "time_limit": task.time_limit,
             "version": self.version_by_solver[task.solver],
             "lower": task.reference.lower,
             "upper": task.reference.upper,
+            "scale": task.reference.scale,
             "machine": (
                 f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
             ),
         }
 
 
+def _is_current(
+    setup: Shootout,
+    competing: Sequence[Contestant],
+    references: Mapping[str, Any],
+    facts: Facts,
+    row: Row,
+) -> bool:
+    """Return whether a row of runs.csv is what this shootout would write.
+
+    Of problems and solvers that do not take part, that is not asked.
+    """
+    proved = references.get(row["problem"])
+    if proved is not None and proved["hash"] != row["hash"]:
+        return False
+    for contestant in competing:
+        if contestant.name == row["solver"]:
+            now = (
+                facts.version_by_solver[contestant.name],
+                contestant.settings(row["accuracy"]),
+                setup.time_limit,
+            )
+            return now == (row["version"], row["settings"], row["time_limit"])
+    return True
+
+
 def _perform_all(
     tasks: Sequence[Assignment],
     work: Callable[..., Any],
     results: Results,
-    facts: _Facts,
+    facts: Facts,
     say: Progress,
 ) -> None:
     """Do the assignments, and write each one's runs as soon as they are there.
@@ -492,7 +526,7 @@ def _perform_all(
         done.
     results : Results
         Where rows are written.
-    facts : _Facts
+    facts : Facts
         The cells that a worker does not return.
     say : callable
         Called with the number of runs done and an estimate of the time left.
@@ -511,7 +545,7 @@ def _perform_all(
         say(f"{n_done} of {total}: {task.solver} on {task.problem}{about_left}")
 
 
-def _references(
+def proved_intervals(
     setup: Shootout, entries: Sequence[Entry], say: Progress, work: Callable[..., Any]
 ) -> dict[str, dict[str, Any]]:
     """Return hash and proved interval of each instance, and prove those that are
@@ -625,7 +659,9 @@ def _pending(
     list of (str, str, str)
         Problem, solver, and the reason why the problem cannot be posed to the solver.
     """
-    done = set(results.runs[KEY].itertuples(index=False, name=None))
+    # Whatever the folder still holds of these is current.
+    same = ["problem", "solver", "settings"]
+    done = set(results.runs[same].itertuples(index=False, name=None))
     tasks = list[Assignment]()
     left_out = list[tuple[str, str, str]]()
     for entry, contestant in product(entries, competing):
@@ -633,11 +669,11 @@ def _pending(
             left_out.append((entry.name, contestant.name, reason))
             continue
         row = references[entry.name]
-        key_without_settings = (entry.name, row["hash"], contestant.name)
+        key = (entry.name, contestant.name)
         new = [
             accuracy
             for accuracy in contestant.asked(setup.accuracies)
-            if (*key_without_settings, contestant.settings(accuracy)) not in done
+            if (*key, contestant.settings(accuracy)) not in done
         ]
         if new:
             tasks.append(
@@ -649,6 +685,7 @@ def _pending(
                     solver=contestant.name,
                     accuracies=tuple(new),
                     reference=Reference(**row["reference"]),
+                    repeats=setup.repeats,
                 )
             )
     return tasks, left_out

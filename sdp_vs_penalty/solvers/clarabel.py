@@ -14,9 +14,19 @@ class Clarabel(Solver):
 
     name = "clarabel"
     requires = "package", "clarabel"
-    default_options = dict.fromkeys(
-        ("tol_gap_abs", "tol_gap_rel", "tol_feas"), ACCURACY
-    )
+    default_options = {
+        **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), ACCURACY),
+        "max_threads": 1,
+    }
+    tuned_options = {
+        # Supernodal: as fast as the default on an arm, twice as fast on sixty links.
+        "direct_solve_method": "faer",
+        # A pivot whose sign rounding has turned would be replaced by 2e-7, far above
+        # the accuracy that links of unequal size need: over 540 random arms that made
+        # one certified gap in twenty loose.
+        "dynamic_regularization_enable": False,
+        "static_regularization_constant": 1e-10,
+    }
     status_meaning = {
         **{"Solved": "optimal", "AlmostSolved": "inaccurate"},
         **dict.fromkeys(("PrimalInfeasible", "AlmostPrimalInfeasible"), "infeasible"),
@@ -38,14 +48,6 @@ class Clarabel(Solver):
             return Solution.none(problem, "data beyond 1e20")
         settings = clarabel.DefaultSettings()
         settings.verbose = False
-        settings.max_threads = 1
-        # Supernodal: as fast as the default on an arm, twice as fast on sixty links.
-        settings.direct_solve_method = "faer"
-        # A pivot whose sign rounding has turned would be replaced by 2e-7, far above
-        # the accuracy that links of unequal size need: over 540 random arms that made
-        # one certified gap in twenty loose.
-        settings.dynamic_regularization_enable = False
-        settings.static_regularization_constant = 1e-10
         for key, value in options.items():
             setattr(settings, key, value)
         make_cone_of_kind = {

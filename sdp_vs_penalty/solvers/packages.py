@@ -20,7 +20,7 @@ from sdp_vs_penalty.solvers.solver import (
 
 
 class Cvxopt(Solver):
-    """CVXOPT's conelp (Andersen, Dahl, Vandenberghe) with its LDL factorisation."""
+    """CVXOPT's conelp (Andersen, Dahl, Vandenberghe)."""
 
     name = "cvxopt"
     extra = "solvers"
@@ -29,10 +29,8 @@ class Cvxopt(Solver):
     order = KINDS
     full_matrices = True
     finest = 1e-7
-    default_options = {
-        **dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY),
-        "maxiters": 200,
-    }
+    default_options = dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY)
+    tuned_options = {"kktsolver": "ldl"}
     status_meaning = {
         "optimal": "optimal",
         "primal infeasible": "infeasible",
@@ -58,6 +56,7 @@ class Cvxopt(Solver):
         b = cvxopt.matrix(problem.b)
         cones = {k: dims[k] for k in "lqs"}
         options = {**settings, "show_progress": False}
+        factorisation = options.pop("kktsolver", None)
         try:
             result = solvers.conelp(
                 cvxopt.matrix(problem.q),
@@ -66,7 +65,7 @@ class Cvxopt(Solver):
                 cones,
                 A[:n_equal, :],
                 b[:n_equal],
-                kktsolver="ldl",
+                kktsolver=factorisation,
                 options=options,
             )
         except (ValueError, ArithmeticError) as error:
@@ -90,7 +89,7 @@ class Qics(Solver):
     full_matrices = True
     # Iterative refinement and third-order adjustments are on by default, as its manual
     # recommends.
-    default_options = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
+    default_options = {"tol_gap": ACCURACY, "tol_feas": ACCURACY}
     status_meaning = (
         {"optimal": "optimal", "near_optimal": "inaccurate"}
         | dict.fromkeys(("pinfeas", "near_pinfeas"), "infeasible")
@@ -182,9 +181,7 @@ class Scs(Solver):
     requires = "package", "scs"
     order = KINDS
     finest = 1e-7
-    # The rest are its defaults, which its documentation recommends (adaptive scale,
-    # normalisation, Anderson acceleration over 10 steps).
-    default_options = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
+    default_options = {"eps_abs": ACCURACY, "eps_rel": ACCURACY}
     status_meaning = {
         "solved": "optimal",
         "infeasible": "infeasible",
@@ -241,11 +238,8 @@ class Sdpa(Solver):
     cones = frozenset({"nonnegative", "psd"})
     order = KINDS
     full_matrices = True
-    default_options = {
-        "epsilonStar": ACCURACY,
-        "epsilonDash": ACCURACY,
-        "maxIteration": 200,
-    }
+    finest = 1e-7
+    default_options = {"epsilonStar": ACCURACY, "epsilonDash": ACCURACY}
     status_meaning = SDPA_CLAIMS
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:

@@ -190,10 +190,7 @@ class Csdp(Program):
     requires = "program", "csdp"
     system_package = "coinor-csdp"
     finest = 1e-8
-    default_options = {
-        **dict.fromkeys(("axtol", "atytol", "objtol"), ACCURACY),
-        "maxiter": 200,
-    }
+    default_options = dict.fromkeys(("axtol", "atytol", "objtol"), ACCURACY)
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
         """Return CSDP's command line; its options are in the file param.csdp."""
@@ -226,7 +223,7 @@ class Dsdp(Program):
     requires = "program", "dsdp5"
     system_package = "dsdp"
     finest = 1e-6
-    default_options = {"gaptol": ACCURACY, "maxit": 1000}
+    default_options = {"gaptol": ACCURACY}
     # Our problem is DSDP's dual.
     status_meaning = {
         "DSDP Converged": "optimal",
@@ -261,10 +258,7 @@ class SdpaProgram(Program):
     name = "sdpa-program"
     requires = "program", "sdpa"
     finest = 1e-7
-    default_options = {
-        **{"maxIteration": 200, "epsilonStar": ACCURACY, "epsilonDash": ACCURACY},
-        **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
-    }
+    default_options = {"epsilonStar": ACCURACY, "epsilonDash": ACCURACY}
     status_meaning = SDPA_CLAIMS
 
     def command(self, options: Mapping[str, Any]) -> list[str]:

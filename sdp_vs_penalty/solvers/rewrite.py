@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle, unsvec
 
 #: Kinds of cones in the order of SCS and CVXOPT.
@@ -147,12 +147,14 @@ def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
         shape = (len(nonzero), P.shape[0])
         entries = (np.sqrt(diagonal[nonzero]), (row_numbers, nonzero))
         return scipy.sparse.csr_matrix(entries, shape)
-    # Any other P = V diag(values) V^T: G = diag(sqrt(values)) V^T.
-    dense = P.toarray()
+    # Any other P = D V diag(values) V^T D: G = diag(sqrt(values)) V^T D. D gives P a
+    # diagonal of ones, so that no unit of a variable makes its part insignificant.
+    size = np.sqrt(nonzero_or_one(diagonal))
+    dense = P.toarray() / np.outer(size, size)
     values, vectors = np.linalg.eigh(dense + np.triu(dense, 1).T)
     significant = values > 1e-15 * values[-1]
     roots = np.sqrt(values[significant])
-    return scipy.sparse.csr_matrix(roots[:, None] * vectors[:, significant].T)
+    return scipy.sparse.csr_matrix(roots[:, None] * vectors[:, significant].T * size)
 
 
 def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
@@ -240,8 +242,9 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     candidates = np.flatnonzero(np.diff(E.indptr) == 1)
     row_of = E.indices[E.indptr[candidates]]
     value = E.data[E.indptr[candidates]]
-    # For each row the one with the largest coefficient; residual variables have -1.
-    order = np.lexsort((-np.abs(value), row_of))
+    # For each row the last one, a residual variable (with -1): parameters stay, in a
+    # file too, whose reader knows where they are.
+    order = np.lexsort((-candidates, row_of))
     rows, first = np.unique(row_of[order], return_index=True)
     if len(rows) != E.shape[0]:
         raise NotApplicableError("an equality holds no variable of its own")

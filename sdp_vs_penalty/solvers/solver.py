@@ -66,8 +66,9 @@ class Solver(ABC):
 
     cones : what it takes; what it lacks is rewritten. order : of the kinds of cones,
     where it wants one; full_matrices : whether a psd cone's rows are all entries of the
-    matrix instead of svec's. default_options : options by the names of its
-    documentation; status_meaning : what its status claims (of a Solution; else
+    matrix instead of svec's. default_options : what is passed for an accuracy, by the
+    names of its documentation: all else is as its authors ship it; tuned_options : what
+    we change of that for identification; status_meaning : what its status claims (of a Solution; else
     "failed"); finest : the finest accuracy that a loop around it may ask for.
     """
 
@@ -80,6 +81,7 @@ class Solver(ABC):
     order: ClassVar[tuple[str, ...]] = ()
     full_matrices: ClassVar[bool] = False
     default_options: ClassVar[Mapping[str, Any]]
+    tuned_options: ClassVar[Mapping[str, Any]] = {}
     status_meaning: ClassVar[Mapping[str, str]] = {}
     finest: ClassVar[float] = 1e-10
 
@@ -100,13 +102,15 @@ class Solver(ABC):
             Variables, multipliers, and the meaning of the solver's status.
         """
 
-    def options(self, accuracy: float) -> dict[str, Any]:
+    def options(self, accuracy: float, tuned: bool = True) -> dict[str, Any]:
         """Return the solver's options for an accuracy.
 
         Parameters
         ----------
         accuracy : float
             Relative accuracy of gap and feasibility.
+        tuned : bool
+            Whether :attr:`tuned_options` are among them.
 
         Returns
         -------
@@ -116,9 +120,11 @@ class Solver(ABC):
         return {
             name: accuracy if value is ACCURACY else value
             for name, value in self.default_options.items()
-        }
+        } | (dict(self.tuned_options) if tuned else {})
 
-    def solve(self, problem: ConicProblem, accuracy: float) -> Solution:
+    def solve(
+        self, problem: ConicProblem, accuracy: float, tuned: bool = True
+    ) -> Solution:
         """Rewrite a problem for the solver, solve it, and bring the solution back.
 
         Parameters
@@ -127,6 +133,8 @@ class Solver(ABC):
             Problem to solve.
         accuracy : float
             Relative accuracy of gap and feasibility.
+        tuned : bool
+            Whether with :attr:`tuned_options`, or as its authors ship it.
 
         Returns
         -------
@@ -140,7 +148,7 @@ class Solver(ABC):
         """
         form = suited(problem, self.cones, self.order)
         form = form.then(full_matrices) if self.full_matrices else form
-        answer = self.run(form.problem, self.options(accuracy))
+        answer = self.run(form.problem, self.options(accuracy, tuned))
         x, z = form.back(answer.x, answer.z)
         return replace(answer, x=x, z=z)
 

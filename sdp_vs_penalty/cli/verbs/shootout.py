@@ -7,14 +7,17 @@ from typing import Any
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.parsing import numbers
+from sdp_vs_penalty.errors import InputError
 
 
 def verb(
+    words: list[str] | None = None,
     solvers: str | None = None,
     problems: str | None = None,
     accuracy: str | None = None,
     time_limit: float | None = None,
     memory: float = 4.0,
+    repeats: int | None = None,
     quick: bool = False,
     out: Path = Path("results/shootout"),
     scheduler: str | None = None,
@@ -24,21 +27,26 @@ def verb(
 ) -> None:
     """Run SDP solvers on identification problems and judge each answer by a proved interval.
 
-    With --export, write the instances as files that any solver reads, each with a proof.
+    With --export, write the instances as files that any solver reads, each with a proof;
+    `shootout judge ANSWERS.json` judges answers to these that were made elsewhere.
     Example: sdp-vs-penalty shootout --quick --out shootout
 
-    --solvers a,b,...: Solvers; default: all that are installed.
-    --problems a,b,...: Groups or names of instances, see --list; default: all.
+    words judge ANSWERS.json ...: Answers made elsewhere: a list of {"problem", "solver", "claimed",
+        "x" (variables of problem.cbf) or "theta" [SI], "seconds"}; they enter --out.
+    --solvers a,b,...: Solvers; default: all that are installed, by themselves.
+    --problems a,b,...: Names or tags of instances, see --list; tags joined by + must all hold, such as
+        tx40+measured; default: the declared sets.
     --accuracy 1e-4,1e-8: Accuracies to ask for; default: 1e-4,1e-6,1e-8.
-    --time-limit SECONDS: Processor time of each run; default: 60, quick 0.5.
+    --time-limit SECONDS: Processor time of each run; default: 5, quick 0.5.
     --memory GB: Memory of each run.
-    --quick: A few instances, one accuracy, every solver by itself.
+    --repeats >=1: Repetitions of each run, fewer once they took a second; default: 5, quick 1.
+    --quick: A few instances, one accuracy.
     --out: Folder; runs that it holds are not repeated.
     --jobs >=0: Parallel runs on this computer; 0: one per core.
     --export DIR: Folder for the instances as files with proofs; nothing runs.
     --list: List of instances and solvers.
     """
-    from sdp_vs_penalty.shootout import runner, summary
+    from sdp_vs_penalty.shootout import answers, runner
 
     if list_:
         _list()
@@ -46,24 +54,31 @@ def verb(
     if export is not None:
         _export(export, _words(problems))
         return
-    accuracies = runner.Shootout.accuracies
+    if words:
+        if words[0] != "judge" or len(words) < 2:
+            what = f"`shootout {' '.join(words)}` is no command"
+            raise InputError(what, "write `shootout judge ANSWERS.json`, or options")
+        with console.progress("judging answers") as say:
+            results = answers.judge_answers([Path(x) for x in words[1:]], out, say)
+        _write(out, results, {}, [])
+        return
+    default = runner.Shootout
+    accuracies = runner.QUICK_ACCURACIES if quick else default.accuracies
     if accuracy:
         accuracies = tuple(numbers("--accuracy", accuracy))
-    elif quick:
-        accuracies = runner.QUICK_ACCURACIES
-    limit = time_limit
-    if limit is None:
-        limit = runner.QUICK_TIME_LIMIT if quick else runner.Shootout.time_limit
+    if time_limit is None:
+        time_limit = runner.QUICK_TIME_LIMIT if quick else default.time_limit
     setup = runner.Shootout(
         out,
         _words(solvers),
         _words(problems),
         accuracies,
-        limit,
+        time_limit,
         memory,
         quick,
         scheduler,
         jobs,
+        repeats or (1 if quick else default.repeats),
     )
     absent = dict[str, str]()
     left_out = list[tuple[str, str, str]]()
@@ -78,21 +93,37 @@ def verb(
         except KeyboardInterrupt:
             is_stopped = True
     results = runner.Results(out)
-    runs = results.runs
-    if is_stopped and not len(runs):
+    n_runs = len(results.runs)
+    if is_stopped and not n_runs:
         raise KeyboardInterrupt
-    written = summary.write_summary(out, runs, limit, absent, left_out)
+    for name, reason in absent.items():
+        console.warn(f"left out: {name}: {reason}")
+    _write(out, results, absent, left_out)
     if is_stopped:
         console.warn(
-            f"stopped after {len(runs)} runs, which the summary is of; the same command"
+            f"stopped after {n_runs} runs, which the summary is of; the same command"
             " goes on"
         )
-    for sentence in summary.sentences(runs):
+        raise SystemExit(130)
+
+
+def _write(
+    out: Path,
+    results: Any,
+    absent: dict[str, str],
+    left_out: list[tuple[str, str, str]],
+) -> None:
+    """Write the summary of a folder's runs, and print its sentences."""
+    from sdp_vs_penalty.shootout import summary
+
+    if not len(results.runs):
+        console.warn("no run: every problem is left out for every solver")
+        return
+    written = summary.write_summary(out, results.runs, absent, left_out)
+    for sentence in summary.sentences(results.runs):
         console.say(sentence)
     for path in (results.path, *written):
         console.written(path)
-    if is_stopped:
-        raise SystemExit(130)
 
 
 @contextmanager
@@ -112,29 +143,32 @@ def _terminated_as_interrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _export(folder: Path, groups: list[str] | None) -> None:
-    """Write the library of instances as files, of these groups only, if any are
-    named.
-    """
+def _export(folder: Path, words: list[str] | None) -> None:
+    """Write instances as files: those that have these tags or names, by default all."""
     from sdp_vs_penalty.shootout import catalogue, library
 
-    entries, _ = catalogue.selected(groups, catalogue.library())
+    entries, absent = catalogue.selected(words or ["simulated", "measured"])
     with console.progress("writing instances") as say:
         rows = library.write_library(folder, entries, say)
     proved = sum(row["status"] != "not proved" for row in rows)
     console.say(f"{len(rows)} instances, {proved} with a proof")
+    for entry in absent:
+        console.warn(f"left out: {entry.name}: {catalogue.NO_MEASUREMENTS}")
     console.next_step(["verify", folder])
     console.written(folder / "index.csv")
 
 
 def _list() -> None:
-    """Print the shootout's instances, and its solvers."""
+    """Print all instances with their tags, and the solvers."""
     from sdp_vs_penalty.results.table import Table
-    from sdp_vs_penalty.shootout.catalogue import catalogue
+    from sdp_vs_penalty.shootout.catalogue import everything
     from sdp_vs_penalty.shootout.contestants import contestants
 
-    rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
-    console.table(Table(("instance", "group", ""), rows, words=(0, 1, 2)))
+    rows = [
+        (e.name, e.set, ", ".join(sorted(e.tags - {e.name, e.set, e.robot})))
+        for e in everything()
+    ]
+    console.table(Table(("instance", "set", "more tags"), rows, words=(0, 1, 2)))
     people = [
         (c.name, c.absent or "here", c.description) for c in contestants().values()
     ]

@@ -1,0 +1,66 @@
+"""How sure a table is: intervals of shares, paired tests, and who is about as good.
+
+A share right of n has Wilson's 95 % interval (J. Am. Stat. Assoc. 1927). Two contestants
+are compared on the problems that both ran, by the exact sign test of the problems on which
+they differ (of right answers that is McNemar's). What a test at 5 % does not tell apart is
+about as good. Problems of one robot are alike: the intervals are of the set that ran.
+"""
+
+import math
+
+import numpy as np
+import pandas
+
+#: Of intervals: the 97.5 % point of the normal distribution; and of tests.
+_NORMAL_97 = 1.959964
+LEVEL = 0.05
+
+
+def wilson(right: int, n: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share of which ``right`` of n were seen."""
+    if n == 0:
+        return 0.0, 1.0
+    z2 = _NORMAL_97**2
+    centre = (right + 0.5 * z2) / (n + z2)
+    half = _NORMAL_97 * math.sqrt(right * (n - right) / n + 0.25 * z2) / (n + z2)
+    return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
+def sign_test(first: int, second: int) -> float:
+    """Return the two-sided p of so many problems in favour of each of two."""
+    n = first + second
+    tail = sum(math.comb(n, k) for k in range(min(first, second) + 1))
+    return min(1.0, 2.0 * tail / 2.0**n)
+
+
+def beside(cells: pandas.DataFrame, one: str, other: str) -> dict[str, float]:
+    """Compare two contestants on the problems that both ran.
+
+    Parameters
+    ----------
+    cells : DataFrame
+        A row for each problem and solver: "problem", "solver", "right", "seconds".
+    one, other : str
+        Names of the solvers.
+
+    Returns
+    -------
+    dict of str to float
+        "one" and "other", on how many problems only that one is right, and "p" of these;
+        "ratio", the geometric mean of the time of ``other`` over that of ``one`` where both
+        are right (NaN without such problems), and "p_time" of who is faster.
+    """
+    table = cells.pivot(index="problem", columns="solver", values=["right", "seconds"])
+    both = table["right"][[one, other]].dropna()
+    right = both.astype(bool)
+    n_one = int((right[one] & ~right[other]).sum())
+    n_other = int((right[other] & ~right[one]).sum())
+    seconds = table["seconds"].loc[right.index[right.all(axis=1)]].astype(float)
+    logs = np.log(seconds[other] / seconds[one]).dropna()
+    return {
+        "one": n_one,
+        "other": n_other,
+        "p": sign_test(n_one, n_other),
+        "ratio": float(np.exp(logs.mean())) if len(logs) else float("nan"),
+        "p_time": sign_test(int((logs > 0.0).sum()), int((logs < 0.0).sum())),
+    }
