@@ -57,7 +57,7 @@ def nothing(folder: Path) -> Results:
 def shootout_classes(folder: Path) -> Results:
     """What a shootout has found; its files hold times, too."""
     return {
-        (row["problem"], row["solver"], row["settings"]): row["class"]
+        (row["problem"], row["solver"], row["settings"]): row["outcome"]
         for row in shootout_rows(folder).values()
     }
 

@@ -68,8 +68,8 @@ class HalfHearted(Clarabel):
     name = "half-hearted"
     finest = 1e-9
 
-    def options(self, accuracy, variant=""):
-        return super().options(10.0 * accuracy)
+    def options(self, accuracy, tuned=True):
+        return super().options(10.0 * accuracy, tuned)
 
     def warm_up(self):
         WARM.append(True)

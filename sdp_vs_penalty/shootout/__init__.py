@@ -8,5 +8,5 @@ __getattr__ = lazy_exports(
     augmented_lagrangian="Chart",
     catalogue="everything instance",
     instances="chain_task in_units Instance shape_cones",
-    judge="Answer classified Reference reference relative_violation",
+    judge="Answer Reference reference relative_violation",
 )

@@ -8,12 +8,13 @@ import shlex
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import chdir, redirect_stdout
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from arms import THREE, write_urdf
 from commands import run_cli
 from corruptions.arms import FIVE, Arm
@@ -36,7 +37,7 @@ from sdp_vs_penalty.paper.tables import Study, build_tables
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.shootout import instance, reference
 from sdp_vs_penalty.shootout.contestants import contestants
-from sdp_vs_penalty.shootout.judge import judge
+from sdp_vs_penalty.shootout.judge import classes, judge
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -346,8 +347,9 @@ def shootout(inputs: Inputs) -> Quantities:
     everybody = contestants()
     for name in inputs["contestants"]:
         answer = everybody[name].solve(posed, inputs["tolerance"])
-        verdict = judge(posed, proved, answer, inputs["tolerance"])
-        quantities[f"{name}: judged"] = (verdict.kind, "")
+        verdict = judge(posed, proved, answer)
+        kinds = classes(pd.DataFrame([asdict(verdict)]), inputs["tolerance"])
+        quantities[f"{name}: judged"] = (kinds[0], "")
         quantities[f"{name}: violation"] = (verdict.violation, "1")
         quantities[f"{name}: error of the objective"] = (verdict.objective_error, "1")
     return quantities

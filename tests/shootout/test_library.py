@@ -3,14 +3,21 @@ accepted."""
 
 import csv
 import hashlib
+import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import run_cli
+from recorded import refusal
 from sdp_readers import read_cbf
 
-from sdp_vs_penalty.solvers import reorder, verify_proof
+from sdp_vs_penalty.shootout import catalogue, instance
+from sdp_vs_penalty.shootout.answers import judge_answers
+from sdp_vs_penalty.shootout.judge import classes
+from sdp_vs_penalty.solvers import reorder, solver, verify_proof
 
 #: One of each kind: formulations, cones, units, an optimum of zero, none at all.
 NAMES = (
@@ -18,7 +25,7 @@ NAMES = (
     "two_link simulated two-step regulariser",
     "two_link simulated one-step cones",
     "chain of 2 links gyration 1",
-    "two_link gram t km",
+    "two_link gram lb in",
     "two_link noise-free",
     "two_link unidentifiable links",
     "two_link nearly infeasible 1e-6",
@@ -73,3 +80,111 @@ def test_arrays_are_the_problem_of_the_text(written):
             np.testing.assert_allclose(
                 np.sort(made["A_value"]), np.sort(sent.A.data), rtol=1e-15
             )
+
+
+def test_what_judges_an_answer_stands_beside_the_file(written):
+    """Hash, centre, scales, an interior point, and what errors are relative to."""
+    folder, rows = written
+    for name, row in rows.items():
+        text = (folder / row["folder"] / "problem.cbf.json").read_text()
+        about = json.loads(text)
+        made = instance(name)
+        assert about["hash"] == row["hash"] == made.hash
+        np.testing.assert_array_equal(about["centre"], made.sdp.centre)
+        np.testing.assert_array_equal(about["theta_scale"], made.sdp.theta_scale)
+        if row["status"] == "proved infeasible":
+            assert about["interior"] is None
+            continue
+        inside = np.array(about["interior"])
+        assert min(c.margin(inside) for c in made.constraints.convex) > 0.0
+        loss = max(about["upper"], made.least_loss)
+        assert about["relative_to"] == pytest.approx(loss, rel=1e-6) or row[
+            "name"
+        ].endswith("regulariser")
+
+
+def answers(path: Path, *items: dict[str, object]) -> Path:
+    path.write_text(json.dumps({"answers": list(items)}))
+    return path
+
+
+def test_answers_made_elsewhere_are_judged_from_the_files_of_the_library(
+    written, tmp_path
+):
+    """By Clarabel from the text of the CBF file, by csdp from that of the SDPA file."""
+    folder, rows = written
+    name = "chain of 2 links gyration 1"
+    place = folder / rows[name]["folder"]
+    x = solver("clarabel").solve(read_cbf(place / "problem.cbf"), 1e-9).x
+    item = {"problem": name, "claimed": "optimal", "hash": rows[name]["hash"]}
+    items = [
+        item | {"solver": "outsider", "x": x.tolist(), "seconds": 0.5},
+        item | {"solver": "wrong", "x": (1.01 * x).tolist()},
+        item | {"solver": "modest", "claimed": "failed"},
+    ]
+    if shutil.which("csdp"):
+        there = str(place / "problem.dat-s")
+        subprocess.run(["csdp", there, "answer"], cwd=tmp_path, capture_output=True)
+        first = (tmp_path / "answer").read_text().splitlines()[0]
+        numbers = [float(word) for word in first.split()]
+        items.append(item | {"solver": "by file", "x": numbers})
+    file = answers(tmp_path / "answers.json", *items)
+    out = tmp_path / "out"
+    assert run_cli("shootout", "judge", file, "--out", out) == 0
+    runs = judge_answers([file], out, lambda text: None).runs  # replaces the first
+    said = dict(zip(runs["solver"], classes(runs, 1e-6), strict=True))
+    expected = {"outsider": "right", "wrong": "silently_wrong", "modest": "failed"}
+    if shutil.which("csdp"):
+        expected["by file"] = "right"
+    assert said == expected
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"hash": "0" * 16}, "in the answers"),
+        ({"solver": "clarabel"}, "is a contestant"),
+        ({"claimed": "solved"}, "claim"),
+        ({"problem": "none such"}, "no instance has"),
+        ({"seconds": "long"}, "seconds is no number"),
+        ({"x": [1.0, 2.0]}, "numbers"),
+        ({"x": {"a": 1}}, "numbers"),
+        ({"problem": 3}, "problem is no text"),
+    ],
+    ids=lambda x: "-".join(x) if isinstance(x, dict) else "",
+)
+def test_answers_to_something_else_are_refused(written, tmp_path, change, said):
+    """Nothing is judged, and nothing is written."""
+    item = {
+        "problem": "two_link simulated one-step gyration",
+        "solver": "outsider",
+        "claimed": "optimal",
+        "theta": [0.0] * 20,
+    }
+    if "x" in change:
+        item.pop("theta")
+    file = answers(tmp_path / "answers.json", item | change)
+    refusal(lambda: judge_answers([file], tmp_path / "o", lambda text: None), said)
+    assert not (tmp_path / "o" / "runs.csv").exists()
+
+
+def test_an_export_says_what_it_leaves_out(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(catalogue, "real_data_folder", lambda: None)
+    monkeypatch.setattr(
+        "sdp_vs_penalty.shootout.library.write_instance",
+        lambda folder, item, made: {"name": item.name, "status": "not proved"},
+    )
+    measured = "emps measured one-step plain"
+    words = ("shootout", "--export", tmp_path / "a", "--problems")
+    assert run_cli(*words, measured) == 2
+    assert "are absent" in capsys.readouterr().err
+    assert run_cli(*words, "emps+plain") == 0
+    assert f"left out: {measured}" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_benchmark_of_benchopt_is_a_program(written):
+    """Its three files; that benchopt runs them was tried by hand (1.10)."""
+    folder, _ = written
+    names = ("objective.py", "datasets/library.py", "solvers/clarabel.py")
+    for name in names:
+        compile((folder / "benchopt" / name).read_text(), name, "exec")
