@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 
 from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.shootout import runner
+from sdp_vs_penalty.shootout.judge import classes
 
 setup = runner.Shootout(
     Path(tempfile.mkdtemp()) / "shootout",
@@ -20,7 +21,7 @@ setup = runner.Shootout(
     problems=[
         "two_link simulated one-step gyration",
         "panda simulated 14 s one-step plain",
-        "panda gram g mm",
+        "panda units g mm",
         "panda infeasible 1e-3",
     ],
     accuracies=(1e-6,),
@@ -30,11 +31,11 @@ runs = runner.run(setup).results.runs
 
 # %% [markdown]
 # Each cell says what became of an answer. "silently_wrong" is one that the solver
-# called solved and the proof refutes: here the units are grams and millimetres, and the
-# numbers span many powers of ten.
+# called solved and the proof refutes.
 
 # %%
-runs.pivot(index="problem", columns="solver", values="class")
+judged = runs.assign(judged=classes(runs, 1e-6))
+judged.pivot(index="problem", columns="solver", values="judged")
 
 # %% [markdown]
 # ## Error and time
