@@ -506,7 +506,7 @@ class Likelihood:
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
         columns = self.columns(repair, speed, speed)[:, :, rigid]
-        links = self.problem.nominal_links.ravel()[: len(rigid)]
+        links = self.problem.prior_links.ravel()[: len(rigid)]
         torque = np.asarray((columns @ links).T, float)
         if speed and any(repair.lacks):
             weight = self.nominal(repair, speed=0.0)
@@ -995,7 +995,7 @@ class Likelihood:
         products = np.tensordot(
             self.nominal(repair, speed=0.0), weight, joints_and_rows
         )  # (10 L,)
-        links = self.problem.nominal_links
+        links = self.problem.prior_links
         expected = float(products @ links.ravel())
         total_weight = float(np.linalg.norm(repair.gravity) * links[:, 0].sum())  # N
         if expected <= NO_WEIGHT * weight.shape[1] * total_weight**2:

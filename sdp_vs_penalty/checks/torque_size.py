@@ -151,7 +151,7 @@ class _Size:
         torques over the effort limits."""
         over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
         problem = log.problem
-        masses = float(problem.nominal_links[:, 0].sum())
+        masses = float(problem.prior_links[:, 0].sum())
         if masses <= 0.0 or np.all(problem.guessed_links):
             text = f"{over:.3g} times what the joints are made for"
             return cls(

@@ -37,7 +37,8 @@ models model.json ...: Models written by `identify` or `add`.
 --verbose, -v: All tables.
 --method: Method, of `sdp-vs-penalty list methods`.
 --effects a,b,c: Effects, of `sdp-vs-penalty list effects`; default: the problem's.
---known kp2=600: Known parameters, which set the scale of a log without torque (names: model.json).
+--known m3=2.5,kp2=600: Parameters of known value (names: model.json); they set the scale of a log
+    without torque.
 --jobs >=1: Number of processes.
 --scheduler tcp://HOST:PORT: Dask scheduler; default: this computer.
 --no-check: No data check before the work.

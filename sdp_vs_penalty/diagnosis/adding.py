@@ -254,6 +254,7 @@ class _Again:
             weighting=self.estimate.weighting,
             gain_uncertainty=self.gain_errors,
             seed=self.seed,
+            known=self.estimate.model.known,
         )
         return estimate_parameters(
             self.estimate.problem,
@@ -432,7 +433,11 @@ def _add_frozen(
     # own.
     base = base_rows(problem, fit.model_of_new)
     sources = parameter_sources(
-        fit.task, fit.theta, base, fit.estimator.undetermined_by
+        fit.task,
+        fit.theta,
+        base,
+        fit.estimator.undetermined_by,
+        nominal=fit.task.nominal,
     )
     old = estimate.details
     details = {
@@ -638,7 +643,8 @@ def estimate_constants(
     out: list[Effect] = []
     search: Search | None = None
     for effect in new_effects:
-        if all_given(effect):
+        # A drive's law is fitted beside the torque, with its delay.
+        if effect.forward == "drive" or all_given(effect):
             out.append(effect)
             continue
         if search is None:  # only now, since filtering takes long

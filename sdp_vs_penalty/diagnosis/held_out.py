@@ -12,7 +12,7 @@ folds, the choice of effects and constants from all rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import groupby
 from typing import NamedTuple
@@ -30,6 +30,7 @@ from sdp_vs_penalty.estimators.estimator import (
     Estimator,
     Progress,
     Task,
+    given_known,
     joint_weights,
     make_task,
     no_progress,
@@ -636,14 +637,14 @@ def least_squares_parameters(
     effects = (*columns.own, *columns.new)
     if not effects:
         return np.zeros(0)
-    model = Model(estimate.robot, effects, gains=estimate.model.gains)
+    model = replace(estimate.model, effects=effects, reference=None)
     weights: Array = np.ones(estimate.robot.n)
     theta: Array = np.zeros(0)
     for _ in range(2):
-        squares = data.least_squares(weights)
+        squares = given_known(data.least_squares(weights), model)
         # |R theta - rho|^2, with rows for the priors.
         problem = with_plausible(squares, model, data.oversampling)
-        theta = problem.nearest(0.0)
+        theta = model.with_known(problem.nearest(0.0))
         weights = joint_weights(data, theta)
     return theta
 
@@ -734,7 +735,8 @@ def fitted_parameters(
     """
     if not (own_effects or new):
         return [np.zeros(0) for _ in data]
-    model = Model(estimate.robot, (*own_effects, *new), gains=estimate.model.gains)
+    effects = (*own_effects, *new)
+    model = replace(estimate.model, effects=effects, reference=None)
     tasks = list[Task]()
     for rows in data:
         if frozen:
@@ -745,4 +747,4 @@ def fitted_parameters(
         tasks.append(make_task(estimate.problem, model, rows, weighting, like=first))
     method = estimator_beside(estimate) if frozen else estimate.estimator
     fits = [method.fit(task) for task in tasks] if frozen else method.fit_each(tasks)
-    return [np.asarray(fit.theta, float) for fit in fits]
+    return [model.with_known(fit.theta) for fit in fits]

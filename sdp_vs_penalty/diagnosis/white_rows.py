@@ -149,7 +149,7 @@ class WhiteData:
         other = estimate.model
         if model.gains != other.gains or model.sign_width != other.sign_width:
             return False
-        if len(model.effects) != len(other.effects):
+        if len(model.effects) != len(other.effects) or model.known != other.known:
             return False
         return all(
             a.same_columns(b) and not depends(a)
@@ -315,7 +315,13 @@ def whiten_with_noise(
     if like is not None and like.has_columns_of(estimate, noise, frozen):
         return replace(like, rows=rows, estimate=estimate)
     torque = rows.residual if frozen else rows.torque
-    X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), torque)
+    columns = model_columns(rows, estimate, frozen)
+    if not frozen and estimate.model.known_values:
+        # What is known is not fitted: its torque is no part of the rows.
+        known = list(estimate.model.known_values)
+        torque = torque - (columns[:, :, known] @ estimate.theta[known]).T
+        columns[:, :, known] = 0.0
+    X, y = white_rows(rows, noise, columns, torque)
     clusters = cluster_rows(rows)
     # The first rows of each piece only serve to whiten the next ones. Each other row
     # counts by its worth (0 to 1): less where the joint stands still.

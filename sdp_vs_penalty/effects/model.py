@@ -17,7 +17,7 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.robot.arrays import Array, as_slice
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -74,8 +74,8 @@ class Model:
         None: 1
     allow_duplicates : whether an effect may come twice, the second time for what has
         changed since the first was identified
-    known : values of given parameters by name; their torque is subtracted from the
-        measured one, and their columns are zero
+    known : values of given parameters by name, which no data change: equalities of the
+        optimisation problem
     """
 
     robot: Robot
@@ -207,8 +207,10 @@ class Model:
     @cached_property
     def plausible(self) -> Array:
         """(p,) prior standard deviations of the parameters about zero, in SI units;
-        infinite where nothing is known."""
-        return plausible_sizes(self.effects)
+        infinite where none is assumed, and of a known value."""
+        sizes = plausible_sizes(self.effects)
+        sizes[list(self.known_values)] = np.inf
+        return sizes
 
     def columns(self, motion: Motion) -> list[JointColumns]:
         """Compute the regressor of a motion, joint by joint.
@@ -347,6 +349,24 @@ class Model:
             for joint, gain in zip(joints, self.gains, strict=True)
         ]
 
+    @cached_property
+    def known_values(self) -> dict[int, float]:
+        """Values of the known parameters by their index in theta."""
+        return {
+            k: self.known[p.name]
+            for k, p in enumerate(self.parameters)
+            if p.name in self.known
+        }
+
+    def require_known(self, what: str) -> None:
+        """Raise InputError for a known value that is not finite, or of a parameter that
+        the model does not have; ``what`` names the option or the field."""
+        names = [p.name for p in self.parameters]
+        for name, value in self.known.items():
+            require_known("parameter", name, names, what)
+            if not np.isfinite(value):
+                raise InputError(f"{name} = {value} is no value", "give a number", what)
+
     def without_known(
         self, columns: Sequence[JointColumns], torque: Array
     ) -> tuple[list[JointColumns], Array]:
@@ -365,15 +385,17 @@ class Model:
             The columns with zeros for known parameters, and the torque (N, n) that is
             left.
         """
-        if not self.known:
+        if not self.known_values:
             return list(columns), torque
-        is_free = np.array([p.name not in self.known for p in self.parameters])
-        known_values = self.with_known(np.zeros(len(is_free)))
+        known_values = self.with_known(np.zeros(len(self.parameters)))
         known_torque = np.column_stack(
             [joint.columns @ known_values[joint.indices] for joint in columns]
         )
+        known_indices = list(self.known_values)
         free_columns = [
-            replace(joint, columns=joint.columns * is_free[joint.indices])
+            replace(
+                joint, columns=joint.columns * ~np.isin(joint.indices, known_indices)
+            )
             for joint in columns
         ]
         return free_columns, torque - known_torque
@@ -391,11 +413,9 @@ class Model:
         Array
             (p,) parameters with those of ``known`` in their places.
         """
-        names = [p.name for p in self.parameters]
-        return np.array(
-            [self.known.get(name, x) for name, x in zip(names, theta, strict=True)],
-            float,
-        )
+        out = np.array(theta, float)
+        out[list(self.known_values)] = list(self.known_values.values())
+        return out
 
     @property
     def _referred(self) -> Array:

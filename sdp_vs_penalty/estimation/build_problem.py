@@ -10,9 +10,11 @@ both as users write them); everything else is an option.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +78,7 @@ class PoseOptions:
     seed : int
         Of everything random.
     known : mapping of str to float
-        Parameters that set the scale of a log without torque.
+        Parameters of known value. Without torque they set the scale.
     instruments : {"command", "none"}, optional
         Default: "command" where no torque was logged.
     """
@@ -278,7 +280,7 @@ def _pose_black_box(
     model has rigid links only, unless the user names effects.
     """
     effects = "rigid_body" if options.effects is None else options.effects
-    model = problem.model(effects)
+    model = with_known(problem.model(effects), options.known)
     progress("compressing the black box's answers")
     regression = compress_black_box(data, model)
     task = make_task(
@@ -321,6 +323,7 @@ def _pose_torque_log(
     if drives:
         details["loop"] = loop_beside_torque(drives, log, runs.settings)
         model = model.without_drives
+    model = with_known(model, options.known)
     # 2. Shape constants, such as a Stribeck velocity, are nonlinear: estimate them now.
     progress("estimating shape constants")
     shapes = estimate_shapes(model, runs, options.weighting, workers=workers)
@@ -359,6 +362,7 @@ def _pose_servo_log(
     independent errors), common to all joints.
     """
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
+    known_by_bounds = model.known
     model, runs, servo = servo_log(
         problem,
         model.effects,
@@ -368,7 +372,8 @@ def _pose_servo_log(
         instruments=options.instruments != "none",
         chosen=options.effects is not None,
     )
-    model, scale = with_scale(problem, model, data, options.known, options.known_loads)
+    known = {**known_by_bounds, **_checked_values(options.known)}
+    model, scale = with_scale(problem, model, data, known, options.known_loads)
     if options.known_loads:
         # Loads are other runs: the recipe says what they made of the scale instead.
         options = replace(options, known=scale["known"])
@@ -381,6 +386,40 @@ def _pose_servo_log(
         gain_errors=np.column_stack([errors, common]),
         details=details,
     )
+
+
+def with_known(model: Model, known: Mapping[str, float]) -> Model:
+    """Return a model some more of whose parameters are known.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    known : mapping of str to float
+        Values by name, in the units of the parameters.
+
+    Returns
+    -------
+    Model
+        Their values are equalities of its optimisation problems.
+
+    Raises
+    ------
+    InputError
+        For a parameter that the model does not have, and for a value that is no finite
+        number.
+    """
+    out = replace(model, known={**model.known, **_checked_values(known)})
+    out.require_known("--known")
+    return out
+
+
+def _checked_values(known: Mapping[str, float]) -> dict[str, float]:
+    """Return known values as floats; InputError for one that is no finite number."""
+    for name, value in known.items():
+        if not (isinstance(value, Real) and math.isfinite(value)):
+            raise InputError(f"--known {name}={value} is no value", "give a number")
+    return {name: float(x) for name, x in known.items()}
 
 
 def in_columns(

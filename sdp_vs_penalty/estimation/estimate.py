@@ -643,6 +643,7 @@ class Estimate(Record):
             uncertainty=UncertaintyFields.of(self.uncertainty),
             details=self.details,
             provenance=dict(self.provenance),
+            known=dict(self.model.known),
             reference=self.model.reference,
             covariance=CovarianceBlock(tuple(names[k] for k in with_std), covariance),
             training_motion=self.training_motion,
@@ -732,7 +733,10 @@ def _from_dict(data: Mapping[str, Any]) -> Estimate:
     file = ModelFile.from_dict(data)
     problem = file.problem.problem(file.robot)
     effects = tuple(make_effect(e, problem.robot) for e in file.effects)
-    model = Model(problem.robot, effects, file.reference, problem.gains)
+    model = Model(
+        problem.robot, effects, file.reference, problem.gains, known=file.known
+    )
+    model.require_known("field known")
     entries = {entry.name: entry for entry in file.parameters}
     names = [parameter.name for parameter in model.parameters]
     for name in names:

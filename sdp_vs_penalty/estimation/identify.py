@@ -81,7 +81,7 @@ DATA = "data"
 
 
 def parameter_sources(
-    task: Task, theta: Array, base: BaseParameters, undetermined_by: str
+    task: Task, theta: Array, base: BaseParameters, undetermined_by: str, nominal: Array
 ) -> dict[str, Any]:
     """Return what determines each parameter, as fields of an estimate's details.
 
@@ -96,6 +96,8 @@ def parameter_sources(
     undetermined_by : str
         What decides where the data do not: "prior" or "bounds"
         (:attr:`Estimator.undetermined_by`).
+    nominal : (p,) array
+        Parameters as the robot's file states them.
 
     Returns
     -------
@@ -107,18 +109,18 @@ def parameter_sources(
     rows = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
     entries = []
-    for name, is_determined, value, nominal in zip(
+    for name, is_determined, value, stated_value in zip(
         names,
         is_data_determined(task, rows).tolist(),
         (rows @ theta).tolist(),
-        (rows @ task.nominal).tolist(),
+        (rows @ nominal).tolist(),
         strict=True,
     ):
         source = DATA if is_determined else undetermined_by
         if name in task.model.known:
             source = "given"
         entries.append(
-            {"name": name, "value": value, "nominal": nominal, "source": source}
+            {"name": name, "value": value, "nominal": stated_value, "source": source}
         )
     standard = entries[: len(theta)]
     return {
@@ -222,7 +224,13 @@ def build_estimate(
     details = {
         **fit.details,
         "on_bounds": bounds,
-        **parameter_sources(task, theta, base, estimator.undetermined_by),
+        **parameter_sources(
+            task,
+            theta,
+            base,
+            estimator.undetermined_by,
+            nominal=problem.nominal(task.model),
+        ),
     }
     provenance = {
         "seed": task.seed,
@@ -364,8 +372,7 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     theta = fit.theta
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
-    # The loss is the same, but a link's known parameter may have been moved by
-    # constraints and priors.
+    # A solver holds what is known to its own accuracy, which nothing else depends on.
     theta = task.model.with_known(theta)
     certificate = Certificate(violations(fit.constraints, theta), task.data.loss(theta))
     if fit.multipliers is not None and fit.interior is not None:
@@ -803,7 +810,7 @@ def _reposed(model: Estimate, data: Measurements) -> Proof | None:
         "preprocessing": model.preprocessing,
         "weighting": model.weighting,
     }
-    options = PoseOptions(model.model.effects, **settings)
+    options = PoseOptions(model.model.effects, known=model.model.known, **settings)
     if recipe is not None:
         options = PoseOptions.following(recipe, model.robot, **settings)
     task = build_problem(model.problem, data, options).task

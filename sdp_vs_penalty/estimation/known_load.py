@@ -21,6 +21,7 @@ that is posed (:mod:`~sdp_vs_penalty.regression.instruments`).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -109,7 +110,8 @@ def gains_from_loads(
         For a mass that is not positive and finite.
     """
     payload = Payload(model.robot)
-    bare = replace(model.reference_free, gains=None)
+    # What is known is in true units, the channels' torques are not.
+    bare = replace(model.reference_free, gains=None, known={})
     with_load = replace(bare, effects=(*bare.effects, payload))
     loaded = _loaded(loads, model.robot)
     parts = [(compress(runs, bare), 0.0)]
@@ -249,7 +251,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     p = regression.p
     gains = np.array(model.error_gains)
     links = model.rigid_indices
-    nominal = problem.nominal(model)
+    nominal_links = problem.prior_links.ravel()[: len(links)]
     other_parameters = np.setdiff1d(np.arange(p), gains)
     rows_of_joint = [
         _in_units_of_error(factor, gain, other_parameters, p)
@@ -262,7 +264,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     L = rows[:, other_parameters]
     # 2. First gains: the nominal links' torque over the error, joint by joint.
     link_torques = [
-        np.linalg.norm(rows_j[:, links] @ nominal[links]) for rows_j in rows_of_joint
+        np.linalg.norm(rows_j[:, links] @ nominal_links) for rows_j in rows_of_joint
     ]
     errors = [
         np.linalg.norm(rows_j[:, gain])
@@ -301,7 +303,7 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     # ones.
     link_columns = rows[:, links]
     fitted_torque = link_columns @ theta[links]
-    nominal_torque = link_columns @ nominal[links]
+    nominal_torque = link_columns @ nominal_links
     squared = nonzero_or_one(fitted_torque @ fitted_torque)
     size = float(fitted_torque @ nominal_torque) / squared
     return theta * (size if size > 0.0 else 1.0)
@@ -334,6 +336,10 @@ _SCALES = (
     "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6),"
     " or a load"
 )
+
+
+#: Motor constants among known values: of current [N m/A], of voltage [N m/V].
+_MOTOR = re.compile(r"(kt|ku)(\d+)")
 
 
 def with_scale(
@@ -374,17 +380,21 @@ def with_scale(
     theta = model.reference
     factor = 1.0
     error = 0.0
-    fixed = dict(known) or dict(model.known)
     assert theta is not None
     motors = _motor_constants(model.robot.n, known)
-    if motors:
-        factor = _factor_of_motors(model, theta, runs, motors)
-    elif known:
-        factor = _factor_of_known(model, compress(runs, model), theta, known)
+    values = {name: x for name, x in known.items() if not _MOTOR.fullmatch(name)}
+    replace(model, known=values).require_known("--known")
     if loads:
         factor, error = _factor_of_loads(problem, model, runs, loads)
-    if loads or motors:
-        fixed = {name: factor * x for name, x in model.known.items()}
+    elif motors:
+        factor = _factor_of_motors(model, theta, runs, motors)
+    elif values:
+        unfixed = replace(model, known={})
+        factor = _factor_of_known(model, compress(runs, unfixed), theta, values)
+    fixed = values
+    if loads or motors or not values:
+        scaled_gain = {name: factor * x for name, x in model.known.items()}
+        fixed = {**scaled_gain, **values}
     known_words = [f"a load of {mass:g} kg" for _, mass in loads]
     known_words += [f"{name} = {x:g}" for name, x in known.items()]
     gain = ", ".join(f"{name} = {x:.4g}" for name, x in model.known.items())
@@ -407,23 +417,25 @@ def _motor_constants(
 
     Returns values by channel ("current" or "voltage") and joint, from 0.
     """
+    channels = {"kt": "current", "ku": "voltage"}
     motors = {}
-    for key, channel in (("kt", "current"), ("ku", "voltage")):
-        for joint in range(n):
-            value = known.get(f"{key}{joint + 1}")
-            if value is not None:
-                motors[channel, joint] = value
+    for name, value in known.items():
+        if found := _MOTOR.fullmatch(name):
+            joint = int(found[2]) - 1
+            if not 0 <= joint < n:
+                raise InputError(f"--known {name}: there is no such joint", _SCALES)
+            motors[channels[found[1]], joint] = value
     return motors
 
 
 def _factor_of_known(
     model: Model, regression: Regression, theta: Array, known: Mapping[str, float]
 ) -> float:
-    """Return the factor on theta (p,) that gives the first known parameter its value.
+    """Return the factor on theta (p,) that gives a known parameter its value.
 
-    Without a logged torque, theta is known up to this factor. A parameter can set it
-    only if the data determine the parameter by itself, and not only in sums with
-    others: else InputError. ``known`` maps names to values [SI].
+    Without a logged torque, theta is known up to this factor. The first parameter sets
+    it that the data determine by itself, and not only in sums with others: without one
+    InputError. ``known`` maps names to values [SI].
     """
     names = [p.name for p in model.parameters]
     is_load = ~model.drives  # parameters of links and friction, not of servos
@@ -432,23 +444,13 @@ def _factor_of_known(
     share = np.ones(len(names))
     norms = nonzero_or_one(data.column_norms)
     share[is_load] = data.own_torque / norms
-    for name in known:
-        problem = ""
-        if name.startswith("total"):
-            problem = "the first link's mass makes no torque, so a total is no scale"
-        elif name not in names:
-            problem = "the model has no such parameter"
-        else:
-            k = names.index(name)
-            is_determined = share[k] > c.SCALE_TOLD and theta[k] != 0.0
-            if not is_determined:
-                problem = (
-                    "motion shows it only in sums with others, so it sets no scale"
-                )
-        if problem:
-            raise InputError(f"--known {name}: {problem}", _SCALES)
-    name, value = next(iter(known.items()))
-    return float(value / theta[names.index(name)])
+    for name, value in known.items():
+        k = names.index(name)
+        if share[k] > c.SCALE_TOLD and theta[k] != 0.0 and value != 0.0:
+            return float(value / theta[k])
+    text = ", ".join(f"{name}={value:g}" for name, value in known.items())
+    what = f"--known {text}: motion shows it only in sums with others, or it is zero"
+    raise InputError(f"{what}, so it sets no scale", _SCALES)
 
 
 def _factor_of_motors(

@@ -6,7 +6,7 @@ The file is checked once, when it is read; everything behind relies on it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -255,6 +255,8 @@ class ModelFile(JsonRecord):
     details: Mapping[str, Any]
     #: Plain JSON; see ProvenanceFields.
     provenance: Mapping[str, Any]
+    #: As of Model.
+    known: Mapping[str, float] = field(default_factory=dict)
     #: Parameters that torque-dependent effects refer to; None without any.
     reference: Array | None = None
     #: For other programs: it follows from the uncertainty.

@@ -37,6 +37,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import (
     PoseOptions,
     build_problem,
+    with_known,
     with_reference,
 )
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
@@ -289,7 +290,7 @@ def cross_validate(
     seed : int
         Seed of the method.
     known : mapping of str to float, optional
-        Parameters that set the scale of a log without torque.
+        As in :func:`identify`.
     progress : callable
         Receives a line of text at each stage.
     workers : Workers
@@ -392,7 +393,8 @@ class Split:
             self.runs = FilteredRuns.of(
                 data, options.preprocessing or problem.preprocessing
             )
-            self.model = problem.model(options.effects).without_drives
+            model = problem.model(options.effects).without_drives
+            self.model = with_known(model, options.known)
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(
                 self.runs, self.model.reference_free, self.phases

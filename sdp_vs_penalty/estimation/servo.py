@@ -548,6 +548,12 @@ def servo_log(
         )
     drives = [e for e in effects if e.forward == "drive"]
     load = _load_of(problem, effects, has_law=bool(drives), chosen=chosen)
+    if not load:
+        raise InputError(
+            f"effects {', '.join(e.text for e in effects)}: the drives have nothing to"
+            " move",
+            f"name it too: rigid_body,coulomb_friction,{drives[0].text}",
+        )
     given_delay = _given_delay(drives)
     names = _laws_of(drives) if drives else tuple(LAWS)
     progress("choosing the servo law")

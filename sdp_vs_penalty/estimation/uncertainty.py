@@ -685,6 +685,10 @@ def of_regression(
         gain_errors = np.zeros((n, 0))
     if gains is None:
         gains = known.gain_response(value)[:p]
+        # A drive's known gain, from a load, scales with its channel.
+        for k, gain in task.model.known_values.items():
+            if task.model.drives[k]:
+                gains[k, task.model.parameters[k].joint - 1] = gain
     if extra is None:
         extra = np.zeros((p, 0))
     intervals = _Intervals(
@@ -794,8 +798,12 @@ class _Intervals:
         """
         rows = base.rows
         lowest, highest = self._ends_of(rows)
-        noise = self.known.half_widths(rows) / NORMAL_95
-        noise = np.hypot(noise, rows @ self._offset)
+        # What is known has no noise: functions of it alone, and its part of others.
+        free_rows = rows.copy()
+        free_rows[:, list(self.task.model.known_values)] = 0.0
+        is_known = rows.any(axis=1) & ~free_rows.any(axis=1)
+        noise = self.known.half_widths(free_rows) / NORMAL_95
+        noise = np.where(is_known, 0.0, np.hypot(noise, free_rows @ self._offset))
         errors_of_gains = rows @ self.gains @ self.gain_errors
         other = np.hstack([rows @ self.extra, errors_of_gains])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))

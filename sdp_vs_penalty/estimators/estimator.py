@@ -22,6 +22,7 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.linalg import min_norm_lstsq, span
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.fit import Fit as Fit
@@ -46,6 +47,8 @@ class Task:
 
     data : the (weighted) least-squares problem in all parameters theta (p,).
     constraints : what the problem demands; bound : (p,) implied bounds on |theta|.
+        A known parameter (:attr:`Model.known`) is an equality: its value stands in the data and in
+        the constraints, which are of the others, and one observation of its own holds it.
     nominal : (p,) a strictly consistent theta that the problem knows beforehand.
     box : (n, 10, 2) barycentric bounds of each link; weights : (n,) of the joints' rows in data, for
         intervals.
@@ -94,6 +97,13 @@ class Task:
         bodies = (c for c in self.constraints.convex if c.family == "pseudo-inertia")
         return tuple(c for c in bodies if c.indices[0] in self.links[:, 0])
 
+    @property
+    def prior_inertias(self) -> Array:
+        """(links, 4, 4) nominal pseudo-inertias of the links of ``pseudo_inertias``."""
+        number = {int(first): k for k, first in enumerate(self.links[:, 0])}
+        links = [number[int(c.indices[0])] for c in self.pseudo_inertias]
+        return inertia.pseudo_inertia(self.prior_links[links])
+
     @cached_property
     def base(self) -> Array:
         """(b, p) map from theta to base parameters, the combinations that make torque.
@@ -110,7 +120,7 @@ class Task:
     @cached_property
     def ols(self) -> Array:
         """(p,) unconstrained least-squares theta that is nearest to the nominal one."""
-        return self.data.nearest(self.nominal)
+        return self.model.with_known(self.data.nearest(self.nominal))
 
     @cached_property
     def base_distance(self) -> LeastSquares:
@@ -147,9 +157,10 @@ class Task:
             One a link.
         """
         links = enumerate(self.links if radius > 0.0 else (), start=1)
-        return [
+        thick = tuple(
             build.pseudo_inertia(f"link {k}", indices, radius) for k, indices in links
-        ]
+        )
+        return list(ConstraintSet(thick).with_known(self.model.known_values).convex)
 
 
 class Estimator(ABC):
@@ -244,27 +255,32 @@ def make_task(
     links = model.rigid_indices.reshape(-1, 10)
     if like is None:
         nominal = problem.nominal(model)
-        bound = problem.parameter_bound(model)
-        # A link whose mass is known is scaled to it.
-        masses = model.with_known(nominal)[links[:, :1]]
-        nominal[links] *= masses / nominal[links[:, :1]]
+        nominal[links] = _prior_links(problem, model)
         nominal = model.with_known(nominal)
-        constraints = problem.constraints(model)
-        bodies = _bodies(problem, links)
+        bound = problem.parameter_bound(model)
+        for k, value in model.known_values.items():
+            bound[k] = max(bound[k], abs(value)) or 1.0
+        constraints = problem.constraints(model).with_known(model.known_values)
+        bodies = _bodies(problem, links, model)
     else:
         nominal = like.nominal
         bound = like.bound
         constraints = like.constraints
         bodies = like.bodies
     require_known("weighting", weighting, ("noise", "none"))
-    data = with_plausible(regression.least_squares(), model, regression.oversampling)
-    first = data.nearest(nominal)
+
+    def observed(weights: Array) -> LeastSquares:
+        """Return the data with these weights of the joints, and what is known."""
+        data = regression.least_squares(weights)
+        data = with_plausible(data, model, regression.oversampling)
+        return _with_known(data, model, bound)
+
     weights = np.ones(regression.joints)
+    data = observed(weights)
+    first = data.nearest(nominal)
     if weighting == "noise":
         weights = joint_weights(regression, first)
-        data = with_plausible(
-            regression.least_squares(weights), model, regression.oversampling
-        )
+        data = observed(weights)
     guessed = problem.guessed_links
     return Task(
         model=model,
@@ -278,24 +294,82 @@ def make_task(
         progress=progress,
         joint_scale=joint_scale(regression, model, first),
         bodies=bodies,
-        prior=_scaled_prior(data, nominal, links, guessed),
+        prior=_scaled_prior(data, _prior_links(problem, model), links, guessed),
         total=None if np.any(guessed) else float(nominal[links[:, 0]].sum()),
         weights=weights,
     )
 
 
-def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]:
+def _prior_links(problem: Problem, model: Model) -> Array:
+    """Return (n, 10) nominal links within their bounds of mass, those whose mass is
+    known scaled to it; none without links.
+
+    Other known values leave them: the entropic pull is then that on what is free.
+    """
+    places = model.rigid_indices.reshape(-1, 10)
+    links = problem.prior_links[: len(places)].copy()
+    for link, k in zip(links, places[:, 0].tolist(), strict=True):
+        if k in model.known_values:
+            link *= model.known_values[k] / link[0]
+    return links
+
+
+def _with_known(data: LeastSquares, model: Model, bound: Array) -> LeastSquares:
+    """Return data whose optimum holds the known parameters at their values.
+
+    Nothing else depends on theta_k of a known k, so that the term |tau|^2 ((theta_k -
+    value) / bound_k)^2 is zero there; ``bound`` (p,) is its scale.
+    """
+    if not model.known_values:
+        return data
+    places = list(model.known_values)
+    rows = np.zeros((len(places), len(bound)))
+    rows[np.arange(len(places)), places] = 1.0 / bound[places]
+    values = np.array(list(model.known_values.values())) / bound[places]
+    free = given_known(data, model)
+    return free.with_observations(rows, values, weight=data.tau_squared or 1.0)
+
+
+def given_known(data: LeastSquares, model: Model) -> LeastSquares:
+    """Return the data in what is free: without the torque of a model's known
+    parameters, whose columns are zero.
+
+    Parameters
+    ----------
+    data : LeastSquares
+        In the p columns of the model.
+    model : Model
+        The model.
+
+    Returns
+    -------
+    LeastSquares
+        In the same columns; the same data without known parameters.
+    """
+    if not model.known_values:
+        return data
+    places = list(model.known_values)
+    R = data.R.copy()
+    R[:, places] = 0.0
+    rho = data.rho - data.R[:, places] @ list(model.known_values.values())
+    return replace(data, R=R, rho=rho)
+
+
+def _bodies(
+    problem: Problem, links: NDArray[np.intp], model: Model
+) -> tuple[Constraint, ...]:
     """Return one constraint a link: its mass lies inside of its body's ellipsoid.
 
     ``links`` (n, 10) are the indices of the links' parameters in theta.
     """
     pairs = zip(links, problem.link_bodies, strict=False)
-    return tuple(
+    bodies = tuple(
         build.density_in_ellipsoid(
             "body", name=f"link {k}", indices=indices, quadric=body.quadric
         )
         for k, (indices, body) in enumerate(pairs, start=1)
     )
+    return ConstraintSet(bodies).with_known(model.known_values).convex
 
 
 def with_plausible(
@@ -329,25 +403,25 @@ def with_plausible(
 
 def _scaled_prior(
     data: LeastSquares,
-    nominal: Array,
+    links: Array,
     places: NDArray[np.intp],
     guessed: NDArray[np.bool_],
 ) -> Array:
-    """Return (n, 10) nominal links, with guessed masses scaled to the measured torque.
+    """Return (n, 10) nominal ``links``, with guessed masses scaled to the measured
+    torque.
 
     One common factor is found by least squares, with the joints' own parameters free
     and the other links as stated. A factor above 1 is used: the torque proves more
     mass. A smaller one proves nothing, since mass may lie nearer to the axes, so that
     it is used only below 1 / FAR_MASS.
 
-    ``places`` (n, 10) are the links' indices in nominal (p,), ``guessed`` (n,) marks
-    links whose mass no file states.
+    ``places`` (n, 10) are the links' indices in theta, ``guessed`` (n,) marks links
+    whose mass no file states.
     """
-    links = nominal[places]
     if not len(links) or not np.any(guessed):
         return links
     R = data.R
-    other_columns = np.setdiff1d(np.arange(len(nominal)), places)
+    other_columns = np.setdiff1d(np.arange(R.shape[1]), places)
     stated = R[:, places[~guessed].ravel()] @ links[~guessed].ravel()
     guess = R[:, places[guessed].ravel()] @ links[guessed].ravel()
     columns = np.column_stack([guess, R[:, other_columns]])

@@ -30,7 +30,6 @@ from sdp_vs_penalty.estimators.estimator import (
     with_joint_prior,
 )
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
@@ -156,17 +155,19 @@ class LmiSdp(Estimator):
             # (sum of masses - total) / (spread total) has the variance one.
             masses = np.zeros((1, data.R.shape[1]))
             masses[0, task.links[:, 0]] = 1.0 / (self.total_spread * task.total)
+            of_known = masses @ task.model.with_known(np.zeros(masses.shape[1]))
+            masses[0, list(task.model.known_values)] = 0.0
             data = data.with_observations(
                 rows=masses,
-                values=np.array([1.0 / self.total_spread]),
+                values=1.0 / self.total_spread - of_known,
                 weight=self.entropy * sample_variance(task),
             )
         prior = None
-        if self.entropy > 0.0 and len(task.links):
+        if self.entropy > 0.0 and task.pseudo_inertias:
             prior = Entropy(
                 weight=self.entropy * sample_variance(task),
                 links=task.pseudo_inertias,
-                nominal=inertia.pseudo_inertia(task.prior_links),
+                nominal=task.prior_inertias,
             )
         return Objective(data, prior)
 
@@ -565,8 +566,9 @@ def interior_point(
         multipliers = constraints.stack_multipliers(problem.multipliers(solution))
         if proves_infeasible(constraints, multipliers, task.bound):
             families = conflicting(constraints.convex, problem.shares(solution))
+            demands = [*families, *_known_in_words(task)]
             what = (
-                f"{' and '.join(families)} exclude each other (from the infeasibility"
+                f"{' and '.join(demands)} exclude each other (from the infeasibility"
                 " certificate)"
             )
             raise Infeasible(
@@ -584,12 +586,18 @@ def interior_point(
             "choose another solver, or check the units of the bounds",
         )
     families = conflicting(constraints.convex, optimum[0].shares(optimum[1]))
+    demands = [*families, *_known_in_words(task)]
     raise Infeasible(
-        f"The constraints leave no room for parameters: {' and '.join(families)} can at"
+        f"The constraints leave no room for parameters: {' and '.join(demands)} can at"
         " best hold with nothing to spare (equal bounds?)",
         "widen one of them a little",
         families=families,
     )
+
+
+def _known_in_words(task: Task) -> list[str]:
+    """Return what is known of a task's parameters in words: "m3 = 2.5 (known)"."""
+    return [f"{name} = {x:g} (known)" for name, x in task.model.known.items()]
 
 
 def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:

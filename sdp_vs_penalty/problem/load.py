@@ -27,7 +27,7 @@ from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import Geometry
 from sdp_vs_penalty.robot.inertia import why_impossible
 from sdp_vs_penalty.robot.joint import parse_held, parse_mechanism, parse_transmission
@@ -169,7 +169,11 @@ def _from_toml(
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
     problem = _with_bounds_of(folder, data, robot)
-    return _within_masses(_with_nominal_links(problem, replace(parts, robot=robot)))
+    problem = _with_nominal_links(problem, replace(parts, robot=robot))
+    # Links that no file states are within their bounds.
+    stated = np.array([x == "inertial" for x in problem.nominal_from or ()] or [True])
+    links = np.where(stated[:, None], problem.nominal_links, problem.prior_links)
+    return replace(problem, nominal_links=links)
 
 
 @dataclass(frozen=True)
@@ -280,23 +284,6 @@ def _with_nominal_links(problem: Problem, parts: _RobotParts) -> Problem:
     if not has_file:
         sources = tuple("bounds" if x == "inertial" else x for x in sources)
     return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
-
-
-def _within_masses(problem: Problem) -> Problem:
-    """Return the problem with nominal masses within their bounds.
-
-    A mass outside of positive bounds becomes their geometric mean, else the nearer
-    bound. The other parameters of the link are scaled with it.
-    """
-    masses = problem.nominal_links[:, 0]
-    low, high = problem.box[:, 0].T
-    new_masses = np.clip(masses, low, high)
-    is_outside = new_masses != masses
-    has_mean = is_outside & (low > 0.0) & np.isfinite(high)
-    new_masses[has_mean] = np.sqrt(low[has_mean] * high[has_mean])
-    # All ten parameters are proportional to the mass (where it is not zero).
-    factors = new_masses / nonzero_or_one(masses)
-    return replace(problem, nominal_links=problem.nominal_links * factors[:, None])
 
 
 def _ellipsoids_in_the_box(problem: Problem) -> Array:
@@ -556,8 +543,8 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
 def with_bounds(problem: Problem, text: str | None) -> Problem:
     """Return the problem with other bounds of parameters.
 
-    A nominal link outside of its new bound of mass is moved to the middle of the
-    bounds.
+    Equal ends of a mass, or of a centre of mass in the joint's axes, are known values
+    (:attr:`Problem.known`).
 
     Parameters
     ----------
@@ -594,7 +581,7 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
         except (ValueError, KeyError):
             remedy = "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total"
             raise InputError(f"--bounds {name}={ends}", remedy) from None
-    return _within_masses(replace(problem, box=box, total_mass=total))
+    return replace(problem, box=box, total_mass=total)
 
 
 def convert_options(

@@ -258,6 +258,41 @@ class Problem(Shown):
         known = self._centres
         return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
 
+    @cached_property
+    def prior_links(self) -> Array:
+        """(n, 10) nominal links, scaled where their bounds exclude their mass.
+
+        It becomes the bounds' geometric mean where they are positive, else the nearer
+        bound.
+        """
+        masses = self.nominal_links[:, 0]
+        low, high = self.box[:, 0].T
+        new_masses = np.clip(masses, low, high)
+        is_outside = new_masses != masses
+        has_mean = is_outside & (low > 0.0) & np.isfinite(high)
+        new_masses[has_mean] = np.sqrt(low[has_mean] * high[has_mean])
+        # All ten parameters are proportional to the mass (where it is not zero).
+        factors = new_masses / nonzero_or_one(masses)
+        return np.asarray(self.nominal_links * factors[:, None])
+
+    @cached_property
+    def known(self) -> Mapping[str, float]:
+        """Standard parameters that equal bounds state, by name: masses [kg], and first
+        moments [kg m] of a known mass or of a centre in the frame's planes."""
+        out: dict[str, float] = {}
+        low, high = self.box[:, :4, 0], self.box[:, :4, 1]
+        for link, is_equal in enumerate(low == high):
+            names = inertia.parameter_names(link + 1)
+            mass, *centre = low[link].tolist()
+            if is_equal[0]:
+                out[names[0]] = mass
+            for name, x, is_stated in zip(
+                names[1:4], centre, is_equal[1:], strict=True
+            ):
+                if is_stated and (is_equal[0] or x == 0.0):
+                    out[name] = mass * x if x else 0.0
+        return out
+
     @property
     def guessed_links(self) -> NDArray[np.bool_]:
         """(n,) links whose nominal mass is a guess: neither a file's nor a bound's."""
@@ -311,7 +346,10 @@ class Problem(Shown):
             For an unknown name, or a parameter that comes twice.
         """
         chosen = self.default_effects if effects is None else effects
-        return Model(self.robot, parse_effects(chosen, self.robot), gains=self.gains)
+        effects = parse_effects(chosen, self.robot)
+        has_links = any(e.name == "rigid_body" for e in effects)
+        known = self.known if has_links else {}
+        return Model(self.robot, effects, gains=self.gains, known=known)
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
         """Return the problem with another direction of gravity.

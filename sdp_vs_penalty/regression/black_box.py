@@ -203,6 +203,8 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     robot = model.robot
     n = model.robot.n
     zero = np.zeros_like(box.q)
+    known_links = model.with_known(np.zeros(len(model.parameters)))
+    is_free = ~np.isin(np.arange(len(known_links)), list(model.known_values))
     # Regressors (K, n, p) of gravity, and of a unit acceleration of each joint.
     gravity = robot.regressor(box.q, zero, zero)
     inertial = []
@@ -218,7 +220,12 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
         for k in range(joint, n):
             equations.append((inertial[k], box.mass_matrix[:, joint, k]))
         stack = [
-            np.column_stack([rows[:, joint, columns], values])
+            np.column_stack(
+                [
+                    rows[:, joint, columns] * is_free[columns],
+                    values - rows[:, joint, columns] @ known_links[columns],
+                ]
+            )
             for rows, values in equations
         ]
         n_rows = sum(map(len, stack))

@@ -71,6 +71,27 @@ def commanded_motion(measured: Measurements) -> Measurements:
     return replace(measured, commanded=commanded)
 
 
+def free_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
+    """Yield the rows of a run for what is free of a model: without the torque of its
+    known parameters, whose columns are zero.
+
+    Parameters
+    ----------
+    run : FilteredRun
+        The run.
+    model : Model
+        The model.
+
+    Returns
+    -------
+    iterator of Rows
+        Chunks of rows.
+    """
+    for rows in run.rows(model):
+        columns, torque = model.without_known(rows.columns, rows.torque)
+        yield replace(rows, columns=columns, torque=torque)
+
+
 def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
     """Yield the rows of a run with the columns of its simulated motion before them.
 
@@ -91,8 +112,8 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
         Chunks of rows.
     """
     p = len(model.parameters)
-    measured = run.rows(model)
-    simulated = run.simulated.rows(model)
+    measured = free_rows(run, model)
+    simulated = free_rows(run.simulated, model)
     for rows, simulated_rows in zip(measured, simulated, strict=True):
         columns_of_joints = []
         for j, x in enumerate(rows.columns):
@@ -201,8 +222,8 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         theta = model.with_known(solution)
         residuals = _residuals(model, parts, theta)
     # The torque of known parameters is no part of the rows.
-    is_known = np.array([q.name in model.known for q in model.parameters])
-    return instruments, np.where(is_known, 0.0, solution)
+    solution[list(model.known_values)] = 0.0
+    return instruments, solution
 
 
 def _solution(

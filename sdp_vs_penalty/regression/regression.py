@@ -25,7 +25,11 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
+from sdp_vs_penalty.regression.instruments import (
+    free_rows,
+    instrumented,
+    instrumented_rows,
+)
 from sdp_vs_penalty.regression.linalg import deviations, min_norm_lstsq
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
@@ -660,7 +664,7 @@ def _cells_of_run(
     count = 0
     cells = dict[tuple[int, int], Factor]()
     has_instruments = "qsim" in run.run.commanded
-    of_run = instrumented_rows(run, model) if has_instruments else run.rows(model)
+    of_run = instrumented_rows(run, model) if has_instruments else free_rows(run, model)
     for rows in of_run:
         count += len(rows.torque)
         _take(cells, rows, folds.cell(index, rows.motion.t))

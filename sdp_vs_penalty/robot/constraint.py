@@ -11,7 +11,7 @@ checks them. Bounds that are not convex in the standard parameters are kept besi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -327,6 +327,49 @@ class Constraint:
         """
         return float(cone_margin(self.cone, self.value(theta)))
 
+    def with_known(self, values: Mapping[int, float]) -> Constraint:
+        """Return the constraint on the other parameters, with known values in their
+        places.
+
+        Their coefficients are zero then. Entries of a non-negative constraint that are
+        left without a parameter, and hold, are left out.
+
+        Parameters
+        ----------
+        values : mapping of int to float
+            Known parameters [SI] by their index in theta.
+
+        Returns
+        -------
+        Constraint
+            F_0 + sum over known k of value_k F_k, and the coefficients of the others.
+        """
+        is_known = np.array([k in values for k in self.indices.tolist()], bool)
+        if not is_known.any():
+            return self
+        known_values = [values[k] for k in self.indices[is_known].tolist()]
+        known_part = np.tensordot(
+            known_values, self.coefficients[is_known], axes=(0, 0)
+        )
+        constant = self.constant + known_part
+        coefficients = self.coefficients.copy()
+        coefficients[is_known] = 0.0
+        if self.cone == "nonnegative":
+            is_open = np.any(coefficients != 0.0, axis=0) | (constant < 0.0)
+            constant = constant[is_open]
+            coefficients = coefficients[:, is_open]
+        return replace(self, constant=constant, coefficients=coefficients)
+
+    @property
+    def holds_anyway(self) -> bool:
+        """Whether the constraint holds whatever the parameters are: it has none, and
+        its constant lies in the cone."""
+        if np.any(self.coefficients):
+            return False
+        if not self.constant.size:
+            return True
+        return float(cone_margin(self.cone, self.constant)) >= 0.0
+
     @property
     def identity(self) -> Array:
         """Element e of the cone with margin(F + t e) = margin(F) + t."""
@@ -501,6 +544,27 @@ class ConstraintSet:
         return ConstraintSet(
             tuple(c for c in self.convex if keep(c.family)),
             tuple(c for c in self.nonconvex if keep(c.family)),
+        )
+
+    def with_known(self, values: Mapping[int, float]) -> ConstraintSet:
+        """Return the constraints on the other parameters, with known values in their
+        places; a convex one that holds whatever these are is left out.
+
+        Parameters
+        ----------
+        values : mapping of int to float
+            Known parameters [SI] by their index in theta.
+
+        Returns
+        -------
+        ConstraintSet
+            The constraints.
+        """
+        if not values:
+            return self
+        convex = [c.with_known(values) for c in self.convex]
+        return ConstraintSet(
+            tuple(c for c in convex if not c.holds_anyway), self.nonconvex
         )
 
     @property

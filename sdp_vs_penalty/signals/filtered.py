@@ -90,9 +90,8 @@ class _ChunkCache:
         blocks = {place: read() for place, read in reads.items()}
         blocks |= _new_columns(chunk, model, blocks)
         self._keep(model, reads, blocks)
-        joined_columns = model.joined(blocks, len(chunk.torque))
-        columns, torque = model.without_known(joined_columns, chunk.torque)
-        return Rows(chunk.rows, torque, columns)
+        columns = model.joined(blocks, len(chunk.torque))
+        return Rows(chunk.rows, chunk.torque, columns)
 
     def _reads(self, model: Model) -> dict[int, Read]:
         """Return the readers of cached columns, by the effect's place in the model.

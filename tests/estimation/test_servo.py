@@ -248,9 +248,9 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     assert "these measurements make its numbers" in said
     other = replace(
         model,
-        details=model.details | {"recipe": {"known": {"kp1": KP}, "effects": None}},
+        details=model.details | {"recipe": {"known": {"m1": 5.0}, "effects": None}},
     )
-    refusal(lambda: verify_proof_file(path, other, run), "recipe is damaged")
+    refusal(lambda: verify_proof_file(path, other, run), "'instruments' is missing")
     other.details["recipe"] |= {"instruments": "none"}
     holds, said = verify_proof_file(path, other, run)
     assert not holds

@@ -101,24 +101,28 @@ def test_turned_gravity_finds_its_own_base_parameters(panda):
 
 
 def test_bounds_by_a_word(two_link):
-    """In place of the problem's; the rest stays, and a nominal link outside comes to
-    their middle."""
+    """In place of the problem's; the rest stays, what the file states too, and the prior
+    of a link outside is at their middle."""
     mass = two_link.nominal_links[1, 0]
     made = with_bounds(two_link, f"m2={2 * mass}:{3 * mass},c1x=-0.2:,total=:9")
     assert made.box[1, 0].tolist() == [2 * mass, 3 * mass]
     assert made.box[0, 1].tolist() == [-0.2, np.inf]
     assert made.total_mass == (0.0, 9.0)
-    assert made.nominal_links[1] == pytest.approx(
+    assert np.array_equal(made.nominal_links, two_link.nominal_links)
+    assert made.prior_links[1] == pytest.approx(
         np.sqrt(6.0) * two_link.nominal_links[1]
     )
     nearest = with_bounds(two_link, f"m2=0:{mass / 2}")  # zero has no geometric mean
-    assert nearest.nominal_links[1] == pytest.approx(0.5 * two_link.nominal_links[1])
-    assert np.array_equal(made.nominal_links[0], two_link.nominal_links[0])
+    assert nearest.prior_links[1] == pytest.approx(0.5 * two_link.nominal_links[1])
+    assert np.array_equal(made.prior_links[0], two_link.nominal_links[0])
     untouched = np.ones(two_link.box.shape, dtype=bool)
     untouched[1, 0] = untouched[0, 1] = False
     assert np.array_equal(made.box[untouched], two_link.box[untouched])
     exact = with_bounds(two_link, "m1=3:3,total=9:9")  # known, and no contradiction
     assert exact.box[0, 0].tolist() == [3.0, 3.0]
+    assert exact.known == {"m1": 3.0}
+    centre = with_bounds(two_link, "m2=2:2,c2x=0.1:0.1,c1z=0:0")
+    assert centre.known == {"mz1": 0.0, "m2": 2.0, "mx2": 0.2}
     assert exact.total_mass == (9.0, 9.0)
     for wrong in ("m9=1:2", "m1=5:1", "m1=a:b", "m1", "m1=nan:2", "mass=1:2"):
         refusal(lambda wrong=wrong: with_bounds(two_link, wrong))
