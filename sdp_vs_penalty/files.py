@@ -111,7 +111,11 @@ def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
 
 @contextmanager
 def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
-    """Let a library read a file by its path, with limited memory.
+    """Let a library read a file by its path.
+
+    Limits of this process would hold for all its threads: what unpacks a file in this
+    process looks at the sizes that the file declares (:func:`memory_for`), and
+    compiled parsers run in a process of their own, which is limited.
 
     Parameters
     ----------
@@ -128,8 +132,7 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the path is no such file, is too large, or unpacks to more memory than a file
-        of its size should.
+        If the path is no such file, is too large, or takes more memory than there is.
     """
     path = Path(path)
     try:
@@ -142,18 +145,22 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
     for file, status in zip(files, states, strict=True):
         _bounded(file, status.st_mode, status.st_size, largest)
     opened(path)
-    room = memory_for(sum(status.st_size for status in states))
     try:
-        with limited_memory(room):
-            yield path
-    except (MemoryError, OSError) as error:
-        if isinstance(error, OSError) and error.errno != errno.EFBIG:
-            raise unreadable(error, path) from error
-        raise InputError(
-            f"unpacks to more than {room // 2**20} MiB, unlike a file of its size",
-            "split it, or save it without compression",
-            path,
-        ) from error
+        yield path
+    except MemoryError as error:
+        raise unpacks_to_too_much(path) from error
+    except OSError as error:
+        raise unreadable(error, path) from error
+
+
+def unpacks_to_too_much(path: Path) -> InputError:
+    """Return the error for a file that unpacks to more memory than one of its size
+    should."""
+    return InputError(
+        "unpacks to far more than a file of its size",
+        "split it, or save it without compression",
+        path,
+    )
 
 
 def memory_for(size: int) -> int:
@@ -172,41 +179,6 @@ def memory_for(size: int) -> int:
         [bytes].
     """
     return _ROOM + _PER_BYTE * size
-
-
-@contextmanager
-def limited_memory(room: int) -> Iterator[None]:
-    """Limit the memory that this process may add, and the size of files that it may
-    write.
-
-    Memory-mapped files do not count. On systems without such limits nothing is limited.
-
-    Parameters
-    ----------
-    room : int
-        Memory beyond what the process uses now [bytes].
-    """
-    try:  # private memory, as the limit counts it; the sixth figure is its pages
-        pages = int(Path("/proc/self/statm").read_text("utf-8").split()[5])
-    except OSError:  # not Linux
-        yield
-        return
-    import resource
-
-    used = pages * resource.getpagesize()
-    before = {}
-    for kind, allowed in (
-        (resource.RLIMIT_DATA, used + room),
-        (resource.RLIMIT_FSIZE, room),
-    ):
-        soft, hard = before[kind] = resource.getrlimit(kind)
-        limits = [x for x in (allowed, soft, hard) if x != resource.RLIM_INFINITY]
-        resource.setrlimit(kind, (min(limits), hard))
-    try:
-        yield
-    finally:
-        for kind, limits_before in before.items():
-            resource.setrlimit(kind, limits_before)
 
 
 def path_or_file(path: Path) -> Path | BinaryIO:

@@ -3,17 +3,18 @@ is reached."""
 
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
 import pytest
 from arms import write_folder
 from commands import run_cli
 from recorded import refusal
-from small_runs import write_run
+from small_runs import small_run, write_run
 
-from sdp_vs_penalty import InputError, files, load_problem
+from sdp_vs_penalty import InputError, files, load_measurements, load_problem
+from sdp_vs_penalty.data import save
 
 
 @pytest.fixture
@@ -198,23 +199,27 @@ def test_what_a_living_writer_has_begun_stays(tmp_path):
     assert [path.exists() for path in begun] == [True, False]
 
 
-@pytest.mark.skipif(
-    not Path("/proc/self/status").exists(), reason="no limit of memory on this system"
-)
-@pytest.mark.parametrize(("size", "fits"), [(10, False), (2**25, True)])
-def test_the_memory_of_unpacking_grows_with_the_file(size, fits, tmp_path):
-    path = tmp_path / "run.npz"
-    with path.open("wb") as file:
-        file.truncate(size)
+def test_threads_that_read_leave_the_limits_of_the_process(tmp_path, two_link):
+    """Limits hold for all threads of a process: reading must not even lower them for a
+    while."""
+    resource = pytest.importorskip("resource")
+    kinds = resource.RLIMIT_DATA, resource.RLIMIT_FSIZE, resource.RLIMIT_AS
+    before = [resource.getrlimit(kind) for kind in kinds]
+    run = small_run(two_link)
+    paths = [tmp_path / f"run.{end}" for end in ("csv", "npz", "parquet", "mat")]
+    for path in paths:
+        save(run, path)
+    limits = []
 
-    def unpack() -> int:
+    def read(path: Path) -> None:
         with files.reading(path):
-            return np.empty(800 * 2**20, np.uint8).size  # reserved, never touched
+            limits.append([resource.getrlimit(kind) for kind in kinds])
+        load_measurements(path)
+        limits.append([resource.getrlimit(kind) for kind in kinds])
 
-    if fits:
-        assert unpack() == 800 * 2**20
-    else:
-        refusal(lambda: unpack(), "unpacks to more than 384 MiB")
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(read, [*paths, *paths]))
+    assert limits == [before] * 16
 
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):

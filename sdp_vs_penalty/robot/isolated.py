@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.files import limited_memory, memory_for
+from sdp_vs_penalty.files import memory_for
 
 #: Arrays by their names.
 Arrays = Mapping[str, NDArray[np.float64]]
@@ -103,18 +103,19 @@ def parse_isolated(
         The file unpacks to more than its size allows.
     """
     size = _size(Path(path)) if n_bytes is None else n_bytes
+    room = memory_for(size)
     request = {
         "parser": [parser.__module__, parser.__qualname__],
         "arguments": [str(path), *arguments],
         "prepare": [prepare.__module__, prepare.__qualname__],
-        "room": memory_for(size),
+        "room": room,
         "seconds": seconds,
         "cpu": int(_LIMITS.cpu + _LIMITS.cpu_by_mib * size / 2**20),
         "folder": os.getcwd(),  # the server may have begun in another one
     }
     if _is_single_threaded():
-        return _answers(_fork_and_parse(request))
-    return _answers(_ask_server(request))
+        return _answers(_fork_and_parse(request), room)
+    return _answers(_ask_server(request), room)
 
 
 def _size(path: Path) -> int:
@@ -135,8 +136,11 @@ def _is_single_threaded() -> bool:
     return False
 
 
-def _answers(messages: _Messages) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """Yield the arrays of a child's messages; raise its errors and repeat its warnings.
+def _answers(
+    messages: _Messages, room: int
+) -> Iterator[dict[str, NDArray[np.float64]]]:
+    """Yield the arrays of a child's messages, of ``room`` bytes together at most; raise
+    its errors and repeat its warnings.
 
     A message is a head and arrays. The head's key says what it is: "remark" (a
     warning), "what" (InputError with remedy and place), "not_installed", "memory",
@@ -156,6 +160,9 @@ def _answers(messages: _Messages) -> Iterator[dict[str, NDArray[np.float64]]]:
             elif "failed" in head:
                 raise ParserEndedError(str(head["failed"]))
             else:
+                room -= sum(x.nbytes for x in arrays.values())
+                if room < 0:
+                    raise MemoryError
                 yield dict(arrays)
 
 
@@ -230,7 +237,8 @@ def _be_child(
         os.dup2(write_end, 3)
         os.closerange(4, os.sysconf("SC_OPEN_MAX"))
         _limit(request["cpu"])
-        with open(3, "wb") as pipe, limited_memory(request["room"]):
+        _limit_memory(request["room"])
+        with open(3, "wb") as pipe:
             _send_answers(function, request["arguments"], pipe)
     finally:
         os._exit(0)
@@ -262,6 +270,28 @@ def _send_answers(
         except Exception as error:
             first = (str(error).splitlines() or [type(error).__name__])[0]
             _send(pipe, {"failed": first[:200]})
+
+
+def _limit_memory(room: int) -> None:
+    """Limit the memory that this process may add [bytes], and the size of files that it
+    may write.
+
+    Memory-mapped files do not count. On systems without such limits nothing is limited.
+    """
+    try:  # private memory, as the limit counts it; the sixth figure is its pages
+        pages = int(Path("/proc/self/statm").read_text("utf-8").split()[5])
+    except OSError:  # not Linux
+        return
+    import resource
+
+    used = pages * resource.getpagesize()
+    for kind, allowed in (
+        (resource.RLIMIT_DATA, used + room),
+        (resource.RLIMIT_FSIZE, room),
+    ):
+        soft, hard = resource.getrlimit(kind)
+        limits = [x for x in (allowed, soft, hard) if x != resource.RLIM_INFINITY]
+        resource.setrlimit(kind, (min(limits), hard))
 
 
 def _limit(cpu_seconds: int) -> None:

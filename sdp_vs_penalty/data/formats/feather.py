@@ -1,5 +1,6 @@
 """Feather files: Apache Arrow's tables on the disk, as pandas and polars write them."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,12 +47,29 @@ def inspect(path: Path) -> CellTable:
 def read_columns(path: Path) -> dict[str, Array]:
     """Read the columns that are no texts: (N,) numbers or (N, n) blocks, by name. See
     :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.read_columns`."""
+    from sdp_vs_penalty.robot.isolated import parse_isolated
+
+    columns = dict[str, Array]()
+    with understood(path, "Feather file", "write it anew, or convert it to CSV"):
+        for part in parse_isolated(numeric_columns, path, prepare=load_feather):
+            columns |= part
+    return columns
+
+
+def load_feather() -> None:
+    """Import pyarrow in the parent process, so that the forked child that parses a file
+    has it at once."""
+    from pyarrow import feather  # noqa: F401
+
+
+def numeric_columns(path: str) -> Iterator[dict[str, Array]]:
+    """Parse the columns that are no texts, one at a time; to be run in a process of its
+    own, whose memory is limited."""
     from pyarrow import feather
 
-    with understood(path, "Feather file", "write it anew, or convert it to CSV"):
-        table: Any = feather.read_table(path_or_file(path), use_threads=False)
-        return {
-            field.name: numbers_of(path, field.name, table.column(field.name))
-            for field in table.schema
-            if kind_of(field.type) != "text"
-        }
+    table: Any = feather.read_table(path_or_file(Path(path)), use_threads=False)
+    for field in table.schema:
+        if kind_of(field.type) != "text":
+            yield {
+                field.name: numbers_of(Path(path), field.name, table.column(field.name))
+            }

@@ -3,7 +3,7 @@ tau (N, n)."""
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,7 +27,7 @@ from sdp_vs_penalty.data.formats.recognition import (
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import LARGEST_IN_MEMORY, PART, concatenate_chunks
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import reading, writing
+from sdp_vs_penalty.files import memory_for, unpacks_to_too_much, writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".npz",)
@@ -54,11 +54,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     InputError
         A file that cannot be read, or a channel that is missing.
     """
-    with (
-        understood(path, *_KIND),
-        reading(path),
-        np.load(path, allow_pickle=False) as file,
-    ):
+    with _archive(path) as file:
         table = _columns_of_one_table(path, file)
         if table is not None:
             return run_of_columns(path, table, choice)
@@ -68,6 +64,19 @@ def read(path: Path, choice: Choice) -> Measurements:
     if len(lengths) > 1 or max(lengths, default=0) <= PART or "t" not in header.groups:
         return header.read(arrays)
     return header.gather(_pieces(header, arrays))
+
+
+@contextmanager
+def _archive(path: Path) -> Iterator[Any]:
+    """Open an archive whose arrays take no more memory than its size allows.
+
+    What is unpacked ends at the size that the archive declares.
+    """
+    with understood(path, *_KIND), np.load(path, allow_pickle=False) as file:
+        unpacked = sum(member.file_size for member in file.zip.infolist())
+        if unpacked > memory_for(path.stat().st_size):
+            raise unpacks_to_too_much(path)
+        yield file
 
 
 def _table_of_joints(file: Any) -> CellTable | None:
@@ -219,11 +228,7 @@ def _arrays_and_texts(path: Path) -> tuple[dict[str, Array], list[str]]:
     """Read the numeric arrays of an archive, and list the names of the others."""
     arrays = dict[str, Array]()
     texts = list[str]()
-    with (
-        understood(path, *_KIND),
-        reading(path),
-        np.load(path, allow_pickle=False) as file,
-    ):
+    with _archive(path) as file:
         table = _columns_of_one_table(path, file)
         if table is not None:
             return table, []
@@ -271,12 +276,9 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
     InputError
         An array that holds anything but real numbers.
     """
+    path = Path(path)
     arrays: dict[str, Array] = {}
-    with (
-        understood(path, *_KIND),
-        reading(path),
-        np.load(path, allow_pickle=False) as file,
-    ):
+    with _archive(path) as file:
         for name in file.files:
             arrays[name] = real_numbers(path, name, file[name])
     return arrays

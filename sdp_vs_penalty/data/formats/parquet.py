@@ -1,6 +1,7 @@
 """Parquet tables with the columns of RUN.csv."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from sdp_vs_penalty.data.formats.stamps import is_stamp, seconds_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import path_or_file, writing
+from sdp_vs_penalty.files import memory_for, path_or_file, unpacks_to_too_much, writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".parquet", ".pq")
@@ -44,13 +45,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     InputError
         A file that cannot be read, or a channel that is missing.
     """
-    from pyarrow import parquet
-
-    # Buffered ahead, all of a row group would be in memory.
-    with (
-        understood(path, "Parquet file", "write it anew, or convert it to CSV"),
-        parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
-    ):
+    with _opened(path) as file:
         header = _header(path, choice, file)
         places = _places_of_joints(path, file)
         if places is not None:
@@ -71,12 +66,7 @@ def inspect(path: Path) -> CellTable:
     CellTable
         Kinds and first cells, by name.
     """
-    from pyarrow import parquet
-
-    with (
-        understood(path, "Parquet file", "write it anew, or convert it to CSV"),
-        parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
-    ):
+    with _opened(path) as file:
         return _cell_table(file)
 
 
@@ -98,16 +88,35 @@ def read_columns(path: Path) -> dict[str, Array]:
     InputError
         A file that cannot be read, or a channel that is missing.
     """
-    from pyarrow import parquet
-
-    with (
-        understood(path, "Parquet file", "write it anew, or convert it to CSV"),
-        parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
-    ):
+    with _opened(path) as file:
         kinds = _cell_table(file).kinds
         names = [name for name, kind in kinds.items() if kind != "text"]
         table = file.read(columns=names, use_threads=False)
     return {name: numbers_of(path, name, table.column(name)) for name in names}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a table that takes no more memory than its size allows: a value that comes
+    in every row is stored once."""
+    from pyarrow import parquet
+
+    with (
+        understood(path, "Parquet file", "write it anew, or convert it to CSV"),
+        # Buffered ahead, all of a row group would be in memory.
+        parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
+    ):
+        metadata = file.metadata
+        groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+        n_values = sum(
+            group.column(k).num_values
+            for group in groups
+            for k in range(group.num_columns)
+        )
+        n_bytes = max(8 * n_values, sum(group.total_byte_size for group in groups))
+        if n_bytes > memory_for(path.stat().st_size):
+            raise unpacks_to_too_much(path)
+        yield file
 
 
 def _header(path: Path, choice: Choice, file: Any) -> Header:
