@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.certainty import likely, possible
+from sdp_vs_penalty.checks.certainty import certain, likely, possible
 from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
 from sdp_vs_penalty.checks.glance import (
     CONTINUE,
@@ -114,19 +114,25 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     }
     unit = min(fits, key=lambda name: abs(np.log(expected[name])))
     factor = fits[unit]
-    if is_usual_step and not _velocities_confirm(glance, factor):
+    share = _velocity_share(glance, factor)
+    is_confirmed = share is not None and abs(share - 1.0) < _CONFIRMED
+    if is_usual_step and not is_confirmed:
         yield _speed_warning(unit, factor, speed)
         return
+    certainty = likely(
+        f"in seconds it were one row in {glance.usual_step:.3g} s of a motion at"
+        f" {speed:.2g} rad/s"
+    )
+    if share is not None and is_confirmed:
+        step = share * factor * glance.usual_step
+        certainty = certain(f"the logged velocities give {step:.5g} s from row to row")
     yield Issue(
         kind="time unit",
         severity="error",
         where="column t",
         what=f"time is in {unit}, not in seconds (it advances by {glance.usual_step:.4g} from row"
         " to row).",
-        certainty=likely(
-            f"in seconds it were one row in {glance.usual_step:.3g} s of a motion at"
-            f" {speed:.2g} rad/s"
-        ),
+        certainty=certainty,
         remedy=f"multiply t by {factor:g}",
         repair=lambda r: replace(r, t=r.t * factor),
         apply=f"time:{_UNITS[unit]}",
@@ -134,14 +140,14 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     )
 
 
-def _velocities_confirm(glance: RunSummary, factor: float) -> bool:
-    """Return whether the logged velocities are the derivative of the positions, if the
-    clock counts units of ``factor`` seconds."""
+def _velocity_share(glance: RunSummary, factor: float) -> float | None:
+    """Return the unit of the clock by the logged velocities over ``factor`` seconds; 1
+    where they are the derivative of the positions by it, None where they do not tell."""
     if glance.run.dq is None:
-        return False
+        return None
     ratios = velocity_ratios(glance)
-    known = ratios[np.isfinite(ratios)] * factor
-    return len(known) > 0 and abs(float(np.median(known)) - 1.0) < _CONFIRMED
+    known = ratios[np.isfinite(ratios)]
+    return None if not len(known) else 1.0 / (float(np.median(known)) * factor)
 
 
 def _speed_warning(unit: str, factor: float, speed: float) -> Issue:

@@ -84,8 +84,8 @@ def fix_runs(
     ------
     InputError
         For a word that no report has, for a repair that drops more than a tenth of a
-        run, for one that does not lower the error on motion left out, and for one after
-        which the check finds the same again.
+        run, for one after which the check finds the same again, and for one that does
+        not lower the error on motion left out, unless the log is refused without it.
     """
     _check_words(reports, apply)
     repaired = [_fixed(report, apply) for report in reports]
@@ -102,7 +102,10 @@ def fix_runs(
     filters = _filters(problem, copies, runs)
     before = _error_left_out(problem, runs, filters)
     after = _error_left_out(problem, copies, filters)
-    _check_errors(before, after, allowed=1.0 if apply else SAME_ERROR)
+    # A log that cannot be identified as it is is no better choice.
+    is_refused = any(f.severity == "error" for done in issues for f in done)
+    if not is_refused:
+        _check_errors(before, after, allowed=1.0 if apply else SAME_ERROR)
     _refuse_remaining(remaining)
     return Repaired(copies, issues, before, after)
 

@@ -611,8 +611,8 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
 
 def _mean_of_neighbours(x: Array, reach: int) -> Array:
     """Return of each row of x (N, n) the mean of ``reach`` rows before it and as many
-    behind it; the first row follows the last."""
-    padded = np.pad(x, ((reach, reach), (0, 0)), "wrap")
+    behind it; NaN near the ends, which have not as many."""
+    padded = np.pad(x, ((reach, reach), (0, 0)), constant_values=np.nan)
     total = np.zeros_like(x)
     for first in range(2 * reach + 1):
         if first != reach:

@@ -360,7 +360,7 @@ def _issue(issue: Issue) -> None:
     where = escape(printable(issue.where))
     out.print(f"  {word}{nature} {kind} ({where})")
     tries = " (--fix does it)" if issue.mends else ""
-    if issue.apply:
+    if issue.apply and not issue.mends:
         tries = f" (--fix with --apply {issue.apply} tries it)"
     for text in (
         issue.what,

@@ -258,6 +258,31 @@ def test_a_repair_that_raises_the_error_is_not_written():
         fix_runs(PROBLEM, [RUN], [replace(report, issues=(wrong,))], ["sign:tau2"])
 
 
+def test_a_log_that_is_refused_is_repaired_although_its_error_stays():
+    """Refused as it is, and refused a repair, it would have no way out."""
+    (report,) = check(PROBLEM, RUN, thorough=False)
+    clock = Issue(
+        kind="time unit",
+        severity="error",
+        where="column t",
+        what="x",
+        certainty=likely("x"),
+        remedy="r",
+        repair=flipped,
+        apply="time:ms",
+    )
+    reports = [replace(report, issues=(clock,))]
+    (run,) = fix_runs(PROBLEM, [RUN], reports, ["time:ms"]).runs
+    np.testing.assert_array_equal(run.tau, flipped(RUN).tau)
+
+
+def test_logged_velocities_are_certain_of_milliseconds():
+    log = replace(RUN, t=1e3 * RUN.t)
+    issue = next(x for x in mended(log, PROBLEM.robot, STANDSTILL)[0])
+    assert (issue.kind, issue.certainty.grade) == ("time unit", "certain")
+    assert "the logged velocities give 0.0100" in str(issue.certainty)
+
+
 def test_a_repair_after_which_the_check_finds_the_same_is_refused(monkeypatch):
     """A repair that changes nothing would be tried again and again."""
     monkeypatch.setattr(fixing, "_PASSES", 0)

@@ -172,6 +172,14 @@ def test_one_skip_of_a_joint_that_moves_alone_is_no_lost_row():
     assert found("lost rows", alone(1)) is None
 
 
+def test_a_run_that_ends_in_acceleration_has_lost_no_row():
+    """It began at rest: its last rows are judged by those before them alone."""
+    row = np.arange(600.0)
+    q = np.outer(np.exp(0.1 * (row - 600.0)), np.linspace(0.3, 0.5, ROBOT.n))
+    run = Measurements(row / RATE, q, np.cos(q))
+    assert found("lost rows", run) is None
+
+
 @pytest.mark.parametrize("follows", [False, True])
 def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(follows):
     """A sine of .9 rad through a range of .7: the position stays there, or the range is
