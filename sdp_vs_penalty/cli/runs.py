@@ -66,18 +66,22 @@ def read_and_hold(
     problem = make(hold)
     try:
         runs = read(problem)
-        why = "stands still without torque"
+        why = ("stands still without torque", "stand still without torque")
         found = _idle_in_all(problem, runs)
     except MissingJoints as error:
         runs = []
-        why = "is in no column"
+        why = ("is in no column", "are in no column")
         found = dict.fromkeys(error.joints, 0.0)
     if not found:
         return problem, runs, hold
     words = ",".join(f"{name}={value:.6g}" for name, value in found.items())
+    is_one = len(found) == 1
+    links = "its link belongs to its parent"
+    if not is_one:
+        links = "their links belong to their parents"
     console.warn(
-        f"{' and '.join(found)} {why}: held, its link belongs to its parent; the same by"
-        f" `--hold {command_line([words])}`"
+        f"{formatting.words(list(found))} {why[0] if is_one else why[1]}: held, {links};"
+        f" the same by `--hold {command_line([words])}`"
     )
     hold = f"{hold},{words}" if hold else words
     problem = make(hold)

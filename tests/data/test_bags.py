@@ -99,6 +99,12 @@ def test_prefixes_are_the_robot_s(tmp_path):
     np.testing.assert_array_equal(read_bag(tmp_path, both, names=names).q, expected)
 
 
+def test_the_states_of_one_arm_of_two_say_how_to_hold_the_other(tmp_path):
+    names = (*JOINTS, "other_a", "other_b", "other_c")
+    held = "--hold other_a=0,other_b=0,other_c=0"
+    refusal(lambda: read_bag(tmp_path, part("c a b"), names=names), held)
+
+
 def test_one_prefix_need_not_be_named(tmp_path):
     run = read_bag(tmp_path, part("arm/c arm/b arm/a"))
     np.testing.assert_array_equal(run.q, Q)

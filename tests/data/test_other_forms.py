@@ -167,6 +167,37 @@ def test_structs_within_structs_are_read(tmp_path):
     require_the_run(silently(tmp_path / "run.mat"))
 
 
+@pytest.mark.parametrize("n_joints", [1, 3])
+def test_a_cell_a_sample_is_a_block(n_joints, tmp_path):
+    cells = np.empty((2, len(T)), object)
+    for k in range(len(T)):
+        cells[:, k] = [x[k, :n_joints, None] for x in (Q, TAU)]
+    savemat(tmp_path / "run.mat", {"t": T, "q": cells[0], "tau": cells[1]})
+    run = silently(tmp_path / "run.mat")
+    np.testing.assert_array_equal(run.q, Q[:, :n_joints])
+    np.testing.assert_array_equal(run.tau, TAU[:, :n_joints])
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("table", "writetable(log, 'run.csv')"),
+        ("timetable", "writetable(timetable2table(log), 'run.csv')"),
+        ("timeseries", "save its numbers as a matrix"),
+    ],
+)
+def test_an_object_of_matlab_is_refused_by_its_class(kind, words, monkeypatch):
+    from scipy.io.matlab import MatlabOpaque
+
+    from sdp_vs_penalty.data.formats.matlab import numeric_variables
+
+    names = [(field, "O") for field in ("s0", "s1", "s2", "arr")]
+    log = MatlabOpaque(np.array([(b"log", b"MCOS", kind.encode(), None)], dtype=names))
+    monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: {"None": log})
+    said = f"log is a MATLAB {kind}, which only MATLAB reads"
+    refusal(lambda: list(numeric_variables("run.mat")), said, words)
+
+
 def test_a_matrix_with_a_channel_a_row_is_read_by_its_rate(tmp_path):
     savemat(tmp_path / "run.mat", {"ans": np.column_stack([Q, DQ, TAU]).T})
     require_the_run(silently(tmp_path / "run.mat", rate=200.0))
@@ -454,6 +485,15 @@ def test_a_joint_that_is_named_without_torque_is_missing(tmp_path):
     path = table(tmp_path / "run.csv", ["time", *names], T, Q, 0.0 * T, TAU)
     said = refusal(lambda: silently(path, names=(*JOINTS, "gripper")), "--hold")
     assert "gripper is in no column" in said
+
+
+def test_the_log_of_one_arm_of_several_says_how_to_hold_the_others(tmp_path):
+    """Three joints of seven are called by their names: the others are held."""
+    names = [f"{kind}.{joint}" for kind in ("position", "effort") for joint in JOINTS]
+    path = table(tmp_path / "run.csv", ["time", *names], T, Q, TAU)
+    others = ("right_yaw", "right_elbow", "right_wrist", "head")
+    held = "--hold right_yaw=0,right_elbow=0,right_wrist=0,head=0"
+    refusal(lambda: silently(path, names=(*JOINTS, *others)), held)
 
 
 @pytest.mark.parametrize(

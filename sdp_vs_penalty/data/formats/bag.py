@@ -262,7 +262,8 @@ def _choose_joints(
     """Choose the joints to read, and the stream whose messages become the run's rows.
 
     The robot's joints are looked for in the bag, perhaps with other words around their
-    names ("panda_joint1"). More than half have to be there; the others are left to be held.
+    names ("panda_joint1"). More than half have to be there, or two by their very names;
+    the others are left to be held.
     Without a robot, all joints of the largest stream are taken in its order.
 
     Returns
@@ -281,7 +282,8 @@ def _choose_joints(
     in_bag = list(dict.fromkeys(name for s in placed for name in s.names))
     bag_names = match_joints(robot_joints, in_bag)
     robot_name = {name: joint for joint, name in bag_names.items()}
-    if 2 * len(robot_name) <= len(robot_joints):
+    n_by_name = len(set(robot_joints) & set(in_bag))
+    if n_by_name < 2 and 2 * len(robot_name) <= len(robot_joints):
         there = ", ".join(sorted(in_bag)) or "none"
         expected = ", ".join(robot_joints) or "(none)"
         what = f"no message has all joints {expected} (there are: {there})"

@@ -283,7 +283,7 @@ def choose_sets(
         What each column's name says, by the name.
     n_joints : int | None
         Number of the robot's joints. Columns that are called by its joints have to name
-        more than half of them.
+        two of them.
     has_blocks : bool
         Whether one column may hold all joints, a list in each cell.
 
@@ -339,11 +339,11 @@ def choose_sets(
 
 
 def _is_candidate(positions: ColumnSet, n_joints: int | None, has_blocks: bool) -> bool:
-    """Return whether a set of positions may be chosen: it names more than half of the
-    robot's joints where it is called by them, and is a block only where blocks are
-    allowed."""
+    """Return whether a set of positions may be chosen: it names two of the robot's
+    joints or more where it is called by them (those of one arm of two), and is a block
+    only where blocks are allowed."""
     if positions.style == "joint":
-        return 2 * len(positions.columns) > (n_joints or 0)
+        return len(positions.columns) >= min(2, n_joints or 0)
     return positions.style != "block" or has_blocks
 
 

@@ -3,8 +3,10 @@ q2, ..."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats.columns import Choice, table_of_arrays, understood
 from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
@@ -120,8 +122,43 @@ def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])
+    has_numbers = False
     for name, block in _leaves(named):
+        has_numbers = True
         yield {name: block}
+    opaque = [x for value in named.values() for x in _objects_in(value)]
+    if opaque and not has_numbers:
+        raise _only_matlab_reads(path, *opaque[0])
+
+
+def _objects_in(value: object) -> list[tuple[str, str]]:
+    """List the names and classes of a variable that are MATLAB's own objects, such as
+    ("log", "table"), of which a file holds no numbers that others read."""
+    from scipy.io.matlab import MatlabOpaque
+
+    if not isinstance(value, MatlabOpaque):
+        return []
+    return [
+        (
+            bytes(x["s0"]).decode(errors="replace"),
+            bytes(x["s2"]).decode(errors="replace"),
+        )
+        for x in np.ravel(value)
+    ]
+
+
+def _only_matlab_reads(path: str, name: str, kind: str) -> InputError:
+    """Return the error of a file that holds nothing but an object of a MATLAB class."""
+    remedy = "save its numbers as a matrix"
+    if kind in ("table", "timetable"):
+        inner = name if kind == "table" else f"timetable2table({name})"
+        remedy = (
+            f"write it in MATLAB with writetable({inner}, 'run.csv'), or save"
+            f" s = table2struct({inner}, 'ToScalar', true) with save('run.mat', 's')"
+        )
+    return InputError(
+        f"{name} is a MATLAB {kind}, which only MATLAB reads", remedy, path
+    )
 
 
 def _leaves(
@@ -138,9 +175,20 @@ def _leaves(
         if structs:
             yield from _leaves(_by_label_or_number(key, structs), prefix)
             continue
-        block = np.asarray(value)
+        block = _stacked_cells(np.asarray(value))
         if block.dtype.kind in "fiu" and block.ndim <= 2:
             yield name, block.astype(float)
+
+
+def _stacked_cells(block: NDArray[Any]) -> NDArray[Any]:
+    """Return cells of N equally long numeric vectors (n,) as one block (N, n); anything
+    else as it is."""
+    if block.dtype != object or block.ndim != 1 or not len(block):
+        return block
+    cells = [np.asarray(cell) for cell in block]
+    are_numbers = all(cell.dtype.kind in "fiu" and cell.ndim < 2 for cell in cells)
+    has_one_shape = len({cell.shape for cell in cells}) == 1
+    return np.array(cells) if are_numbers and has_one_shape else block
 
 
 def _structs_of(value: object) -> list[Mapping[str, object]]:
