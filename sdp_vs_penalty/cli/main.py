@@ -88,8 +88,8 @@ VERBS = {
             "implausible inertial is refused."
         ),
         "check-urdf": (
-            "Check the inertials of a URDF: which bodies are impossible, by how much, "
-            "the nearest possible."
+            "Check the inertials of a robot's file: which are impossible, which typing"
+            " mistake explains each."
         ),
         "page": (
             "Open the workbench: a local page to identify, diagnose, add effects and "

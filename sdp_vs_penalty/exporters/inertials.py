@@ -1,7 +1,7 @@
 """Which inertials of a URDF are physically possible, by how much, and the nearest ones
 that are."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,80 +17,122 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
+from sdp_vs_penalty.robot.inertial_repair import (
+    CENTRE,
+    MOMENTS,
+    PRODUCTS,
+    Repair,
+    WrittenInertial,
+    find_repairs,
+)
 from sdp_vs_penalty.robot.plausible_units import LinkSizes, limits_in_degrees, odd_units
 from sdp_vs_penalty.robot.urdf import (
+    couplings_left_out,
     errors_located_in,
     load_urdf,
+    numbers_of,
+    parse_urdf,
     placed_links,
+    pose_of,
     read_inertial,
 )
 
+#: So many typing mistakes that are not told apart are named.
+_MOST_NAMED = 4
 #: How far a link reaches that no joint moves, such as the base [m].
 _REACH_OF_BASE = 3.0
 
 
 @dataclass(frozen=True)
 class LinkCheck:
-    """One link's inertial as the file writes it.
-
-    triangle_margin : smallest of D1 + D2 - D3 over the principal moments about the centre of mass
-        [kg m^2], >= 0 for a possible body; pseudo_inertia_margin : smallest eigenvalue of the 4x4
-        pseudo-inertia about the link's origin (kg, kg m, kg m^2 mixed: its sign is what counts);
-    reach : of its body [m], from geometry or the joints around it (3: nothing moves it); gyration : of a
-        consistent link, sqrt(tr I / (2 m)) about the centre of mass [m]; nearest : the nearest possible
-        Inertial of an inconsistent link with mass.
-    """
+    """One link's inertial as the file writes it, and what is wrong with it."""
 
     link: str
     inertial_given: Inertial
+    #: Smallest of D1 + D2 - D3 over the principal moments about the centre of mass
+    #: [kg m^2], >= 0 for a possible body; NaN without a positive mass.
     triangle_margin: float
+    #: Smallest eigenvalue of the 4x4 pseudo-inertia about the link's origin (kg, kg m,
+    #: kg m^2 mixed: its sign is what counts).
     pseudo_inertia_margin: float
+    #: "consistent", or why no body has these numbers.
     verdict: str
+    #: How far its body reaches [m], from geometry or the joints around it (3: nothing
+    #: moves it).
     reach: float
+    #: Radius sqrt(tr I / (2 m)) about the centre of mass of a consistent link [m].
     gyration: float
+    #: Why a consistent link does not fit its shapes or its place; "" where it does.
+    misfit: str
+    #: Numbers that the file writes twice, and differently, such as iyx against ixy.
+    contradictions: tuple[str, ...]
+    #: Typing mistakes that explain it and are not told apart, the likeliest first.
+    repairs: tuple[Repair, ...]
+    #: The one that explains an impossible link; None where no other is far behind.
+    repair: Repair | None
+    #: The nearest possible inertial of an inconsistent link with mass (Frobenius norm).
     nearest: Inertial | None
+    #: Whether the nearest inertia differs by no more than the written digits.
+    is_rounding: bool
 
     @classmethod
-    def of(cls, link: str, theta: Array, reach: float) -> "LinkCheck":
+    def of(cls, link: Any, reach: float, shape: Array | None) -> "LinkCheck":
         """Check the inertial of one link.
 
         Parameters
         ----------
-        link : str
-            Name of the link.
-        theta : (10,)
-            Standard parameters [kg, kg m, kg m^2].
+        link : XML element
+            The <link>.
         reach : float
             How far the link's body reaches [m].
-
-        Returns
-        -------
-        LinkCheck
-            Its margins, verdict, and the nearest consistent inertial if it is
-            inconsistent.
+        shape : (k, 3) array or None
+            Points around its shapes, in its frame [m].
         """
+        theta = read_inertial(link)
+        written = _written(link, reach, shape)
         inertial = Inertial.of(theta)
         moments = np.asarray(np.linalg.eigvalsh(inertial.about_com), float)
         triangle = float(moments[0] + moments[1] - moments[2])
         if theta.any() and inertial.mass <= 0.0:
             triangle = np.nan
-        verdict = inertia.why_impossible(theta) or "consistent"
+        impossible = inertia.why_impossible(theta)
+        contradictions = _contradictions(link)
         nearest = None
-        gyration = 0.0
-        if verdict == "consistent":
-            gyration = float(inertia.gyration(theta))
+        misfit = ""
+        is_rounding = False
+        repairs: list[Repair] = []
+        is_clear = False
+        if not impossible:
+            misfit = written.misfit(written.barycentric())
+            if misfit:
+                repairs = find_repairs(written)[0]
         elif inertial.mass > 0.0:
             about_com = inertia.nearest_inertia(inertial.about_com, inertial.mass)
             nearest = replace(inertial, about_com=about_com)
+            change = float(np.linalg.norm(about_com - inertial.about_com))
+            is_rounding = change <= written.resolution
+            if not is_rounding:
+                size = max(float(np.linalg.norm(inertial.about_com)), 1e-300)
+                # A moment that is not positive is no small error of one that is.
+                is_gross = np.diagonal(inertial.about_com).min() <= 0.0
+                move = 1.0 if is_gross else change / size
+                repairs, is_clear = find_repairs(written, move)
+        else:
+            repairs, is_clear = find_repairs(written, move=1.0)
         return cls(
-            link,
+            link=str(link.get("name")),
             inertial_given=inertial,
             triangle_margin=triangle,
             pseudo_inertia_margin=float(inertia.consistency_margin(theta)),
-            verdict=verdict,
+            verdict=impossible or "; ".join(contradictions) or "consistent",
             reach=reach,
-            gyration=gyration,
+            gyration=0.0 if impossible else float(inertia.gyration(theta)),
+            misfit=misfit,
+            contradictions=contradictions,
+            repairs=tuple(repairs),
+            repair=repairs[0] if is_clear else None,
             nearest=nearest,
+            is_rounding=is_rounding,
         )
 
     @property
@@ -102,33 +144,61 @@ class LinkCheck:
         return float(np.linalg.norm(self.inertial_given.about_com - nearest.about_com))
 
     @property
-    def has_wrong_signs(self) -> bool:
-        """Whether the inertia would be consistent with positive moments on its
-        diagonal.
-        """
-        diagonal = np.diagonal(self.inertial_given.about_com)
-        if np.all(diagonal >= 0.0) or self.inertial_given.mass <= 0.0:
-            return False
-        changed = self.inertial_given.about_com + np.diag(np.abs(diagonal) - diagonal)
-        moments = np.linalg.eigvalsh(changed)
-        return bool(moments[0] > 0.0 and moments[0] + moments[1] >= moments[2])
-
-    @property
     def consistent(self) -> bool:
-        """Whether a body with this mass and inertia can exist."""
+        """Whether a body with this mass and inertia can exist, and the file agrees with
+        itself."""
         return self.verdict == "consistent"
 
     @property
     def unlikely(self) -> bool:
-        """Whether the body can exist, but its mass lies farther out than its link
-        reaches.
-        """
-        return self.gyration > self.reach
+        """Whether the body can exist, but does not fit its shapes or its place."""
+        return bool(self.misfit)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What is wrong with a link, what explains it, and what ``--fix`` writes."""
+        return tuple(f"{self.link}: {text}." for text in self._texts())
+
+    def _texts(self) -> Iterator[str]:
+        """Yield the sentences without the link's name and the full stop."""
+        if self.misfit:
+            yield f"consistent but {self.misfit}"
+        for text in self.contradictions:
+            yield f"{text}: readers of URDF take the latter; correct the wrong one"
+        if self.repair is not None:
+            yield f"{self.repair.sentence} (--fix writes this)"
+        elif self.repairs:
+            first = enumerate(self.repairs[:_MOST_NAMED], start=1)
+            each = "; ".join(f"({k}) {x.sentence}" for k, x in first)
+            more = len(self.repairs) - _MOST_NAMED
+            rest = f"; and {more} more" if more > 0 else ""
+            how = f"{len(self.repairs)} mistakes explain it equally, none is chosen"
+            if self.misfit:
+                how = (
+                    "one typing mistake would explain it, which --fix leaves, for a body"
+                    " can have these numbers"
+                )
+            elif len(self.repairs) == 1:
+                how = "one typing mistake explains it hardly better than another error"
+            yield f"{how}: {each}{rest}"
+        if self.nearest is not None and self.repair is None:
+            why = (
+                "within the written digits"
+                if self.is_rounding
+                else "mass and centre kept"
+            )
+            attributes = self.nearest.urdf_attributes.items()
+            numbers = " ".join(f'{name}="{value}"' for name, value in attributes)
+            yield (
+                f"the nearest consistent inertia ({why}; Frobenius norm of the change"
+                f" {self.distance:.2g} kg m^2; about the centre of mass, axes of the"
+                f" link; --fix writes this): {numbers}"
+            )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the check as JSON: mass, margins, verdict and radius of gyration; for
-        an inconsistent link also the nearest inertia and the distance to it. A margin
-        that is not known is null."""
+        """Return the check as JSON: mass, margins, verdict, radius of gyration and
+        typing mistakes; for an inconsistent link also the nearest inertia and the
+        distance to it. A margin that is not known is null."""
         names = ("link", "pseudo_inertia_margin", "consistent", "verdict")
         out = {name: getattr(self, name) for name in names} | {
             "radius_of_gyration": self.gyration
@@ -138,6 +208,11 @@ class LinkCheck:
             "triangle_margin": formatting.finite(self.triangle_margin),
         }
         out["plausible"] = self.consistent and not self.unlikely
+        out["repairs"] = [
+            {"sentence": x.sentence, "numbers": dict(x.texts)} for x in self.repairs
+        ]
+        if self.misfit:
+            out["misfit"] = self.misfit
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
             out |= {"nearest_inertia": values, "distance": self.distance}
@@ -165,24 +240,62 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     # Refuses the file in one sentence for whatever else is wrong with it.
     robot, nominal = load_urdf(path)
     without_bounds = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
-    bodies = link_bodies(
-        robot, without_bounds, np.zeros_like(nominal), link_geometry(path)
-    )
+    geometry = link_geometry(path)
+    bodies = link_bodies(robot, without_bounds, np.zeros_like(nominal), geometry)
     # Links fixed to a moving link are part of its body.
-    reach_by_link = {
-        link.get("name"): body.reach
-        for fixed_together, body in zip(placed_links(path), bodies, strict=True)
-        for link, _ in fixed_together
-    }
-    checks = []
+    reaches = dict[str, float]()
+    shapes = dict[str, Array]()
+    for fixed_together, body, shape in zip(
+        placed_links(path), bodies, geometry, strict=True
+    ):
+        for link, at in fixed_together:
+            name = link.get("name")
+            reaches[name] = body.reach
+            if shape is not None:
+                shapes[name] = (shape.points - at[:3, 3]) @ at[:3, :3]
     with errors_located_in(path):
-        for link in Document.read(path).root.findall("link"):
-            if link.find("inertial") is None:
-                continue
-            name = str(link.get("name"))
-            reach = reach_by_link.get(name, _REACH_OF_BASE)
-            checks.append(LinkCheck.of(name, read_inertial(link), reach))
-    return checks
+        return [
+            LinkCheck.of(
+                link,
+                reaches.get(link.get("name"), _REACH_OF_BASE),
+                shapes.get(link.get("name")),
+            )
+            for link in Document.read(path).root.findall("link")
+            if link.find("inertial") is not None
+        ]
+
+
+def _written(
+    link: Any, reach: float = np.inf, shape: Array | None = None
+) -> WrittenInertial:
+    """Return the numbers of a link's <inertial> as text; "0" for those that are
+    missing."""
+    element = link.find("inertial")
+    mass, tensor = element.find("mass"), element.find("inertia")
+    origin = element.find("origin")
+    centre = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+    texts = {"mass": "0" if mass is None else mass.get("value", "0")}
+    texts |= dict(zip(CENTRE, centre.split(), strict=True))
+    texts |= {k: "0" if tensor is None else tensor.get(k, "0") for k in MOMENTS}
+    texts = {name: text.strip() for name, text in texts.items()}
+    return WrittenInertial(texts, pose_of(element)[:3, :3], reach, shape)
+
+
+def _contradictions(link: Any) -> tuple[str, ...]:
+    """Return what a tensor says twice and differently: iyx against ixy, and so on."""
+    tensor = link.find("inertial/inertia")
+    found = []
+    for name in PRODUCTS:
+        mirrored = f"i{name[2]}{name[1]}"
+        texts = [None if tensor is None else tensor.get(k) for k in (mirrored, name)]
+        if texts[0] is None:
+            continue
+        first, second = (numbers_of(text or "0", 1)[0] for text in texts)
+        if first != second:
+            found.append(
+                f'{mirrored}="{texts[0]}" contradicts {name}="{texts[1] or 0}"'
+            )
+    return tuple(found)
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
@@ -210,7 +323,9 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     ]
 
 
-def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]:
+def sentences(
+    checks: Sequence[LinkCheck], massless: Sequence[str], units: Sequence[str] = ()
+) -> list[str]:
     """Say what is impossible, implausible or missing in a URDF.
 
     Parameters
@@ -219,38 +334,23 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
         Checks of all inertials of the file.
     massless : sequence of str
         Names of moving links without inertial.
+    units : sequence of str
+        What is said of the file's units: where they are wrong, no link is judged by its
+        size.
 
     Returns
     -------
     list of str
-        The verdict; then a sentence for each link that is consistent but whose mass
-        lies
-        outside of its body, for each link with wrong signs, and on links without
-        inertial.
+        The verdict; then what is wrong with each link, what explains it and what
+        ``--fix`` writes; then links without inertial.
     """
     if not checks:
         return ["The file has no inertials."]
-    broken = [c.link for c in checks if not c.consistent]
-    how = (
-        f"{', '.join(broken)} physically impossible."
-        if broken
-        else "all are consistent."
-    )
+    if units:
+        checks = [replace(c, misfit="", repairs=()) if c.misfit else c for c in checks]
+    how = _verdict(checks)
     lines = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
-    lines += [
-        f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m"
-        f" for {c.inertial_given.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques"
-        " of a link that hardly moves do not determine its mass and inertia"
-        " separately; the default method of `identify` keeps every link in its body."
-        for c in checks
-        if c.unlikely
-    ]
-    lines += [
-        f"{c.link}: possible with positive moments on the diagonal: their signs may be"
-        " wrong."
-        for c in checks
-        if c.has_wrong_signs
-    ]
+    lines += [text for check in checks for text in check.sentences]
     if massless:
         lines.append(
             f"Moving links without an inertial: {', '.join(massless)}. Simulators"
@@ -258,6 +358,19 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
             " `export --urdf` adds them."
         )
     return lines
+
+
+def _verdict(checks: Sequence[LinkCheck]) -> str:
+    """Return what the checks of all links come to."""
+    kinds = {
+        "physically impossible": [
+            c.link for c in checks if not c.consistent and not c.contradictions
+        ],
+        "contradictory": [c.link for c in checks if c.contradictions],
+        "consistent but implausible": [c.link for c in checks if c.unlikely],
+    }
+    found = [f"{', '.join(links)} {how}" for how, links in kinds.items() if links]
+    return f"{'; '.join(found)}." if found else "all are consistent."
 
 
 def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
@@ -298,6 +411,23 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     return [*remarks, f"Units: {in_degrees}."] if in_degrees else remarks
 
 
+def coupling_remarks(path: str | Path) -> list[str]:
+    """Name what couples links of a URDF beside its tree of joints.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+    """
+    left_out = couplings_left_out(parse_urdf(path))
+    return [f"{left_out}."] if left_out else []
+
+
 def massless_links(path: str | Path) -> list[str]:
     """Return the names of moving links without an inertial.
 
@@ -321,11 +451,11 @@ def massless_links(path: str | Path) -> list[str]:
     return [str(parts[0][0].get("name")) for parts, theta in moving if not theta.any()]
 
 
-def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) -> None:
-    """Write a copy of a URDF in which inconsistent inertials are replaced by the
-    nearest.
+def write_repaired(path: str | Path, checks: list[LinkCheck], out: str | Path) -> None:
+    """Write a copy of a URDF with the numbers of the one typing mistake that explains a
+    link, or else the nearest consistent inertia.
 
-    Every other byte stays.
+    Every other byte stays, and a link that can exist keeps its numbers.
 
     Parameters
     ----------
@@ -339,23 +469,37 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
     Raises
     ------
     InputError
-        If a link has no positive mass: no inertia is nearest then.
+        If a link has no positive mass, and no mistake explains it: no inertia is nearest
+        then.
     """
     document = Document.read(path)
     links = {link.get("name"): link for link in document.root.findall("link")}
     for check in checks:
-        if check.nearest is not None:
-            document.put(
-                links[check.link], "inertial", {}, inertial_tags(check.nearest)
-            )
-        elif not check.consistent:
+        link = links[check.link]
+        if check.repair is not None:
+            for tag, attributes in _tags(check.repair, link).items():
+                document.put(link.find("inertial"), tag, attributes)
+        elif check.nearest is not None:
+            document.put(link, "inertial", {}, inertial_tags(check.nearest))
+        elif not check.consistent and not check.contradictions:
             what = (
                 f"link {check.link!r} has a mass of {check.inertial_given.mass:g} kg"
                 f" ({check.verdict})"
             )
-            raise InputError(
-                what,
-                "correct it in the file, because no inertia is nearest to it",
-                path,
-            )
+            remedy = "correct it in the file, because no inertia is nearest to it"
+            raise InputError(what, remedy, path)
     write_bytes(out, document.edited())
+
+
+def _tags(repair: Repair, link: Any) -> dict[str, dict[str, str]]:
+    """Return the attributes that a repair changes, by the tags of an <inertial>."""
+    texts = dict(repair.texts)
+    tags = dict[str, dict[str, str]]()
+    if "mass" in texts:
+        tags["mass"] = {"value": texts["mass"]}
+    if texts.keys() & set(CENTRE):
+        centre = _written(link).texts
+        tags["origin"] = {"xyz": " ".join({**centre, **texts}[k] for k in CENTRE)}
+    if moments := {k: texts[k] for k in MOMENTS if k in texts}:
+        tags["inertia"] = moments
+    return tags

@@ -492,10 +492,7 @@ def _remarks_on(file: RobotFile) -> Iterator[str]:
     if in_degrees:
         yield in_degrees
     if file.couplings:
-        yield (
-            f"{', '.join(file.couplings)}: not read: the arm is the tree of joints"
-            " without what couples its links besides"
-        )
+        yield file.couplings
 
 
 def lowest_masses(nominal: Array) -> Array:

@@ -34,8 +34,8 @@ UNITS = tuple(
 #: consistent: what rounding leaves of an exact zero (a rod, a point mass) after a
 #: change of frames.
 ROUNDING = 1e-12
-#: Root mean square distance of a link's mass from a plane, at least [m]: simulators
-#: demand a millimetre.
+#: Root mean square distance of the mass from any plane of a link that is drawn, because
+#: its numbers say a point or a line [m].
 _THINNEST = 1e-3
 
 #: (row, column) of each of the six inertia entries, in the parameter order.
@@ -441,7 +441,7 @@ def least_density(theta: ArrayLike) -> Array:
 
 
 def nearest_inertia(
-    about_com: Array, mass: float = 0.0, thinnest: float = _THINNEST
+    about_com: Array, mass: float = 0.0, thinnest: float | None = None
 ) -> Array:
     """Return the consistent inertia that is nearest to a symmetric matrix (Frobenius
     norm).
@@ -457,8 +457,9 @@ def nearest_inertia(
         Symmetric matrix [kg m^2].
     mass : float
         Mass [kg]. With a positive one the result is strictly consistent.
-    thinnest : float
-        Root mean square distance of the mass from any plane, at least [m].
+    thinnest : float, optional
+        Root mean square distance of the mass from any plane, at least [m]; default: 0,
+        and a millimetre where a moment would be zero, which simulators refuse.
 
     Returns
     -------
@@ -471,5 +472,8 @@ def nearest_inertia(
     second, _ = nnls(1.0 - np.eye(3), moments)  # D = (1 - I) s
     # As far inside as it takes to survive being written as text and read again.
     second = second + 4.0 * ROUNDING * second.sum()
+    if thinnest is None:
+        has_zero_moment = second.sum() - second.max() <= _ZERO_MOMENT
+        thinnest = _THINNEST if has_zero_moment else 0.0
     second = np.maximum(second, mass * thinnest**2)
     return np.asarray((axes * (second.sum() - second)) @ axes.T, float)

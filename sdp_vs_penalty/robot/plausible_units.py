@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.robot.inertia import DENSEST
 from sdp_vs_penalty.robot.joint import Joint
 
 #: Longest distance between two joints [m], heaviest link [kg].
@@ -86,24 +87,30 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
     """
     known = [x for x in links if x.mass > 0.0 and np.isfinite(x.mass)]
     scale = 1.0
+    lengths: Sequence[float] = ()
     if longest > _LONGEST:
         units = _length_units(longest, _SHORTEST_ARM, _LONGEST_ARM)
-        scale = 1.0 / next(iter(units))
+        lengths = list(units)
+        scale = 1.0 / lengths[0]
         how = f"joints are {longest:.4g} m apart"
         yield _odd("lengths", links=(), how=how, units=units)
     size = max(longest * scale, 0.05)
     are_all_in_grams = _looks_like_grams(known)
+    # Where lengths are in another unit, masses may be too: no metal is so dense.
+    heaviest = _HEAVIEST if scale == 1.0 else min(_HEAVIEST, DENSEST * size**3)
     in_grams = [
         x
         for x in known
-        if x.mass > _HEAVIEST or are_all_in_grams or _outweighs(x, known)
+        if x.mass > heaviest or are_all_in_grams or _outweighs(x, known)
     ]
     if in_grams:
-        heaviest = max(x.mass for x in in_grams)
-        how = f"a link weighs {heaviest:.4g} kg"
+        how = f"a link weighs {max(x.mass for x in in_grams):.4g} kg"
         yield _odd("masses", links=_names(in_grams), how=how, units={1e3: "g"})
-    yield from _odd_centres(known, size)
-    yield from _odd_inertias(known, size, bool(in_grams))
+    centres = list(_odd_centres(known, size))
+    yield from centres
+    if centres and centres[0].factor is not None:
+        lengths = lengths or [centres[0].factor]
+    yield from _odd_inertias(known, size, bool(in_grams), lengths)
     yield from _odd_total(known)
 
 
@@ -178,9 +185,16 @@ def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
 
 
 def _odd_inertias(
-    links: Sequence[LinkSizes], size: float, are_masses_in_grams: bool
+    links: Sequence[LinkSizes],
+    size: float,
+    are_masses_in_grams: bool,
+    lengths: Sequence[float],
 ) -> Iterator[OddUnit]:
-    """Yield inertias whose radius of gyration is too large for a robot of ``size`` [m]."""
+    """Yield inertias whose radius of gyration is too large for a robot of ``size`` [m].
+
+    ``lengths``: how many of the file's units of length are a metre, of each that fits;
+    units of mass times their squares come alone, where one fits.
+    """
     wide = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
     if not wide:
         return
@@ -191,6 +205,8 @@ def _odd_inertias(
     excess *= 1e3 if are_masses_in_grams else 1.0
     how = f"the mass of a link is spread over {max(radii):.4g} m (radius of gyration)"
     units = _inertia_units(excess, are_masses_in_grams)
+    coherent = [(1e3 if are_masses_in_grams else 1.0) * x**2 for x in lengths]
+    units = {x: units[x] for x in coherent if x in units} or units
     yield _odd("inertias", _names(wide), how, units)
 
 

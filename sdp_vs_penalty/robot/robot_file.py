@@ -28,7 +28,7 @@ from sdp_vs_penalty.robot.isolated import Arrays, ParserEndedError, parse_isolat
 from sdp_vs_penalty.robot.model_files import format_of, unexpanded
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.sdf import urdf_of_sdf
-from sdp_vs_penalty.robot.urdf import couplings, load_urdf, parse_urdf
+from sdp_vs_penalty.robot.urdf import couplings_left_out, load_urdf, parse_urdf
 
 #: Size of a file for which a macro language may take 1 GB of memory.
 _N_BYTES = 2**24
@@ -45,8 +45,8 @@ class RobotFile:
     geometry: Sequence[Geometry | None] | None = None
     #: Parameters of the joints by name, such as f_v1 [N m s/rad].
     values: Mapping[str, float] = field(default_factory=dict)
-    #: What couples links beside the tree of joints and is left out, in words.
-    couplings: Sequence[str] = ()
+    #: Which couplings of links beside the tree of joints are left out; "" for none.
+    couplings: str = ""
 
 
 def load_robot(
@@ -84,7 +84,9 @@ def load_robot(
     with as_urdf(Path(path)) as file:
         robot, links = load_urdf(file, down, held)
         geometry = link_geometry(file, held)
-        return RobotFile(robot, links, geometry, couplings=couplings(parse_urdf(file)))
+        return RobotFile(
+            robot, links, geometry, couplings=couplings_left_out(parse_urdf(file))
+        )
 
 
 @contextmanager

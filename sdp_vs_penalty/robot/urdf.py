@@ -342,8 +342,8 @@ def placed_links(
     return [elements for k, elements in enumerate(parts) if k not in massless]
 
 
-def couplings(root: Any) -> list[str]:
-    """Return what couples links of a URDF beside its tree of joints, and is not read:
+def couplings_left_out(root: Any) -> str:
+    """Say what couples links of a URDF beside its tree of joints, and is not read:
     constraints and loops of its extensions.
 
     Parameters
@@ -353,8 +353,8 @@ def couplings(root: Any) -> list[str]:
 
     Returns
     -------
-    list of str
-        Such as "<connect body1='a' body2='b'> (line 7)", in the order of the file.
+    str
+        Such as "<connect body1='a' body2='b'> (line 7): not read: ..."; "" without any.
     """
     out = []
     for element in root.iter():
@@ -367,7 +367,12 @@ def couplings(root: Any) -> list[str]:
         if _COUPLING.search(tag) or (in_extension and tag == "joint"):
             words = [tag, *(f"{k}={v!r}" for k, v in element.attrib.items())]
             out.append(f"<{' '.join(words)[:100]}> (line {element.sourceline})")
-    return out
+    if not out:
+        return ""
+    return (
+        f"{', '.join(out)}: not read: the arm is the tree of joints, without what couples"
+        " its links besides"
+    )
 
 
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:

@@ -1,0 +1,364 @@
+"""Which one typing mistake explains an <inertial> that no body can have.
+
+A hypothesis changes as little text as a person mistypes: a decimal point or an exponent
+(powers of ten), a sign, two numbers exchanged, or one convention of the whole tensor
+(order of its entries, sign of its products, unit, reference point). Each that makes the
+link consistent, and no larger than its shapes, is scored by
+
+    -ln(10) n + ln p(second moments),
+
+with n the characters to insert and delete, and p a broad prior of what links are
+like. The nearest consistent tensor competes as an error of unknown cause. Hypotheses
+within a factor of ten of the best are not told apart.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+
+#: The numbers of an <inertial> in URDF's order: mass, xyz of its origin, its tensor.
+CENTRE = ("x", "y", "z")
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+PRODUCTS = ("ixy", "ixz", "iyz")
+#: Other orders in which programs write a symmetric tensor.
+_ORDERS = (
+    ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
+    ("ixx", "iyy", "izz", "ixy", "iyz", "ixz"),
+    ("ixx", "ixy", "iyy", "ixz", "iyz", "izz"),
+)
+#: Units of a tensor by how many are a kg m^2, and of a centre by how many are a metre.
+_INERTIA_UNITS = {3: "g m^2", 4: "kg cm^2", 6: "kg mm^2", 7: "g cm^2", 9: "g mm^2"}
+_CENTRE_UNITS = {2: "cm", 3: "mm"}
+#: Characters that an exchange counts for, or a convention of the whole tensor.
+_CONVENTION = 1
+#: Powers of ten that a wrong point or exponent makes: an exponent's lost sign makes the
+#: largest.
+_POWERS = [k for k in range(-12, 13) if k]
+#: A character more is ten times less likely [nats]; what is so close is not told apart.
+_CHARACTER = float(np.log(10.0))
+#: Characters that the nearest tensor counts for: those of a number typed anew, and two
+#: more or less for a move ten times farther or nearer.
+_ANEW = 6.0
+_PER_DECADE = 2.0
+#: Links of arms fill their ellipsoid of inertia with 1000 kg/m^3, to a factor of 5, and
+#: are longer than thick by a factor of e, as standard deviations of logarithms.
+_DENSITY = 1000.0
+_DENSITY_SPREAD = float(np.log(5.0))
+_ASPECT_SPREAD = 2.0
+#: Second moment of a link in one direction over that of its box filled evenly.
+_FILLING_SPREAD = 1.0
+#: Thinnest link [m].
+_THIN = 5e-4
+#: Shapes are drawn this much too small, of their largest extent.
+_DRAWN = 0.05
+#: Links fill the box around their shapes with 500 kg/m^3, to a factor of 4.
+_BOX_DENSITY = 500.0
+_BOX_DENSITY_SPREAD = float(np.log(4.0))
+#: Characters that invented numbers count for, or shapes that leave parts out: of links
+#: that can exist but do not fit, few were mistyped.
+_INVENTED = 2.0
+
+
+@dataclass(frozen=True)
+class WrittenInertial:
+    """An <inertial> as its file writes it."""
+
+    #: Text of each number by its name: mass, x, y, z, ixx, ..., izz.
+    texts: Mapping[str, str]
+    #: (3, 3) axes of the tensor in the link frame.
+    rotation: Array
+    #: How far the link's body reaches [m].
+    reach: float = np.inf
+    #: (k, 3) points around the link's shapes in its frame [m]; None where not known.
+    shape: Array | None = None
+
+    def number(self, name: str) -> float:
+        """Return a number of the file."""
+        return float(self.texts[name])
+
+    def barycentric(self, texts: Mapping[str, str] | None = None) -> Array:
+        """Return m, the centre and the six entries about it (10,) in the tensor's axes,
+        with other texts for some numbers."""
+        all_texts = {**self.texts, **(texts or {})}
+        order = [f"i{p[1:]}" for p in inertia.PARAMETERS[4:]]
+        centre = self.rotation.T @ [float(all_texts[k]) for k in CENTRE]
+        moments = [float(all_texts[k]) for k in order]
+        return np.array([float(all_texts["mass"]), *centre, *moments])
+
+    @property
+    def resolution(self) -> float:
+        """Norm of what the written digits of the tensor leave open: half a unit of each
+        number's last digit, at most a twentieth of it [kg m^2]."""
+        units = []
+        for name in MOMENTS:
+            mantissa, _, exponent = _split_exponent(self.texts[name])
+            decimals = len(mantissa.partition(".")[2])
+            half = 0.5 * 10.0 ** (int(exponent or 0) - decimals)
+            units.append(min(half, abs(self.number(name)) / 20.0))
+        return float(np.linalg.norm(units))
+
+    def misfit(self, barycentric: Array) -> str:
+        """Say why a link that can exist does not fit its shapes or its place in the
+        robot; "" where it does.
+
+        In shapes a mass is no denser than osmium, and with its centre c in [a, b] along
+        an axis its second moment is at most (b - c)(c - a). Without shapes its radius
+        of gyration is at most what the joints around it leave.
+        """
+        mass = float(barycentric[0])
+        second = _second(barycentric)
+        if not mass > 0.0:
+            return ""
+        if self.shape is not None:
+            along = self.shape @ self.rotation
+            extent = np.ptp(along, axis=0)
+            volume = float(np.prod(np.maximum(extent, _THIN)))
+            if mass > inertia.DENSEST * volume:
+                return (
+                    f"heavier than its shapes: {mass:.4g} kg in at most {volume:.2g} m^3, where"
+                    f" the densest metal weighs {inertia.DENSEST * volume:.2g} kg"
+                )
+            slack = _DRAWN * float(extent.max())
+            above = along.max(axis=0) + slack - barycentric[1:4]
+            below = barycentric[1:4] - along.min(axis=0) + slack
+            if min(above.min(), below.min()) < 0.0:
+                return "outside of its shapes: its centre of mass lies outside of them"
+            worst = int(np.argmax(np.diagonal(second) / (above * below)))
+            radius = float(np.sqrt(max(second[worst, worst], 0.0)))
+            bound = float(np.sqrt(above[worst] * below[worst]))
+            if radius > bound:
+                return (
+                    f"larger than its shapes: its mass is {radius:.3g} m (root mean square)"
+                    f" from its centre along one axis, and its shapes allow {bound:.3g} m"
+                )
+        gyration = float(np.sqrt(max(np.trace(second), 0.0)))
+        if gyration > self.reach:
+            return (
+                f"implausible: radius of gyration {gyration:.3g} m for {mass:.3g} kg, and"
+                f" its body reaches {self.reach:.3g} m. The torques of a link that hardly"
+                " moves do not determine its mass and inertia separately; the default"
+                " method of `identify` keeps every link in its body"
+            )
+        return ""
+
+    def plausibility(self, barycentric: Array) -> float:
+        """Return the logarithm of the prior of a consistent link, 0 for the likeliest."""
+        moments = _second(barycentric)
+        sizes = np.maximum(np.linalg.eigvalsh(moments), _THIN**2)
+        volume = 4.0 / 3.0 * np.pi * float(np.prod(np.sqrt(5.0 * sizes)))
+        density = np.log(barycentric[0] / volume / _DENSITY) / _DENSITY_SPREAD
+        aspect = np.log(sizes[-1] / sizes[0]) / 2.0 / _ASPECT_SPREAD
+        terms = [density, aspect]
+        if self.shape is not None:
+            evenly = np.ptp(self.shape @ self.rotation, axis=0) ** 2 / 12.0
+            ratios = np.maximum(np.diagonal(moments), _THIN**2) / np.maximum(
+                evenly, _THIN**2
+            )
+            terms += list(np.log(ratios) / _FILLING_SPREAD)
+            volume = float(np.prod(np.sqrt(12.0 * np.maximum(evenly, _THIN**2))))
+            filling = np.log(barycentric[0] / volume / _BOX_DENSITY)
+            terms.append(filling / _BOX_DENSITY_SPREAD)
+        return -0.5 * float(np.square(terms).sum())
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One typing mistake that explains an inertial."""
+
+    #: What is wrong and what it should be, as a sentence.
+    sentence: str
+    #: New text of each number that changes, by its name.
+    texts: Mapping[str, str]
+    #: Characters that differ.
+    n_characters: int
+    #: (10,) m, centre and entries about it, in the tensor's axes.
+    barycentric: Array
+    #: Logarithm of its odds, up to a constant [nats].
+    score: float
+
+
+def find_repairs(
+    written: WrittenInertial, move: float | None = None
+) -> tuple[list[Repair], bool]:
+    """Return the typing mistakes that explain an inertial and are not told apart.
+
+    Parameters
+    ----------
+    written : WrittenInertial
+        An inertial that is impossible, or does not fit its shapes.
+    move : float, optional
+        Distance of the nearest consistent tensor, over the norm of the written one: how
+        well an error of unknown cause explains it. None where the written one can exist:
+        then invented numbers do.
+
+    Returns
+    -------
+    repairs : list of Repair
+        The likeliest first, each within a factor of ten of it and of the unknown cause.
+    is_clear : bool
+        Whether there is one, ten times likelier than the unknown cause.
+    """
+    found: list[Repair] = []
+    for sentence, texts, n_characters in _hypotheses(written):
+        barycentric = written.barycentric(texts)
+        # About the centre, where no rounding of a distant one hides the tensor's fault.
+        alone = np.concatenate([barycentric[:1], np.zeros(3), barycentric[4:]])
+        if inertia.why_impossible(alone) or written.misfit(barycentric):
+            continue
+        score = written.plausibility(barycentric) - _CHARACTER * n_characters
+        repair = Repair(sentence, texts, n_characters, barycentric, score)
+        same = [
+            k
+            for k, other in enumerate(found)
+            if np.allclose(other.barycentric, barycentric, rtol=1e-9, atol=0.0)
+        ]
+        if not same:
+            found.append(repair)
+        elif score > found[same[0]].score:
+            found[same[0]] = repair
+    # The unknown cause leaves a link of the likeliest kind.
+    by_unknown = _INVENTED
+    if move is not None:
+        by_unknown = max(_ANEW + _PER_DECADE * np.log10(max(move, 1e-300)), 0.0)
+    unknown = -_CHARACTER * by_unknown
+    best = max((repair.score for repair in found), default=unknown)
+    least = max(best - _CHARACTER, unknown if move is None else unknown - _CHARACTER)
+    repairs = sorted((x for x in found if x.score > least), key=lambda x: -x.score)
+    return repairs, len(repairs) == 1 and best > unknown + _CHARACTER
+
+
+def _second(barycentric: Array) -> Array:
+    """Return the second moment (3, 3) about the centre over the mass [m^2]."""
+    tensor = inertia.inertia_matrix(barycentric[4:])
+    return np.asarray(
+        (0.5 * np.trace(tensor) * np.eye(3) - tensor) / max(barycentric[0], 1e-300)
+    )
+
+
+def _hypotheses(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str], int]]:
+    """Yield each mistake's sentence, the texts that it changes, and its characters."""
+    texts = written.texts
+    for name in ("mass", *CENTRE, *MOMENTS):
+        yield from _of_one_number(name, texts[name])
+    for group in (CENTRE, MOMENTS):
+        for a, b in combinations(group, 2):
+            if float(texts[a]) != float(texts[b]):
+                swapped = {a: texts[b], b: texts[a]}
+                yield f"{a} and {b} are exchanged{_now(swapped)}", swapped, _CONVENTION
+    for order in _ORDERS:
+        values = [texts[name] for name in MOMENTS]
+        changed = dict(zip(order, values, strict=True))
+        names = " ".join(order)
+        sentence = f"the six numbers are in the order {names}{_now(changed)}"
+        yield sentence, changed, _CONVENTION
+    signs = {name: _negated(texts[name]) for name in PRODUCTS}
+    sentence = "the products of inertia have the other sign, as CAD programs write them"
+    yield f"{sentence}{_now(signs)}", signs, _CONVENTION
+    for k, unit in _INERTIA_UNITS.items():
+        changed = {name: _shifted(texts[name], -k)[0] for name in MOMENTS}
+        yield f"the inertia is in {unit}{_now(changed)}", changed, _CONVENTION
+    for k, unit in _CENTRE_UNITS.items():
+        changed = {name: _shifted(texts[name], -k)[0] for name in CENTRE}
+        yield f"the centre of mass is in {unit}{_now(changed)}", changed, _CONVENTION
+    negative = [n for n in ("ixx", "iyy", "izz") if float(texts[n]) < 0.0]
+    if len(negative) > 1:
+        changed = {name: _negated(texts[name]) for name in negative}
+        yield f"moments have the wrong sign{_now(changed)}", changed, len(negative)
+    yield _about_origin(written)
+
+
+def _of_one_number(name: str, text: str) -> Iterator[tuple[str, dict[str, str], int]]:
+    """Yield a number with another sign, and with other powers of ten."""
+    if float(text) == 0.0:
+        return
+    negated = _negated(text)
+    yield (
+        f'the sign of {name}="{text}" is wrong: {name}="{negated}"',
+        {name: negated},
+        1,
+    )
+    for k in _POWERS:
+        new, n_characters = _shifted(text, k)
+        sentence = (
+            f'the decimal point or exponent of {name}="{text}" is wrong: {name}="{new}"'
+        )
+        yield sentence, {name: new}, n_characters
+
+
+def _about_origin(written: WrittenInertial) -> tuple[str, dict[str, str], int]:
+    """Return the mistake of a tensor about the link's origin: I_c = I - m (c.c 1 - c
+    c^T)."""
+    values = written.barycentric()
+    centre = values[1:4]
+    steiner = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    about_centre = inertia.inertia_matrix(values[4:]) - values[0] * steiner
+    changed = {
+        name: f"{about_centre['xyz'.index(name[1]), 'xyz'.index(name[2])] + 0.0:.12g}"
+        for name in MOMENTS
+    }
+    sentence = "the inertia is about the link's origin, not about the centre of mass"
+    return f"{sentence}{_now(changed)}", changed, _CONVENTION
+
+
+def _now(texts: Mapping[str, str]) -> str:
+    """Return how the changed numbers should read."""
+    return ": " + " ".join(f'{name}="{text}"' for name, text in texts.items())
+
+
+def _negated(text: str) -> str:
+    """Return a number's text with the other sign."""
+    plain = text.strip().removeprefix("+")
+    if float(plain) == 0.0:
+        return plain
+    return plain[1:] if plain.startswith("-") else f"-{plain}"
+
+
+def _shifted(text: str, k: int) -> tuple[str, int]:
+    """Return the text of 10^k times a number that differs in the fewest characters,
+    and their number.
+
+    The point moves within the digits, or the exponent changes.
+    """
+    plain = text.strip()
+    sign = plain[:1] if plain[:1] in ("+", "-") else ""
+    mantissa, letter, exponent = _split_exponent(plain[len(sign) :])
+    whole, _, decimals = mantissa.partition(".")
+    digits = whole + decimals
+    place = len(whole) + k
+    # Zeros where the point leaves the digits.
+    padded = "0" * max(1 - place, 0) + digits + "0" * max(place - len(digits), 0)
+    place = max(place, 1)
+    ending = f"{letter}{exponent}" if letter else ""
+    fraction = f".{padded[place:]}" if padded[place:] else ""
+    candidates = [f"{sign}{padded[:place].lstrip('0') or '0'}{fraction}{ending}"]
+    power = int(exponent or 0) + k
+    width = len(exponent.lstrip("+-")) if letter else 1
+    candidates.append(
+        f"{sign}{mantissa}{letter or 'e'}{'-' if power < 0 else ''}{abs(power):0{width}d}"
+    )
+    return min(((x, _distance(plain, x)) for x in candidates), key=lambda x: x[1])
+
+
+def _split_exponent(text: str) -> tuple[str, str, str]:
+    """Return mantissa, the letter of the exponent and the exponent, "" without."""
+    for letter in ("e", "E"):
+        if letter in text:
+            return text.partition(letter)
+    return text, "", ""
+
+
+def _distance(a: str, b: str) -> int:
+    """Return how many characters to insert and delete between two texts; a replaced one
+    counts for two, for it had to be chosen."""
+    row = list(range(len(b) + 1))
+    for i, x in enumerate(a, start=1):
+        diagonal, row[0] = row[0], i
+        for j, y in enumerate(b, start=1):
+            best = diagonal if x == y else min(row[j], row[j - 1]) + 1
+            diagonal, row[j] = row[j], best
+    return row[-1]
