@@ -819,6 +819,8 @@ class Diagnosis(Record, JsonRecord):
         """What is missing, in a sentence: effects, unexplained torque, settings, or
         nothing.
         """
+        # What does not lower the error on data left out is no setting to re-estimate.
+        settings = [r for r in self.retuned if r.torque_is_certain]
         certain = [f for f in self.effects if f.effect_is_certain]
         named = named_on_joints(certain or self.effects)
         near_ties = [f for f in self.effects if f.rating == "near-tie"]
@@ -836,15 +838,15 @@ class Diagnosis(Record, JsonRecord):
             return f"Missing: {unexplained}."
         if self.effects:
             text = f"{'Missing' if certain else 'Possibly missing'}: {counted}."
-            if self.retuned:
-                text += f" Settings to re-estimate: {named_on_joints(self.retuned)}."
+            if settings:
+                text += f" Settings to re-estimate: {named_on_joints(settings)}."
             if not self.noise_known:
                 text += f" Whether more is missing {_NOT_KNOWN}"
             return text
-        if self.retuned:
+        if settings:
             return (
                 "No effect is missing; settings to re-estimate:"
-                f" {named_on_joints(self.retuned)}."
+                f" {named_on_joints(settings)}."
             )
         if self.noise_known:
             return self._nothing

@@ -129,7 +129,8 @@ def load_beyond_file(rows: ScaledRows, estimate: Estimate) -> Notice | None:
     Returns
     -------
     Notice or None
-        Its size is the mass [kg] beyond the file; where the data do not show a mass,
+        Its size is the mass [kg] beyond the file, by which the last link still has a
+        mass above zero; where the data do not show a mass,
         the length of the first moment [kg m].
     """
     links = estimate.problem.nominal_links
@@ -155,6 +156,9 @@ def load_beyond_file(rows: ScaledRows, estimate: Estimate) -> Notice | None:
     mass = float(excess[0])
     std_of_mass = float(np.sqrt(covariance[0, 0]))
     if abs(mass) > _MASS_IS_KNOWN * std_of_mass:
+        if fit.theta[place[0]] <= 0.0:
+            # No arm carries less than nothing: torques in another unit, say.
+            return None
         return _notice_of_mass(len(links), mass, std_of_mass)
     moment = float(np.linalg.norm(excess[1:]))
     direction = excess[1:] / max(moment, 1e-300)
@@ -399,10 +403,10 @@ def fit_with_priors(
     """
     p = rows.n_parameters
     lengths = rows.lengths[:p]
-    precision = rows.padded((deviations * lengths) ** -2.0)
+    # The ridge is a prior as well: what the rows do not show has its wide deviation.
+    precision = rows.padded((deviations * lengths) ** -2.0) + _RIDGE
     mean = rows.padded(nominal * lengths)
-    A = rows.gram + np.diag(precision + _RIDGE)
-    inverse = np.linalg.inv(A)
+    inverse = np.linalg.inv(rows.gram + np.diag(precision))
     theta = inverse @ (rows.with_torque + precision * mean)
     middle = rows.scatter(theta) + np.diag(precision)
     covariance = (inverse @ middle @ inverse)[:p, :p]

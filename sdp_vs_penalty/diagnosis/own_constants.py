@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Retune
 from sdp_vs_penalty.diagnosis.library import Candidate
@@ -210,7 +211,8 @@ def retune(
     Returns
     -------
     Retune
-        The report. It is weak if the value lies at the end of its range, or is harmful.
+        The report. It is weak if the value lies at the end of its range, does not lower
+        its joint's error on data left out, or is harmful.
     """
     shape = effect_types()[s.effect].shapes[s.shape]
     kind = robot.joints[s.index].kind
@@ -223,6 +225,11 @@ def retune(
     doubts = []
     if s.at_end:
         doubts.append(Doubt("at_end"))
+    # As of a finding: what does not lower the error on data left out is no setting.
+    if errors[1] > (1.0 + MINOR) * errors[0]:
+        doubts.append(Doubt("raises"))
+    elif errors[1] > (1.0 - MINOR) * errors[0]:
+        doubts.append(Doubt("not_held_out"))
     if is_harmful:
         doubts.append(Doubt("alone"))
     return Retune(

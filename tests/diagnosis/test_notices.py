@@ -54,26 +54,46 @@ def test_a_load_beyond_the_file_is_weighed(problem):
     assert abs(notice.size - 4.0) < 1.96 * notice.std
 
 
+def test_a_mass_below_zero_is_no_explanation(problem):
+    """Torques of minus one half of the true ones, say, amperes: "8.5 kg less" of a last
+    link of 4 kg."""
+    halved = PointMassArm(channel=lambda _, torque: -0.5 * torque)
+    assert not notices(problem, halved)
+
+
 def test_links_within_a_fifth_of_their_file_are_no_load(problem):
     assert not notices(problem, loaded(0.5))
 
 
-def test_a_parameter_without_torque_keeps_the_file_value():
-    """A link of grams has a file's tolerance of 1e-8 kg m^2."""
-    rng = np.random.default_rng(0)
-    torque = rng.normal(size=(1, 100))
-    no_torque = np.zeros_like(torque)
+def rows_of(*columns: Array, y: Array) -> ScaledRows:
+    """Rows (100,) of one joint with two columns."""
     data = SimpleNamespace(
-        X=np.stack([torque, no_torque], axis=2),
-        y=2.0 * torque,
+        X=np.stack(columns, axis=1)[None],
+        y=y[None],
         n=1,
         clusters=[np.arange(100) // 10],
     )
     score = SimpleNamespace(fit=lambda *_: SimpleNamespace(level=np.ones(1)))
     search: Any = SimpleNamespace(data=data, score=score, terms=[], fit=None)
-    rows = ScaledRows.of(search)
+    return ScaledRows.of(search)
+
+
+def test_a_parameter_without_torque_keeps_the_file_value():
+    """A link of grams has a file's tolerance of 1e-8 kg m^2."""
+    torque = np.random.default_rng(0).normal(size=100)
+    rows = rows_of(torque, np.zeros(100), y=2.0 * torque)
     fit = fit_with_priors(rows, np.array([0.0, 1e-7]), np.array([np.inf, 1e-8]))
     np.testing.assert_allclose(fit.theta, [2.0, 1e-7])
+
+
+def test_a_parameter_that_is_not_seen_is_not_known():
+    """An offset beside friction of one direction was 0.362 ± 0 N m."""
+    constant = np.ones(100)
+    noise = 0.01 * np.random.default_rng(0).normal(size=100)
+    rows = rows_of(constant, constant, y=constant + noise)
+    fit = fit_with_priors(rows, np.zeros(2), np.full(2, np.inf))
+    assert fit.theta.sum() == pytest.approx(1.0, rel=0.01)
+    assert np.all(fit.std > 100.0 * np.abs(fit.theta))
 
 
 def with_offset(torque: float) -> PointMassArm:

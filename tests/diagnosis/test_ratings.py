@@ -19,7 +19,9 @@ from sdp_vs_penalty.diagnosis import (
     std_of_both,
 )
 from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.own_constants import retune
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.render.words import errors_that_rise
 from sdp_vs_penalty.signals import REPETITION
 
@@ -286,3 +288,19 @@ def test_it_is_said_which_finding_raises_a_joints_error():
     said = errors_that_rise([first, second])
     assert said.startswith("A joint's error rises with finding 2. ")
     assert "evidence in the training runs" in said
+
+
+@pytest.mark.parametrize(
+    ("after", "doubts"),
+    [(0.5, ()), (0.998, ("not_held_out",)), (2.8, ("raises",))],
+    ids=["lowers", "leaves", "raises"],
+)
+def test_a_setting_that_does_not_lower_the_error_is_not_to_be_re_estimated(
+    two_link, after, doubts
+):
+    change = ShapeEstimate("coulomb_friction", 2, "v_s", 0.01, 0.014, gain=30.0)
+    found = retune(
+        change, 1e-3, two_link.robot, np.array([1.0, 1.0]), np.array([1.0, after])
+    )
+    assert tuple(doubt.reason for doubt in found.doubts) == doubts
+    assert found.torque_is_certain == (not doubts)
