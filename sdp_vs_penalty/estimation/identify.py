@@ -615,20 +615,25 @@ def estimate_posed(posed: EstimationProblem, method: str | Estimator) -> Estimat
 
 
 def _wider_than_certified(proof: Mapping[str, Any], model: Estimate) -> str:
-    """Return a sentence if the proof's gap is wider than the model's certified one,
-    else "".
+    """Return a sentence if the proof's interval is wider than the model's certified
+    one, else "".
 
     The two are computed in different arithmetic, so that a difference of TIGHT is
-    allowed.
+    allowed, as a share of the objective's size.
     """
     gap = verify_proof.relative_gap(proof)
-    certified = model.certificate.gap
-    if certified is None or (gap is not None and gap <= certified + TIGHT):
+    upper, lower = model.certificate.upper, model.certificate.lower
+    if upper is None or lower is None:
         return ""
-    share = "infinite" if gap is None else verify_proof.in_words(gap)
+    width = float(Fraction(proof["upper"]) - Fraction(proof["lower"]))
+    allowed = upper - lower
+    if gap is not None and gap:
+        allowed += TIGHT * width / float(gap)
+    if width <= allowed:
+        return ""
     return (
-        f"its gap of {share} is wider than the {certified:.1e} of the model's"
-        " certificate"
+        f"its interval of {width:.1e} is wider than the {upper - lower:.1e} of the"
+        " model's certificate"
     )
 
 
@@ -753,7 +758,7 @@ def _what_is_proved(
     ]
     gap = verify_proof.relative_gap(proof)
     if gap is not None:
-        sentences.append(f"its gap is {verify_proof.in_words(gap)} of the loss")
+        sentences.append(f"its gap is {verify_proof.in_words(gap)} of the objective")
     sentences.append(
         "proved is this of the numbers in the file; that the model describes the robot"
         " is not"

@@ -11,7 +11,8 @@ or, of kind "infeasible", that there is no such x. Any y, S_i and T_i in the con
 |r|^2 >= 2 <y, r> - <y, y>, <S, F> >= 0, -log det F >= log det T + d - <T, F> for F, T > 0.
 
 What holds may still say nothing: a proof is vacuous from a gap (upper - lower) /
-loss(theta) of 1 on, and above a thousandth it shows no optimum.
+size(theta) of 1 on, and above a thousandth it shows no optimum. The size is that of f
+above zero: the loss and the entropies' divergences, whatever constants they state.
 """
 
 import hashlib
@@ -244,6 +245,15 @@ def loss(p):
     return p["floor"] ** 2 + sum((dot(a, p["theta"]) - r) ** 2 for a, r in rows)
 
 
+def content(c, x):
+    """Return the entries of a constraint's F(x), exactly."""
+    terms = [
+        [x[k] * a for a in F]
+        for k, F in zip(c["indices"], c["coefficients"], strict=True)
+    ]
+    return [sum(column) for column in zip(c["constant"], *terms, strict=True)]
+
+
 def objective(p):
     """Return an upper bound of the objective at theta, exact without a prior.
 
@@ -256,11 +266,7 @@ def objective(p):
     )
     total = loss(p)
     for c in p["constraints"]:
-        terms = [
-            [x[k] * a for a in F]
-            for k, F in zip(c["indices"], c["coefficients"], strict=True)
-        ]
-        F = [sum(column) for column in zip(c["constant"], *terms, strict=True)]
+        F = content(c, x)
         need(inside(c["cone"], F), "theta violates a constraint")
         for e in c["entropy"]:
             divergence = dot(F, e["inverse"]) - log_below(determinant(F)) + e["log_det"]
@@ -307,16 +313,36 @@ def check(proof):
     return None
 
 
+def size(p):
+    """Return the size of the objective at theta of a typed proof: the loss, and each
+    entropy's divergence weight (<Q, F> - log det(Q F) - d) >= 0, Q = inverse.
+
+    It holds no constant that a proof may state (log_det). Where both are zero, as with
+    exact data, it counts as at least 1e-12 (|rho|^2 + floor^2 + sum of weight d).
+    """
+    total = loss(p)
+    scale = dot(p["rho"], p["rho"]) + p["floor"] ** 2
+    for c in p["constraints"]:
+        F = content(c, p["theta"])
+        for e in c["entropy"]:
+            Q = determinant(e["inverse"])
+            if not Q:  # no divergence: without a least value
+                continue
+            d = math.isqrt(len(F))
+            logs = log_below(determinant(F)) + log_below(Q)
+            total += e["weight"] * max(dot(e["inverse"], F) - logs - d, 0)
+            scale += e["weight"] * d
+    return max(total, scale / 10**12)
+
+
 def relative_gap(proof):
-    """Return (upper - lower) / loss(theta) of a proof of an optimum that :func:`check`
+    """Return (upper - lower) / size(theta) of a proof of an optimum that :func:`check`
     accepts.
 
-    With exact data the loss counts as at least 1e-12 (|rho|^2 + floor^2). None if that
-    is zero and the interval is not.
+    None if the size is zero and the interval is not.
     """
     p = typed(proof, OPTIMUM, {})
-    torque = dot(p["rho"], p["rho"]) + p["floor"] ** 2
-    scale = max(loss(p), torque / 10**12)
+    scale = size(p)
     width = p["upper"] - p["lower"]
     if scale:
         return width / scale
@@ -331,16 +357,16 @@ def in_words(x):
 def weakness(proof, loosest=Fraction(1, 1000)):
     """Return why a valid proof says too little of the optimum, "" if it says enough.
 
-    ``loosest`` is the largest gap, relative to the loss, that says enough.
+    ``loosest`` is the largest gap, relative to the objective, that says enough.
     """
     gap = relative_gap(proof)
     if gap is None or gap >= 1:
-        share = "" if gap is None else f", {in_words(gap)} times the loss wide,"
+        share = "" if gap is None else f", {in_words(gap)} times the objective wide,"
         ends = (in_words(Fraction(proof[name])) for name in ("lower", "upper"))
         return f"vacuous: [{', '.join(ends)}]{share} says nothing of the optimum"
     if gap > loosest:
         most = in_words(loosest)
-        return f"loose: its gap is {in_words(gap)} of the loss, more than {most}"
+        return f"loose: its gap is {in_words(gap)} of the objective, more than {most}"
     return ""
 
 
@@ -354,7 +380,7 @@ def main(path):
         return "infeasible"
     need(not weakness(proof), weakness(proof))
     share = in_words(relative_gap(proof))
-    return f"optimum in {[float(x) for x in found]}, gap {share} of the loss"
+    return f"optimum in {[float(x) for x in found]}, gap {share} of the objective"
 
 
 if __name__ == "__main__":

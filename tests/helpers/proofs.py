@@ -195,6 +195,124 @@ def genuine(rng: np.random.Generator) -> Proof:
     return p | {"upper": repr(upper + _CLEARLY * (1.0 + abs(upper)))}
 
 
+def without_loss(rng: np.random.Generator) -> Proof:
+    """A true proof whose loss is zero beside entropies, tight to rounding.
+
+    f = sum w (<Q, F> - log det F + log_det - d) with log_det = -log det Q is least
+    where <Q - F^-1, F_k> = 0 for each k: Q is F(theta)^-1 and what is orthogonal to
+    all F_k, nothing at all in one case of four. Some have rows that theta fits exactly.
+    """
+    n = int(rng.integers(1, 5))
+    theta = short(rng, n)
+    m = int(rng.integers(0, 3))
+    R = short(rng, m, n)
+    p: Proof = {
+        "format": verify_proof.FORMAT,
+        "kind": "optimum",
+        "model": "",
+        "data": "",
+        "floor": "0",
+        "parameters": [f"x{k}" for k in range(n)],
+        "R": texts(R) if m else [],
+        "rho": texts(R @ theta),
+        "bound": texts(np.full(n, 8.0)),
+        "y": ["0"] * m,
+        "theta": texts(theta),
+    }
+    constraints = []
+    for number_of_link in range(int(rng.integers(1, 4))):
+        d = int(rng.integers(1, 5))
+        shapes = [short(rng, d, d) for _ in range(n)]
+        shapes = [a + a.T for a in shapes]
+        inside = definite(rng, d)
+        constant = inside - sum(x * a for x, a in zip(theta, shapes, strict=True))
+        dual = np.linalg.inv(inside)
+        beside = short(rng, d, d)
+        beside = beside + beside.T
+        basis = np.linalg.qr(np.array([a.ravel() for a in shapes]).T)[0]
+        for _ in range(2):  # twice, for rounding
+            flat = beside.ravel() - basis @ (basis.T @ beside.ravel())
+            beside = 0.5 * (flat.reshape(d, d) + flat.reshape(d, d).T)
+        size = 0.0 if rng.random() < 0.25 else float(rng.uniform(0.1, 0.9))
+        least = np.linalg.eigvalsh(dual)[0] / (1e-300 + np.linalg.norm(beside, 2))
+        inverse = dual + size * min(least, 1.0) * beside
+        dual, inverse = 0.5 * (dual + dual.T), 0.5 * (inverse + inverse.T)
+        e = {
+            "weight": text(float(rng.integers(1, 5)) / 2),
+            "dual": texts(dual.ravel()),
+            "inverse": texts(inverse.ravel()),
+            "log_det": text(-float(np.linalg.slogdet(inverse)[1])),
+        }
+        c = {
+            "family": "any",
+            "name": str(number_of_link),
+            "cone": "psd",
+            "indices": list(range(n)),
+            "constant": texts(constant.ravel()),
+            "coefficients": texts(np.array(shapes).reshape(n, -1)),
+            "dual": ["0"] * (d * d),
+            "entropy": [e],
+        }
+        constraints.append(c)
+    return with_interval(p | {"constraints": constraints})
+
+
+def with_interval(p: Proof) -> Proof:
+    """The proof with the ends that its multipliers prove, as doubles outward."""
+    exact = verify_proof.typed(
+        signed(p | {"lower": "0", "upper": "0"}), verify_proof.OPTIMUM, {}
+    )
+    constant, slope = verify_proof.dual_bound(exact)
+    bound = exact["bound"]
+    lower = constant - sum(abs(e) * b for e, b in zip(slope, bound, strict=True))
+    upper = verify_proof.objective(exact)
+    ends = [np.nextafter(float(lower), -np.inf), np.nextafter(float(upper), np.inf)]
+    return p | {"lower": repr(float(ends[0])), "upper": repr(float(ends[1]))}
+
+
+def inflated(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """A constant in the objective that makes it look large beside a wide interval: it
+    holds, and says nothing of what is above zero."""
+    p = copy.deepcopy(p)
+    entropies = [e for c in p["constraints"] for e in c["entropy"]]
+    weights = [number(e["weight"]) for e in entropies]
+    if not any(weights):
+        return None
+    e = entropies[int(np.argmax(weights))]
+    more = float(rng.choice([1e3, 1e6, 1e12]))
+    e["log_det"] = text(float(Fraction(e["log_det"])) + more)
+    p = with_interval(p)
+    # As wide as what the objective is above its constant.
+    size = size_above_constants(p)
+    if size < 1e-6:
+        return None
+    width = size * float(rng.choice([0.01, 1.0, 30.0]))
+    return p | {"lower": repr(float(p["lower"]) - width)}
+
+
+def size_above_constants(p: Proof) -> float:
+    """The loss and the divergences at theta, in floating point."""
+    x = number(p["theta"])
+    rows = number(p["R"]).reshape(-1, len(x)) @ x - number(p["rho"])
+    total = number(p["floor"]) ** 2 + float(rows @ rows)
+    for c in p["constraints"]:
+        for e in c["entropy"]:
+            F = content(c, x)
+            d = round(len(F) ** 0.5)
+            ratio = number(e["inverse"]).reshape(d, d) @ F.reshape(d, d)
+            log_det = float(np.linalg.slogdet(ratio)[1])
+            total += number(e["weight"]) * (float(np.trace(ratio)) - log_det - d)
+    return float(total)
+
+
+def widened(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """An end moved away by a hundredth of the objective's size, or far more."""
+    width = (size_above_constants(p) + 1e-6) * float(rng.choice([0.01, 1.0, 1e6]))
+    if rng.random() < 0.5:
+        return p | {"lower": repr(float(p["lower"]) - width)}
+    return p | {"upper": repr(float(p["upper"]) + width)}
+
+
 def infeasible(rng: np.random.Generator) -> Proof:
     """s x >= 1 + a and -s x >= 1 - a in any of the parameters, beside constraints that
     always hold."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import run_cli
-from proofs import FALSE, cases, signed
+from proofs import FALSE, cases, inflated, signed, widened, without_loss
 from random_robots import posed_task
 from unchecked import identify
 
@@ -80,7 +80,9 @@ def test_the_checker_stands_alone(proofs, tmp_path):
         )
         assert done.returncode == code, done.stderr
         share = verify_proof.in_words(verify_proof.relative_gap(proofs["lmi-sdp"]))
-        claim = f"optimum in {[float(x) for x in interval]}, gap {share} of the loss\n"
+        claim = (
+            f"optimum in {[float(x) for x in interval]}, gap {share} of the objective\n"
+        )
         assert done.stdout == (claim if code == 0 else "")
     (tmp_path / "text.json").write_text(json.dumps({"format": 1}))
     done = subprocess.run(
@@ -224,7 +226,7 @@ def test_the_gap_is_printed(proofs, tmp_path):
     path = tmp_path / "proof.json"
     proof.write_proof(proofs["lmi-sdp"], path)
     share = verify_proof.in_words(verify_proof.relative_gap(proofs["lmi-sdp"]))
-    assert f"its gap is {share} of the loss" in verify_proof_file(path)[1]
+    assert f"its gap is {share} of the objective" in verify_proof_file(path)[1]
 
 
 def test_a_proof_wider_than_the_models_certificate_is_refused(proved, tmp_path):
@@ -276,6 +278,29 @@ def test_no_false_proof_is_accepted_and_no_genuine_one_refused(count, tmp_path):
         assert time.process_time() - begin < 2.0
         judged.add(kind)
     assert judged == {*FALSE, "unreadable", "genuine optimum", "genuine infeasible"}
+
+
+@pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.long)])
+def test_a_proof_without_loss_is_measured_by_its_objective(count, tmp_path):
+    """True ones pass; ten kinds of false ones never, nor a constant that makes the
+    objective look large."""
+    file = tmp_path / "proof.json"
+    rng = np.random.default_rng(1)
+    ways = {**FALSE, "inflated": inflated, "widened": widened}
+    judged = set()
+    for _ in range(count):
+        true = without_loss(rng)
+        file.write_text(json.dumps(signed(true)))
+        assert verify_proof.main(file).startswith("optimum in")
+        for name, make in ways.items():
+            forged = make(true, rng)
+            if forged is None:
+                continue
+            file.write_text(json.dumps(signed(forged)))
+            with pytest.raises((ValueError, LookupError, ArithmeticError)):
+                verify_proof.main(file)
+            judged.add(name)
+    assert judged == {*ways}
 
 
 def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path):
