@@ -96,6 +96,8 @@ class WrittenInertial:
         number's last digit, at most a twentieth of it [kg m^2]."""
         units = []
         for name in MOMENTS:
+            if self.number(name) == 0.0:  # perhaps 0e999
+                continue
             mantissa, _, exponent = _split_exponent(self.texts[name])
             decimals = len(mantissa.partition(".")[2])
             half = 0.5 * 10.0 ** (int(exponent or 0) - decimals)

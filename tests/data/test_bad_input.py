@@ -30,6 +30,13 @@ ROWS = [f"{0.01 * k:.2f},0.{k},0.2,0,0,1,2" for k in range(9)]
 GOOD = "\n".join([HEADER, *ROWS]) + "\n"
 
 
+def test_a_file_without_columns_has_none_to_rename(tmp_path):
+    path = tmp_path / "run.jsonl"
+    path.write_text("{}\n{}\n")
+    said = refusal(lambda: read_run(path), "columns: none", "write numbers")
+    assert "--rename" not in said
+
+
 @pytest.mark.parametrize("case", refusals("csv"))
 def test_a_bad_csv_is_refused(case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -198,7 +198,10 @@ def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_
 def test_bags_that_cannot_be_used(tmp_path):
     run = some_run(3)
     cases: dict[str, tuple[dict[str, Any], str]] = {
-        "two": ({"topics": ["/left/joint_states", "/right/joint_states"]}, "--topic"),
+        "two": (  # by the verb that has the option
+            {"topics": ["/left/joint_states", "/right/joint_states"]},
+            "two --topic /left/joint_states --out run.csv`",
+        ),
         "weightless": ({"no_effort": True}, "effort"),
     }
     for name, (change, words) in cases.items():

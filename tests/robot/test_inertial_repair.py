@@ -189,6 +189,7 @@ def test_a_turned_tensor_is_judged_in_its_own_axes():
         ("0.25", 0.005),
         ("4", 0.2),  # one digit: a twentieth
         ("0", 0.0),
+        ("0e999", 0.0),
     ],
 )
 def test_digits_leave_half_a_unit_open(text, half):

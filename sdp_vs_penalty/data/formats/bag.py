@@ -201,8 +201,11 @@ def _which_topic(path: Path, topic: str | None, topics: Sequence[str]) -> InputE
     all joints."""
     subject = f"topic {topic!r}" if topic else "one topic"
     what = f"{subject} with {_TYPE} is needed"
-    there = ", ".join(topics) or "none"
-    return InputError(what, f"choose it with --topic (there are: {there})", path)
+    if not topics:
+        return InputError(what, "record the joints' states; this bag has none", path)
+    command = formatting.convert_command(path, "--topic", topics[0])
+    remedy = f"choose one with `{command}` (there are: {', '.join(topics)})"
+    return InputError(what, remedy, path)
 
 
 def _streams(

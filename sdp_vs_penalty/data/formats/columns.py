@@ -755,8 +755,11 @@ def _rename_command(
     """Format the remedy for missing columns: a `convert` command that names them, by
     the file's names where some fit.
 
-    ``n_joints`` is the robot's number of joints, where it is known.
+    ``n_joints`` is the robot's number of joints, where it is known. A file without
+    columns has none to name.
     """
+    if not names:
+        return "write numbers, a column or an array a channel (t, q, tau)"
     pairs = _columns_in_order(names, missing, n_joints)
     pairs = pairs or propose_columns(names, missing)
     words = ["--rename", ",".join(f"{group}={name}" for group, name in pairs.items())]
