@@ -74,6 +74,28 @@ def test_what_xacro_refuses_is_one_sentence_about_the_users_file(tmp_path):
     refusal(lambda: load_problem(path), "arm.urdf.xacro: ", "'their_arm'")
 
 
+@pytest.mark.parametrize(
+    ("macros", "words"),
+    [
+        (
+            '<xacro:macro name="a" params=""><xacro:a/></xacro:macro><xacro:a/>',
+            "recursion",
+        ),
+        ("<xacro:a/><link name=\"${len('a' * 10**11)}\"/>", "too much memory"),
+        ("<xacro:a/><link name=\"${open('x', 'w')}\"/>", "'open' is not defined"),
+    ],
+)
+def test_macros_that_take_too_much_end_their_own_process(macros, words, tmp_path):
+    pytest.importorskip("xacro")
+    path = tmp_path / "arm.urdf.xacro"
+    known = '<xacro:macro name="a" params=""/>' if "macro name" not in macros else ""
+    path.write_text(
+        f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">{known}{macros}</robot>'
+    )
+    refusal(lambda: load_problem(path), "arm.urdf.xacro: xacro does not expand", words)
+    assert [x.name for x in tmp_path.iterdir()] == ["arm.urdf.xacro"]
+
+
 def test_without_xacro_its_command_and_the_extra_are_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacro", None)
     _, path = xacro_file(tmp_path)
