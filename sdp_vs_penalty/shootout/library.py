@@ -116,9 +116,9 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     for name in names:
         written = export_sdp(sdp, folder / name, interval, status=status, **about)
         sums[name] = written["sha256"]
-    # The quadratic objective becomes a linear one with a second-order cone.
+    # In the text files the quadratic objective is a linear one with a second-order cone.
     linear_problem = linear_objective(sdp.conic).problem
-    arrays = _npz(linear_problem)
+    arrays = _npz(sdp.conic)
     write_bytes(folder / "problem.npz", arrays)
     sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
     cones = Counter(cone.kind for cone in linear_problem.cones)
@@ -187,22 +187,20 @@ def _interval_cells(
 
 
 def _npz(problem: ConicProblem) -> bytes:
-    """Return a conic problem as the bytes of an .npz file with c, b, A and the cones.
+    """Return a conic problem as the bytes of an .npz file with P, c, b, A and the cones.
 
-    The problem is: minimise c^T x subject to b - A x in a product of cones. Symmetric
-    matrices are vectors of their upper triangle with off-diagonals times sqrt(2)
-    (svec), as the library's README.md explains.
+    The problem is: minimise x^T P x / 2 + c^T x (P by its upper triangle) subject to
+    b - A x in a product of cones, matrices as svec; the library's README.md explains it.
     """
     file = io.BytesIO()
-    A = problem.A.tocoo()
-    arrays = {
-        "c": problem.q,
-        "b": problem.b,
-        "A_row": A.row,
-        "A_column": A.col,
-        "A_value": A.data,
-    }
-    arrays |= {"A_shape": np.array(A.shape)}
+    arrays = {"c": problem.q, "b": problem.b}
+    for name, matrix in (("P", problem.P.tocoo()), ("A", problem.A.tocoo())):
+        arrays |= {
+            f"{name}_row": matrix.row,
+            f"{name}_column": matrix.col,
+            f"{name}_value": matrix.data,
+            f"{name}_shape": np.array(matrix.shape),
+        }
     arrays |= {
         f"cone_{x}s": np.array([getattr(c, x) for c in problem.cones])
         for x in ("kind", "size")

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from commands import run_cli
 from recorded import refusal
+from scipy.sparse import csc_matrix
 from sdp_readers import read_cbf
 
 from sdp_vs_penalty.shootout import catalogue, instance
 from sdp_vs_penalty.shootout.answers import judge_answers
 from sdp_vs_penalty.shootout.judge import classes
-from sdp_vs_penalty.solvers import reorder, solver, verify_proof
+from sdp_vs_penalty.solvers import Cone, ConicProblem, reorder, solver, verify_proof
+from sdp_vs_penalty.solvers.rewrite import linear_objective
 
 #: One of each kind: formulations, cones, units, an optimum of zero, none at all.
 NAMES = (
@@ -76,10 +78,25 @@ def test_arrays_are_the_problem_of_the_text(written):
         place = folder / row["folder"]
         sent = reorder(read_cbf(place / "problem.cbf"), kinds).problem
         with np.load(place / "problem.npz") as made:
-            np.testing.assert_array_equal(np.sort(made["c"]), np.sort(sent.q))
-            np.testing.assert_allclose(
-                np.sort(made["A_value"]), np.sort(sent.A.data), rtol=1e-15
+            P = csc_matrix(
+                (made["P_value"], (made["P_row"], made["P_column"])), made["P_shape"]
             )
+            cones = zip(made["cone_kinds"], made["cone_sizes"], strict=True)
+            posed = ConicProblem(
+                P,
+                made["c"],
+                csc_matrix(
+                    (made["A_value"], (made["A_row"], made["A_column"])),
+                    made["A_shape"],
+                ),
+                made["b"],
+                tuple(Cone(str(kind), int(size)) for kind, size in cones),
+            )
+        linear = linear_objective(posed).problem
+        np.testing.assert_array_equal(np.sort(linear.q), np.sort(sent.q))
+        np.testing.assert_allclose(
+            np.sort(linear.A.data), np.sort(sent.A.data), rtol=1e-15
+        )
 
 
 def test_what_judges_an_answer_stands_beside_the_file(written):
