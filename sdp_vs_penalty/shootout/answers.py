@@ -8,10 +8,9 @@ problem.dat-s, or "theta", the parameters in the instance's units. It may have "
 """
 
 import os
-from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,14 +18,51 @@ from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.files import folder_lock, read_json
 from sdp_vs_penalty.parallel import spread
+from sdp_vs_penalty.records import JsonRecord, from_json
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout import runner
-from sdp_vs_penalty.shootout.catalogue import instance, selected
+from sdp_vs_penalty.shootout.catalogue import everything, instance, selected
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.shootout.instances import Instance
-from sdp_vs_penalty.shootout.judge import Answer, Reference, judge
+from sdp_vs_penalty.shootout.judge import Answer, judge
 
 CLAIMS = ("optimal", "infeasible", "unbounded", "inaccurate", "failed")
+
+
+@dataclass(frozen=True)
+class Given(JsonRecord):
+    """An answer in a file; its module says what each field is."""
+
+    problem: str
+    solver: str
+    claimed: str
+    x: tuple[float, ...] | None = None
+    theta: tuple[float, ...] | None = None
+    seconds: float = np.nan
+    accuracy: float = 1e-8
+    status: str = ""
+    version: str = ""
+    hash: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise InputError for an unknown problem or claim, or a contestant's name."""
+        require_known("problem", self.problem, [e.name for e in everything()])
+        require_known("claim", self.claimed, CLAIMS)
+        if self.solver in contestants():
+            what = f"{self.solver} is a contestant of the shootout"
+            raise InputError(what, "give the solver another name")
+
+    def answer(self, made: Instance) -> Answer:
+        """Return the answer to an instance. Raises InputError for one of another size."""
+        p = len(made.task.bound)
+        numbers = self.x if self.theta is None else self.theta
+        theta: Array = np.full(p, np.nan) if numbers is None else np.array(numbers)[:p]
+        if len(theta) < p or (self.theta is not None and len(self.theta) != p):
+            what = f"{self.problem} has {p} parameters, its answer {len(theta)} numbers"
+            raise InputError(what, "write theta, or the variables of problem.cbf")
+        if self.theta is None:
+            theta = made.sdp.centre + made.sdp.theta_scale * theta
+        return Answer(theta, self.claimed, self.status)
 
 
 def judge_answers(paths: list[Path], out: Path, say: Progress) -> runner.Results:
@@ -53,8 +89,8 @@ def judge_answers(paths: list[Path], out: Path, say: Progress) -> runner.Results
         For a file that holds no such answers, an unknown problem, or the name of a
         contestant of the shootout.
     """
-    given = [item for path in paths for item in _answers(path)]
-    entries, _ = selected(sorted({item["problem"] for item in given}))
+    given = [(path.name, item) for path in paths for item in _read(path)]
+    entries, _ = selected(sorted({item.problem for _, item in given}))
     setup = runner.Shootout(out)
     work = partial(spread, runner.perform, scheduler=None, jobs=os.cpu_count() or 1)
     with folder_lock(out):
@@ -62,84 +98,41 @@ def judge_answers(paths: list[Path], out: Path, say: Progress) -> runner.Results
         proofs = runner.proved_intervals(setup, entries, say, work)
         facts = runner.Facts(
             {entry.name: entry for entry in entries},
-            {item["solver"]: item["version"] for item in given},
+            {item.solver: item.version for _, item in given},
         )
         rows = []
-        for item in given:
-            name, proof = item["problem"], proofs[item["problem"]]
-            if item["hash"] not in ("", proof["hash"]):
+        for file, item in given:
+            proved = proofs[item.problem]
+            if item.hash not in ("", proved.hash):
                 what = (
-                    f"{name} is {proof['hash']} here and {item['hash']} in the answers"
+                    f"{item.problem} is {proved.hash} here, {item.hash} in the answers"
                 )
                 raise InputError(what, "export the instances anew, and solve these")
-            reference = Reference(**proof["reference"])
-            answer = _answer(item, instance(name))
+            made = instance(item.problem)
+            answer = item.answer(made)
+            verdict = judge(made, proved.reference, answer)
             task = runner.Assignment(
-                name,
-                proof["hash"],
-                setup.time_limit,
-                0.0,
-                item["solver"],
-                (),
-                reference,
+                problem=item.problem,
+                hash=proved.hash,
+                time_limit=setup.time_limit,
+                memory=0.0,
+                solver=item.solver,
+                reference=proved.reference,
             )
-            verdict = judge(instance(name), reference, answer)
-            cells = {"settings": item["file"], "accuracy": item["accuracy"]}
-            times = [item["seconds"]]
-            rows.append(cells | runner.figures(verdict, answer, times) | facts.of(task))
+            cells = {"settings": file, "accuracy": item.accuracy}
+            figures = runner.figures(verdict, answer, [item.seconds])
+            rows.append(cells | figures | facts.of(task))
         new = {(row["problem"], row["solver"]) for row in rows}
         results.drop_outdated(lambda row: (row["problem"], row["solver"]) not in new)
         results.add(rows)
     return results
 
 
-def _answers(path: Path) -> list[dict[str, Any]]:
-    """Read the answers of a file, with every field. Raises InputError where one is odd."""
-    items = read_json(path, "file of answers", "answers", lambda data: data["answers"])
-    if not isinstance(items, list):
-        raise InputError('"answers" is no list', "write a list of objects", path)
-    return [_checked(item, k, path) for k, item in enumerate(items, start=1)]
-
-
-def _checked(item: Any, number: int, path: Path) -> dict[str, Any]:
-    """Return an answer with every field. Raises InputError for a field that is odd."""
-
-    def odd(what: str, remedy: str) -> InputError:
-        return InputError(f"answer {number}: {what}", remedy, path)
-
-    if not isinstance(item, Mapping):
-        raise odd("it is no object", "write objects with problem, solver, claimed, x")
-    defaults = {"seconds": np.nan, "accuracy": 1e-8}
-    texts = ("problem", "solver", "claimed", "status", "version", "hash")
-    full = dict.fromkeys(texts, "") | defaults | dict(item) | {"file": path.name}
-    for field in texts:
-        if not isinstance(full[field], str):
-            raise odd(f"{field} is no text", "write it in quotation marks")
-    for field in defaults:
-        if isinstance(full[field], bool) or not isinstance(full[field], int | float):
-            raise odd(f"{field} is no number", "leave it out, or write a number")
-    if not full["problem"] or not full["solver"]:
-        raise odd("it names no problem or no solver", "name both")
-    require_known("claim", full["claimed"], CLAIMS)
-    if full["solver"] in contestants():
-        what = f"{full['solver']} is a contestant of the shootout"
-        raise odd(what, "give the solver another name")
-    return full
-
-
-def _answer(item: Mapping[str, Any], made: Instance) -> Answer:
-    """Return the answer to an instance. Raises InputError for numbers of another one."""
-    theta: Array = np.full(len(made.task.bound), np.nan)
-    where = f"answer to {item['problem']} by {item['solver']}"
-    try:
-        if "theta" in item:
-            theta = np.array(item["theta"], float)
-        elif "x" in item:
-            scaled = np.array(item["x"], float)[: len(theta)]
-            theta = made.sdp.centre + made.sdp.theta_scale * scaled
-    except (TypeError, ValueError):
-        theta = np.zeros(0)
-    if theta.shape != made.task.bound.shape:
-        what = f"x or theta is no list of at least {len(made.task.bound)} numbers"
-        raise InputError(what, "write the variables of problem.cbf", where)
-    return Answer(theta, item["claimed"], item["status"])
+def _read(path: Path) -> list[Given]:
+    """Read the answers of a file. Raises InputError for anything else."""
+    return read_json(
+        path,
+        "file of answers",
+        "answers",
+        lambda data: from_json(list[Given], data["answers"]),
+    )

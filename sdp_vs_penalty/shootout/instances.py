@@ -144,6 +144,7 @@ class Instance:
         bound = self.task.bound
         entropy = self.objective.entropy
         numbers = [self.data.tau_squared, float(bound.sum())]
+        numbers += [self.least_loss, self.least_size]
         if entropy is not None:
             numbers += [entropy.weight, float(entropy.nominal.sum())]
         points = np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(bound))) * bound

@@ -18,6 +18,7 @@ import scipy
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.shootout.instances import Instance
@@ -44,14 +45,14 @@ JUDGED_TO = 1e-8
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(JsonRecord):
     """lower <= optimum <= upper, both rigorous; scale : what errors are relative to."""
 
     #: "feasible" (with an interval that judges), "infeasible" (proved) or "unknown".
     verdict: str
-    lower: float
-    upper: float
-    scale: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    scale: float = 1.0
 
 
 def proved(instance: Instance) -> tuple[str, Proof | None]:
@@ -101,9 +102,9 @@ def reference(instance: Instance) -> Reference:
     """
     status, proof = proved(instance)
     if proof is None:
-        return Reference("unknown", lower=0.0, upper=np.inf, scale=1.0)
+        return Reference("unknown")
     if status == "proved infeasible":
-        return Reference("infeasible", lower=0.0, upper=np.inf, scale=1.0)
+        return Reference("infeasible")
     loss = instance.data.loss(np.array(proof["theta"], float))
     scale = max(loss, instance.least_loss, 1e-300)
     lower, upper = float(proof["lower"]), float(proof["upper"])

@@ -193,7 +193,7 @@ def _npz(problem: ConicProblem) -> bytes:
     b - A x in a product of cones, matrices as svec; the library's README.md explains it.
     """
     file = io.BytesIO()
-    arrays = {"c": problem.q, "b": problem.b}
+    arrays: dict[str, Any] = {"c": problem.q, "b": problem.b}
     for name, matrix in (("P", problem.P.tocoo()), ("A", problem.A.tocoo())):
         arrays |= {
             f"{name}_row": matrix.row,

@@ -35,6 +35,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import folder_lock, read_text, unique_fields, write_text
 from sdp_vs_penalty.parallel import end_with, spread
+from sdp_vs_penalty.records import JsonRecord, from_json, to_json
 from sdp_vs_penalty.shootout.catalogue import NO_MEASUREMENTS, Entry, instance, selected
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen, contestants
 from sdp_vs_penalty.shootout.instances import Instance
@@ -176,7 +177,7 @@ class Assignment:
     repeats: int = 1
 
 
-def perform(task: Assignment) -> list[Row]:
+def perform(task: Assignment) -> list[Any]:
     """Do an assignment in this process; workers of any kind call this.
 
     Parameters
@@ -187,8 +188,8 @@ def perform(task: Assignment) -> list[Row]:
 
     Returns
     -------
-    list of dict
-        A row of runs.csv for each accuracy, or the proved interval.
+    list
+        A row of runs.csv for each accuracy, or what was Proved.
 
     Raises
     ------
@@ -224,34 +225,25 @@ def perform(task: Assignment) -> list[Row]:
     return rows
 
 
-def _prove_interval(task: Assignment, problem_instance: Instance) -> Row:
-    """Prove the interval of an instance's optimum in a child process, within limits.
+@dataclass(frozen=True)
+class Proved(JsonRecord):
+    """What is known of an instance before any run, as references.json holds it."""
 
-    Parameters
-    ----------
-    task : Assignment
-        Names the limits on time and memory.
-    problem_instance : Instance
-        The problem.
+    hash: str
+    reference: Reference
+    #: Why a proof failed.
+    remark: str = ""
 
-    Returns
-    -------
-    dict
-        "hash" of the instance, "reference" (the interval; -inf to inf if the proof
-        failed), and "remark", why it failed.
-    """
+
+def _prove_interval(task: Assignment, problem_instance: Instance) -> Proved:
+    """Prove the interval of an instance's optimum in a child process, within limits."""
     kind, outcome, _ = in_child(
         lambda: reference(problem_instance), task.time_limit, task.memory
     )
-    remark = ""
-    if kind != "ended":
-        remark = f"{kind} {outcome}".strip()
-        outcome = Reference("unknown", -np.inf, np.inf, 1.0)
-    return {
-        "hash": problem_instance.hash,
-        "reference": asdict(outcome),
-        "remark": remark,
-    }
+    if kind == "ended":
+        return Proved(problem_instance.hash, outcome)
+    remark = f"{kind} {outcome}".strip()
+    return Proved(problem_instance.hash, Reference("unknown"), remark)
 
 
 def run_one(
@@ -489,7 +481,7 @@ class Facts:
 def _is_current(
     setup: Shootout,
     competing: Sequence[Contestant],
-    references: Mapping[str, Any],
+    references: Mapping[str, Proved],
     facts: Facts,
     row: Row,
 ) -> bool:
@@ -498,7 +490,7 @@ def _is_current(
     Of problems and solvers that do not take part, that is not asked.
     """
     proved = references.get(row["problem"])
-    if proved is not None and proved["hash"] != row["hash"]:
+    if proved is not None and proved.hash != row["hash"]:
         return False
     for contestant in competing:
         if contestant.name == row["solver"]:
@@ -557,7 +549,7 @@ def _perform_all(
 
 def proved_intervals(
     setup: Shootout, entries: Sequence[Entry], say: Progress, work: Callable[..., Any]
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Proved]:
     """Return hash and proved interval of each instance, and prove those that are
     missing.
 
@@ -577,8 +569,8 @@ def proved_intervals(
 
     Returns
     -------
-    dict of str to dict
-        By name: {"hash": ..., "reference": interval, "remark": why a proof failed}.
+    dict of str to Proved
+        By name.
     """
     path = setup.out / "references.json"
     known = _known_references(path)
@@ -586,38 +578,30 @@ def proved_intervals(
     assignments = [
         Assignment(name, key, setup.proof_limit, setup.memory)
         for name, key in current.items()
-        if known.get(name, {}).get("hash") != key
+        if name not in known or known[name].hash != key
     ]
     total = len(assignments)
     say(f"0 of {total}: proving intervals")
     for done, (place, (row,)) in enumerate(work(assignments), start=1):
         name = assignments[place].problem
         known[name] = row
-        write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
+        write_text(path, json.dumps(to_json(known), indent=1, sort_keys=True) + "\n")
         say(f"{done} of {total}: proving intervals: {name}")
     return {name: known[name] for name in current}
 
 
-def _known_references(path: Path) -> dict[str, dict[str, Any]]:
-    """Read the proved intervals in references.json, by instance; empty if there is no
-    file.
+def _known_references(path: Path) -> dict[str, Proved]:
+    """Read references.json, by instance; empty if there is no file.
 
     Raises InputError if its content is not what a shootout writes.
     """
     if not path.exists():
         return {}
     try:
-        document = json.loads(
-            read_text(path, is_own=True), object_pairs_hook=unique_fields
-        )
-        return {name: _require_reference(entry) for name, entry in document.items()}
-    except (
-        AttributeError,
-        LookupError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ) as error:
+        text = read_text(path, is_own=True)
+        document = json.loads(text, object_pairs_hook=unique_fields)
+        return from_json(dict[str, Proved], document)
+    except (InputError, RecursionError, ValueError) as error:
         raise InputError(
             f"holds no intervals of a shootout ({error})",
             "delete it, and the intervals are proved again",
@@ -625,26 +609,11 @@ def _known_references(path: Path) -> dict[str, dict[str, Any]]:
         ) from None
 
 
-def _require_reference(entry: Any) -> dict[str, Any]:
-    """Check an entry of references.json, and return it.
-
-    Raises LookupError or TypeError for an entry of another form.
-    """
-    known = Reference(**entry["reference"])
-    texts = (entry["hash"], entry["remark"], known.verdict)
-    numbers = (known.lower, known.upper, known.scale)
-    if not all(isinstance(text, str) for text in texts):
-        raise TypeError("a text is missing")
-    if not all(isinstance(number, float) for number in numbers):
-        raise TypeError("a number is missing")
-    return dict(entry)
-
-
 def _pending(
     setup: Shootout,
     entries: Sequence[Entry],
     competing: Sequence[Contestant],
-    references: dict[str, dict[str, Any]],
+    references: Mapping[str, Proved],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
     """List the assignments whose runs the output folder does not hold yet.
@@ -657,8 +626,8 @@ def _pending(
         The problems.
     competing : sequence of Contestant
         The solvers.
-    references : dict
-        Hash and proved interval of each problem by name.
+    references : mapping of str to Proved
+        By problem.
     results : Results
         The runs that the folder holds.
 
@@ -678,7 +647,7 @@ def _pending(
         if reason := contestant.refuses(instance(entry.name)):
             left_out.append((entry.name, contestant.name, reason))
             continue
-        row = references[entry.name]
+        proved = references[entry.name]
         key = (entry.name, contestant.name)
         new = [
             accuracy
@@ -689,12 +658,12 @@ def _pending(
             tasks.append(
                 Assignment(
                     problem=entry.name,
-                    hash=row["hash"],
+                    hash=proved.hash,
                     time_limit=setup.time_limit,
                     memory=setup.memory,
                     solver=contestant.name,
                     accuracies=tuple(new),
-                    reference=Reference(**row["reference"]),
+                    reference=proved.reference,
                     repeats=setup.repeats,
                 )
             )

@@ -66,14 +66,20 @@ def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     Returns
     -------
     DataFrame
-        Rows of runs.csv, one for each problem and solver, with "class" and "right".
+        Rows of runs.csv, one for each problem and solver, with "class" and "right"; and
+        "proved", whether any right answer is proved by the solver's own multipliers.
     """
     kinds = classes(runs, accuracy)
     order = kinds.map({"right": 0, "inaccurate": 1, "silently_wrong": 1}).fillna(2)
     # Says itself that it is inaccurate: behind what is claimed.
     order = order.where((runs["outcome"] == "claim") | (order == 2), 1.5)
     within = runs["seconds"].where(kinds == "right", runs["error"])
-    ranked = runs.assign(**{"class": kinds, "right": kinds == "right"})
+    is_right = kinds == "right"
+    by_own_dual = runs["own_gap"] <= SLACK * accuracy
+    is_proved = is_right & (by_own_dual | (runs["claimed"] == "infeasible"))
+    answers = [runs["problem"], runs["solver"]]
+    ranked = runs.assign(**{"class": kinds, "right": is_right})
+    ranked["proved"] = is_proved.groupby(answers).transform("any")
     ranked = ranked.assign(order=order, within=within)[kinds != "unproved"]
     ranked = ranked.sort_values(["order", "within", "accuracy"], kind="stable")
     return ranked.drop_duplicates(["problem", "solver"]).drop(
@@ -81,17 +87,15 @@ def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     )
 
 
-def ranking(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
-    """Rank the contestants: those that reach the accuracy most often first.
+def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
+    """Rank the contestants: those that are right most often first.
 
     Ties are ranked by fewer silently wrong answers, then by shorter time.
 
     Parameters
     ----------
-    runs : DataFrame
-        Rows of runs.csv.
-    accuracy : float
-        Relative.
+    cells : DataFrame
+        Result of :func:`best_answers`.
 
     Returns
     -------
@@ -100,31 +104,18 @@ def ranking(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
         "proved", by its own multipliers; medians of "seconds", of their "spread" and of
         "file_seconds" where it is right; and of :func:`~statistics.beside` the row above.
     """
-    cells = best_answers(runs, accuracy)
     is_right = cells["right"]
-    is_proved = is_right & (
-        (cells["own_gap"] <= SLACK * accuracy) | (cells["claimed"] == "infeasible")
-    )
     spread = (cells["seconds_most"] - cells["seconds_least"]) / cells["seconds"]
     by_right = {
         "seconds": cells["seconds"].where(is_right),
         "spread": spread.where(is_right & (cells["repeats"] > 1)),
         "file_seconds": cells["file_seconds"].where(is_right),
     }
-    table = (
-        cells.assign(
-            wrong=cells["class"] == "silently_wrong", proved=is_proved, **by_right
-        )
-        .groupby("solver")
-        .agg(
-            right=("right", "sum"),
-            run=("problem", "nunique"),
-            wrong=("wrong", "sum"),
-            proved=("proved", "sum"),
-            **{name: (name, "median") for name in by_right},
-        )
-        .reset_index()
-    )
+    rows = cells.assign(wrong=cells["class"] == "silently_wrong", **by_right)
+    how: dict[str, Any] = {"run": ("problem", "size")}
+    how |= {name: (name, "sum") for name in ("right", "wrong", "proved")}
+    how |= {name: (name, "median") for name in by_right}
+    table = rows.groupby("solver").agg(**how).reset_index()
     table = table.sort_values(
         by=["right", "wrong", "seconds"],
         ascending=[False, True, True],
@@ -139,27 +130,21 @@ def ranking(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     )
 
 
-def about_as_right(runs: pandas.DataFrame, accuracy: float) -> list[str]:
-    """List the first of the ranking and all that no test tells from it, by their time.
+def about_as_right(cells: pandas.DataFrame, table: pandas.DataFrame) -> list[str]:
+    """List the first of a ranking and all that no test tells from it, by their time.
 
     Those that were silently wrong are not among them, unless everybody was.
     """
-    table = ranking(runs, accuracy)
     honest = table[table["wrong"] == 0] if np.any(table["wrong"] == 0) else table
-    if honest.empty or not honest["right"].iloc[0]:
+    honest = honest[honest["right"] > 0]
+    if honest.empty:
         return []
-    cells = best_answers(runs, accuracy)
-    first = honest["solver"].iloc[0]
-    alike = [
-        name
-        for name in honest["solver"][1:]
-        if beside(cells, first, name)["p"] > LEVEL
-        and honest.set_index("solver").loc[name, "right"] > 0
-    ]
-    chosen = honest[honest["solver"].isin([first, *alike])]
+    first, *others = honest["solver"]
+    pairs = {name: beside(cells, first, name) for name in others}
     # Not by the medians: those of fewer problems are of other problems.
-    ratio = {name: beside(cells, first, name)["ratio"] for name in alike} | {first: 1.0}
-    return sorted(chosen["solver"], key=lambda name: ratio[name])
+    ratio = {name: x["ratio"] for name, x in pairs.items() if x["p"] > LEVEL}
+    ratio |= {first: 1.0}
+    return sorted(ratio, key=lambda name: ratio[name])
 
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
@@ -197,11 +182,12 @@ def _by_set(runs: pandas.DataFrame) -> list[tuple[str, pandas.DataFrame]]:
 
 def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
     """Return the sentences about one set at one accuracy."""
-    table = ranking(runs, accuracy).set_index("solver")
-    where = count(runs["problem"].nunique(), where)
-    if not (good := about_as_right(runs, accuracy)):
-        return [f"At {accuracy:.0e}, nobody is right on any of {where}."]
     cells = best_answers(runs, accuracy)
+    ranked = ranking(cells)
+    where = count(runs["problem"].nunique(), where)
+    if not (good := about_as_right(cells, ranked)):
+        return [f"At {accuracy:.0e}, nobody is right on any of {where}."]
+    table = ranked.set_index("solver")
     shown = [
         f"{name} ({table.loc[name, 'right']} of {table.loc[name, 'run']})"
         for name in good
@@ -267,14 +253,15 @@ def by_setting(runs: pandas.DataFrame) -> pandas.DataFrame:
     Returns
     -------
     DataFrame
-        One row for each solver and setting: runs; how many are right to 1e-4, 1e-6 and
-        1e-8; how many of each other class at 1e-8; shifted geometric means of the time at
+        One row for each solver and setting: runs; how many are right to each accuracy;
+        how many of each other class at the tightest; shifted geometric means of the time at
         each of these accuracies; medians of error, violation and dual gap over the optima
         claimed; time of files, attempts, version.
     """
     columns: dict[str, Any] = {"runs": ("problem", "size")}
     table = runs.copy()
-    for accuracy in SHOWN:
+    shown = accuracies(runs)
+    for accuracy in shown:
         kinds = classes(runs, accuracy)
         table[f"right {accuracy:.0e}"] = kinds == "right"
         seconds = runs["seconds"].where(kinds == "right", runs["time_limit"])
@@ -284,9 +271,9 @@ def by_setting(runs: pandas.DataFrame) -> pandas.DataFrame:
     figures = ["error", "objective_error", "violation", "own_gap"]
     is_optimum = (runs["claimed"] == "optimal") & (runs["outcome"] == "claim")
     table[figures] = table[figures].where(is_optimum).replace(np.inf, np.nan)
-    columns |= {f"right {a:.0e}": (f"right {a:.0e}", "sum") for a in SHOWN}
+    columns |= {f"right {a:.0e}": (f"right {a:.0e}", "sum") for a in shown}
     columns |= {name: (name, "sum") for name in CLASSES[1:]}
-    means = [f"mean seconds {a:.0e}" for a in SHOWN]
+    means = [f"mean seconds {a:.0e}" for a in shown]
     columns |= {name: (name, "mean") for name in means}
     columns |= {name: (name, "median") for name in (*figures, "file_seconds")}
     columns |= {"attempts": ("attempts", "mean"), "version": ("version", "last")}
@@ -366,17 +353,11 @@ def plot_work_precision(runs: pandas.DataFrame, path: Path) -> None:
     table = by_setting(runs)
     with _panels(runs, path) as axes:
         for panel, accuracy in zip(axes, accuracies(runs), strict=True):
-            kinds = classes(runs, accuracy)
-            times = runs["seconds"].where(kinds == "right", runs["time_limit"])
-            cells = runs.assign(right=kinds == "right", log=np.log(times + _TIME_SHIFT))
-            points = cells.groupby(["solver", "settings"]).agg(
-                right=("right", "mean"), log=("log", "mean")
-            )
             for solver, style in _line_of(runs).items():
-                settings = table["settings"][table["solver"] == solver]
-                own = points.loc[[(solver, x) for x in settings]]
-                seconds = np.exp(own["log"]) - _TIME_SHIFT
-                panel.plot(seconds, own["right"], marker="o", markersize=4, **style)
+                own = table[table["solver"] == solver]
+                seconds = own[f"mean seconds {accuracy:.0e}"]
+                share = own[f"right {accuracy:.0e}"] / own["runs"]
+                panel.plot(seconds, share, marker="o", markersize=4, **style)
             panel.set(xscale="log", ylim=(-0.03, 1.03), title=f"{accuracy:.0e}")
             panel.set_xlabel("mean time, the limit where not right [s]")
             panel.grid(alpha=0.3)
@@ -527,7 +508,7 @@ def write_summary(
             f"## {(name or 'other').capitalize()} problems: {n} {SETS[name]}"
         )
         for accuracy in accuracies(runs):
-            table = _ranking_in_words(ranking(part, accuracy))
+            table = _ranking_in_words(ranking(best_answers(part, accuracy)))
             rankings.append(f"### At {accuracy:.0e}, {name or 'other'}\n\n{table}")
     settings = by_setting(runs)
     tightest = accuracies(runs)[-1]
