@@ -18,8 +18,9 @@ def verb(
 ) -> None:
     """Write the SDP that `identify` solves as a file for another solver, and FILE.json beside it.
 
-    The JSON holds offset and scale, with which the file's optimum becomes the objective, and the proved
-    interval of that. Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
+    The JSON holds offset and scale, with which the file's optimum becomes the objective, the proved
+    interval of that, and centre and theta_scale, with which the file's variables become the parameters.
+    Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
 
     --out FILE: File to write: .dat-s (sparse SDPA) or .cbf.
     --method: Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic; default: lmi-sdp, or
