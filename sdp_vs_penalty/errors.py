@@ -149,7 +149,8 @@ class InputError(ValueError):
 class RepairableError(InputError):
     """Measurements that cannot be used as they are, and that `check --fix` can repair.
 
-    apply : the words of `--apply` that the repair needs, if any.
+    apply : the words of `--apply` that the repair needs, if any; is_known : whether the
+    repair is known before the check has compared several.
     """
 
     def __init__(
@@ -158,18 +159,23 @@ class RepairableError(InputError):
         remedy: str = "",
         where: Any = None,
         apply: tuple[str, ...] = (),
+        is_known: bool = True,
     ) -> None:
         """Compose the sentence of an InputError, and keep what `check --fix` needs.
 
-        apply : words for the option `--apply`, without which the repair is not made.
+        apply : words for the option `--apply`, without which the repair is not made;
+        is_known : False where only the check tells which repair is right.
         """
         super().__init__(what, remedy, where)
         self.apply = apply
+        self.is_known = is_known
 
     def within(self, where: Any) -> RepairableError:
         """Return the same error with its place extended by what contains it."""
         outer = super().within(where)
-        return RepairableError(outer.what, outer.remedy, outer.where, self.apply)
+        return RepairableError(
+            outer.what, outer.remedy, outer.where, self.apply, self.is_known
+        )
 
 
 class Remark(UserWarning):

@@ -12,7 +12,11 @@ from sdp_vs_penalty.checks.constants import LONG_STRETCH, STUCK
 from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import beside_range, far_outside
+from sdp_vs_penalty.data.plausibility import (
+    beside_range,
+    far_outside,
+    radians_per_percent,
+)
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
@@ -165,7 +169,8 @@ def _into_range(robot: Robot, q: Array) -> Array:
 
 def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where most revolute positions are far outside their ranges, and
-    all are inside if they are in degrees.
+    all are inside if they are in degrees, and in nothing else: angles within 100 may be
+    per cent of the ranges, which the torques tell.
 
     Parameters
     ----------
@@ -180,6 +185,8 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
     if not far or not is_revolute[list(far)].all():
+        return
+    if radians_per_percent(glance.robot, glance.run.q) is not None:
         return
     q = np.where(is_revolute, np.radians(glance.run.q), glance.run.q)
     is_explained = not far_outside(glance.robot, q)

@@ -4,14 +4,14 @@
 the order of the code.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty.checks import channels, residual
-from sdp_vs_penalty.checks.certainty import certain
+from sdp_vs_penalty.checks.certainty import certain, likely, possible
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics
 from sdp_vs_penalty.checks.facts import mended
@@ -24,7 +24,12 @@ from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
+from sdp_vs_penalty.data.plausibility import (
+    check_plausible,
+    check_torque,
+    far_outside,
+    radians_per_percent,
+)
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -270,7 +275,10 @@ def _with_range_error(
         check_plausible(problem.robot, run)
     except InputError as error:
         if any(f.kind in POSITION_UNITS for f in issues):
-            return [_as_fact(f) if f.kind in POSITION_UNITS else f for f in issues]
+            percent = radians_per_percent(problem.robot, run.q)
+            return [
+                _as_fact(f, percent) if f.kind in POSITION_UNITS else f for f in issues
+            ]
         far = far_outside(problem.robot, run.q)
         certainty = certain("`identify` refuses it")
         refused = Issue.of_refusal("position range", error, certainty, far)
@@ -295,15 +303,36 @@ def _explanations_of_positions(
     return [f for f in issues if f.apply.startswith(of_positions)]
 
 
-def _as_fact(issue: Issue) -> Issue:
-    """Return the issue that positions are in degrees as a certain error: the joints'
-    ranges confirm what the torques suggest."""
-    certainty = certain("outside what the joints can reach, and inside it as degrees")
-    return replace(issue, nature=FACT, severity="error", certainty=certainty)
+def _as_fact(issue: Issue, percent: Mapping[int, tuple[float, float]] | None) -> Issue:
+    """Return the issue in which unit positions are as an error: the joints' ranges
+    confirm what the torques suggest.
+
+    percent : radians per cent of each joint's range and its middle, where positions may
+    be that; then degrees are not certain, and both commands are named.
+    """
+    is_percent = issue.kind == "positions in per cent"
+    unit = "per cent" if is_percent else "degrees"
+    why = f"outside what the joints can reach, and inside it as {unit}"
+    if percent is None:
+        certainty = certain(why)
+        return replace(issue, nature=FACT, severity="error", certainty=certainty)
+    factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
+    other = "degrees" if is_percent else "per cent of each joint's range"
+    command = f"convert --{'units q=deg' if is_percent else f'scale q={factors}'}"
+    told = likely(f"{why}; as {other} the torques are explained worse")
+    if issue.equivalents:
+        told = possible(f"{why}; as {other} the torques are explained as well")
+    return replace(
+        issue,
+        nature=FACT,
+        severity="error",
+        certainty=told,
+        remedy=f"{issue.remedy}; were it {other}: `{command}`",
+    )
 
 
 #: Issues that say in which unit positions are.
-POSITION_UNITS = "positions in degrees", "position unit"
+POSITION_UNITS = "positions in degrees", "positions in per cent", "position unit"
 
 
 def judge_excitation(

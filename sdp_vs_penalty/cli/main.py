@@ -279,8 +279,10 @@ def _naming_the_repair(
         gravity=arguments.get("gravity"),
         apply=error.apply,
     )
-    words = ["sdp-vs-penalty", *command.repair_words]
-    remedy = f"{error.remedy}; `{command_line(words)}` writes a repaired copy"
+    words = command.repair_words if error.is_known else command.words
+    effect = "writes a repaired copy" if error.is_known else "says which it is"
+    printed = command_line(["sdp-vs-penalty", *words])
+    remedy = f"{error.remedy}; `{printed}` {effect}"
     return InputError(error.what, remedy, error.where)
 
 

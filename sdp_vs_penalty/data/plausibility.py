@@ -26,6 +26,8 @@ from sdp_vs_penalty.robot.robot import Robot
 _ZERO = 0.2
 #: Geometric mean of 180 / pi, of degrees, and 60, of a clock in minutes.
 _BETWEEN_DEGREES_AND_MINUTES = math.sqrt(60.0 * 180.0 / math.pi)
+#: Positions in per cent of a range go a little beyond its ends.
+_LARGEST_PERCENT = 101.0
 #: What else large angles may be.
 _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 
@@ -81,6 +83,10 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
     if not is_angle:
         remedy = f"convert millimetres to metres, {robot_of_file}"
         return InputError(what, remedy)
+    if radians_per_percent(robot, run.q) is not None:
+        units = "degrees, or per cent of each joint's range as LeRobot writes them,"
+        remedy = f"convert {units} to radians{_MOTORS}, {robot_of_file}"
+        return RepairableError(what, remedy, is_known=False)
     remedy = f"convert degrees to radians{_MOTORS}, {robot_of_file}"
     return RepairableError(what, remedy)
 
@@ -239,6 +245,38 @@ def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
     low, high = np.transpose([(j.lower, j.upper) for j in robot.joints])
     smallest, largest = column_range(q)
     return np.maximum(low - smallest, largest - high)
+
+
+def radians_per_percent(
+    robot: Robot, q: np.ndarray
+) -> dict[int, tuple[float, float]] | None:
+    """Return how positions in per cent of each joint's range, -100 to 100, become
+    radians.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, whose joints have ranges.
+    q : np.ndarray
+        (N, n) positions as logged.
+
+    Returns
+    -------
+    dict of int to (float, float), or None
+        By the place of each revolute joint, from 0, radians per cent and the middle of
+        the range [rad]; None where a position is beyond 100, or a joint has no range.
+    """
+    smallest, largest = column_range(q)
+    farthest = np.maximum(largest, -smallest)
+    out = dict[int, tuple[float, float]]()
+    for j, joint in enumerate(robot.joints):
+        if joint.kind != "revolute":
+            continue
+        half = 0.5 * (joint.upper - joint.lower)
+        if not np.isfinite(half) or farthest[j] > _LARGEST_PERCENT:
+            return None
+        out[j] = half / 100.0, 0.5 * (joint.upper + joint.lower)
+    return out
 
 
 def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:

@@ -7,12 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
 from corruptions.bench import contradicts
+from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, Problem, identify, load_estimate, load_problem
+from sdp_vs_penalty import (
+    InputError,
+    Measurements,
+    Problem,
+    identify,
+    load_estimate,
+    load_problem,
+)
 from sdp_vs_penalty.checks import Issue, Report, check, mended
 from sdp_vs_penalty.checks.certainty import likely
+from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.gate import consented, needs_check
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.one_arm import two_arms
@@ -166,6 +176,42 @@ def test_what_is_wrong_is_named(name, simulated, small):
         "positions in degrees",
     }
     assert {f.kind for f in report.errors_and_warnings} & gross <= {kind}
+
+
+def test_torques_tell_per_cent_of_the_ranges_from_degrees(simulated):
+    problem, run = simulated
+    joints = problem.robot.joints
+    middles = np.array([0.5 * (x.upper + x.lower) for x in joints])
+    radians_per_cent = np.array([x.upper - x.lower for x in joints]) / 200.0
+    logged = replace(run, q=(run.q - middles) / radians_per_cent, dq=None)
+    (report,) = check(problem, logged, thorough=False)
+    (issue,) = [f for f in report.issues if f.kind == "positions in per cent"]
+    assert (issue.severity, issue.certainty.grade) == ("error", "likely")
+    assert not issue.mends
+    np.testing.assert_allclose(report.repaired_all.q, run.q, atol=0.01)
+
+
+@pytest.mark.parametrize("per_cent", [False, True])
+def test_where_torques_do_not_tell_degrees_from_per_cent_both_are_named(
+    per_cent, tmp_path
+):
+    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
+    problem = load_problem(path)
+    run = small_run(problem, seconds=10.0)
+    logged = replace(run, q=run.q / (0.025 if per_cent else np.radians(1.0)), dq=None)
+    (report,) = check(problem, logged, thorough=False)
+    (issue,) = [f for f in report.issues if f.kind.startswith("positions in")]
+    said = f"{issue.what} {issue.certainty} {issue.remedy}"
+    assert issue.severity == "error"
+    assert issue.certainty.grade in ("likely", "possible")
+    assert "degrees" in said
+    assert "per cent of each joint's range" in said
+    commands = {"convert --units q=deg", "convert --scale q=0.025:0.025:0.025"}
+    assert any(command in said for command in commands)
+    (fixed,) = fix_runs(problem, [logged], [report], [issue.apply]).runs
+    assert np.abs(fixed.q).max() < 2.5
+    with pytest.raises(InputError, match="degrees, or per cent of each joint's range"):
+        identify(problem, logged)
 
 
 def test_only_what_is_certain_is_fixed(simulated):

@@ -1,4 +1,8 @@
-"""Positions in degrees."""
+"""Positions in degrees, or in per cent of each joint's range as LeRobot writes them.
+
+A file that does not say its unit fits into the joints' ranges either way: the torques
+tell one from the other.
+"""
 
 from collections.abc import Iterator
 
@@ -14,22 +18,25 @@ from sdp_vs_penalty.checks.faults.fault import (
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.data.plausibility import radians_per_percent
 
-#: Scales of positions are 1, -1 (a sign) or pi / 180 (degrees) [-]: below this it is
-#: degrees.
+#: Scales of positions are 1, -1 (a sign), or a unit's [-]: below this it is a unit.
 _BELOW_ANY_OTHER_SCALE = 0.1
+_RADIANS_PER_DEGREE = float(np.radians(1.0))
 
 
 class Degrees(Transformation):
-    """Positions in degrees: of all revolute joints, or of one of them."""
+    """Positions in degrees, of all revolute joints or of one of them; or of all in per
+    cent of their ranges."""
 
     name = "degrees"
 
     def propose(
         self, log: Likelihood, now: LogTransform, fit: ArmFit
     ) -> Iterator[LogTransform]:
-        """Yield the repair ``now`` with positions converted from degrees to radians: of
-        all revolute joints, and of each single joint that moves beyond a turn.
+        """Yield the repair ``now`` with positions converted to radians: from degrees of
+        all revolute joints, and of each single joint that moves beyond a turn; from per
+        cent of all.
 
         Nothing is yielded where no joint moves beyond a turn [rad].
 
@@ -51,16 +58,22 @@ class Degrees(Transformation):
         beyond_a_turn = [j for j in log.revolute if largest[j] > 2.0 * np.pi]
         if not beyond_a_turn:
             return
-        radians_per_degree = float(np.radians(1.0))
-        yield now.with_multiplied("scale", log.revolute, radians_per_degree)
+        yield now.with_multiplied("scale", log.revolute, _RADIANS_PER_DEGREE)
+        percent = radians_per_percent(log.problem.robot, log.data.motion.q)
+        if percent is not None:
+            per_cent = now
+            for j, (scale, middle) in percent.items():
+                per_cent = per_cent.with_multiplied("scale", (j,), scale)
+                per_cent = per_cent.with_entries("zero", (j,), now.zero[j] + middle)
+            yield per_cent
         if log.n == 1:
             return  # the only joint is all joints
         for j in beyond_a_turn:
-            yield now.with_multiplied("scale", (j,), radians_per_degree)
+            yield now.with_multiplied("scale", (j,), _RADIANS_PER_DEGREE)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield one fault about all joints whose positions a repair converts from
-        degrees.
+        degrees, or from per cent.
 
         Parameters
         ----------
@@ -74,25 +87,51 @@ class Degrees(Transformation):
         iterator of Fault
             With the words for the user.
         """
-        is_in_degrees = np.abs(repair.scale) < _BELOW_ANY_OTHER_SCALE
+        sizes = np.abs(repair.scale)
+        is_in_unit = sizes < _BELOW_ANY_OTHER_SCALE
+        is_in_degrees = is_in_unit & np.isclose(sizes, _RADIANS_PER_DEGREE, rtol=1e-6)
         joints = tuple(np.flatnonzero(is_in_degrees).tolist())
-        if not joints:
-            return
-        degrees_per_radian = float(np.degrees(1.0))
-        without = repair.with_multiplied("scale", joints, degrees_per_radian)
-        logged = without.positions(log.data.motion.q)[:, joints]
-        is_all = joints == tuple(log.revolute)
-        channels = ", ".join(f"q{j + 1}" for j in joints)
-        yield Fault(
-            kind="positions in degrees" if is_all else "position unit",
-            severity="warning",
-            joints=joints,
-            what=f"the position of {joints_text(joints)} is in degrees: it reaches"
-            f" {np.abs(logged).max():.4g}.",
-            remedy=f"multiply {channels} (and dq) by pi / 180",
-            removal=without,
-            log_odds_against=c.LOG_ODDS_AGAINST_FAULT
-            if is_all
-            else len(joints) * odds_against_one_of(log.n),
-            place=channels,
-        )
+        if joints:
+            yield _in_degrees(log, repair, joints)
+        percent = radians_per_percent(log.problem.robot, log.data.motion.q) or {}
+        joints = tuple(np.flatnonzero(is_in_unit & ~is_in_degrees).tolist())
+        if joints:
+            without = repair
+            for j in joints:
+                scale, middle = percent[j]
+                without = without.with_multiplied("scale", (j,), 1.0 / scale)
+                without = without.with_entries("zero", (j,), repair.zero[j] - middle)
+            yield Fault(
+                kind="positions in per cent",
+                severity="warning",
+                joints=joints,
+                what=f"the positions of {joints_text(joints)} are in per cent of each"
+                " joint's range, from -100 to 100, as LeRobot writes them.",
+                remedy="multiply q (and dq) by a hundredth of half of the range",
+                removal=without,
+                log_odds_against=c.LOG_ODDS_AGAINST_FAULT,
+                place=", ".join(f"q{j + 1}" for j in joints),
+            )
+
+
+def _in_degrees(
+    log: Likelihood, repair: LogTransform, joints: tuple[int, ...]
+) -> Fault:
+    """Return the fault that a repair converts joints (from 0) from degrees."""
+    without = repair.with_multiplied("scale", joints, 1.0 / _RADIANS_PER_DEGREE)
+    logged = without.positions(log.data.motion.q)[:, joints]
+    is_all = joints == tuple(log.revolute)
+    channels = ", ".join(f"q{j + 1}" for j in joints)
+    return Fault(
+        kind="positions in degrees" if is_all else "position unit",
+        severity="warning",
+        joints=joints,
+        what=f"the position of {joints_text(joints)} is in degrees: it reaches"
+        f" {np.abs(logged).max():.4g}.",
+        remedy=f"multiply {channels} (and dq) by pi / 180",
+        removal=without,
+        log_odds_against=c.LOG_ODDS_AGAINST_FAULT
+        if is_all
+        else len(joints) * odds_against_one_of(log.n),
+        place=channels,
+    )

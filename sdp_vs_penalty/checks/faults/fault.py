@@ -61,6 +61,7 @@ def _percent(share: float) -> str:
 APPLY = {
     "positions in degrees": ("degrees", "q"),
     "position unit": ("degrees", "q"),
+    "positions in per cent": ("percent", "q"),
     "clock rate": ("clock", "t"),
     "time reversed": ("reverse", "t"),
     "torque sign": ("sign", "tau"),
