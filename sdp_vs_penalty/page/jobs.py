@@ -48,7 +48,7 @@ from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
-from sdp_vs_penalty.files import write_bytes, write_text, writing
+from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
@@ -59,7 +59,9 @@ from sdp_vs_penalty.render.charts import POINTS, spread_rows
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_surfaces
+from sdp_vs_penalty.robot.model_files import format_of
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.robot_file import as_urdf
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -605,16 +607,17 @@ def _kept_meshes(job: JobRequest, problem: Problem) -> list[Answer]:
     """Store the links' meshes as STL files for the 3D view; return joint, file and
     placement.
 
-    There are none unless the robot is a URDF whose meshes lie next to it or in a
-    package of ROS. A mesh that cannot be read is left out.
+    There are none unless the robot is a URDF, xacro or SDF whose meshes lie next to it
+    or in a package of ROS. A mesh that cannot be read is left out.
     """
     source = Path(job["robot"]["source"])
-    if source.suffix.lower() != ".urdf" or not source.is_file():
+    if not source.is_file() or format_of(read_bytes(source)) == "mjcf":
         return []
     job.progress("reading meshes")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Remark)  # the picture goes without
-        surfaces = link_surfaces(source)
+        with as_urdf(source) as file:
+            surfaces = link_surfaces(file)
     robot = problem.robot
     if len(surfaces) != len(robot.link_joints):
         return []

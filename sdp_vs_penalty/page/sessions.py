@@ -26,7 +26,11 @@ LARGEST = LEAST
 SILENCE = 30.0
 
 #: By what is dropped.
-SUFFIXES = {"runs": suffixes(), "robot": (".urdf", ".xml"), "model": (".json",)}
+SUFFIXES = {
+    "runs": suffixes(),
+    "robot": (".urdf", ".xml", ".sdf", ".xacro"),
+    "model": (".json",),
+}
 
 
 def shown_name(name_given: str) -> str:

@@ -52,6 +52,8 @@ _DENSITY_SPREAD = float(np.log(5.0))
 _ASPECT_SPREAD = 2.0
 #: Second moment of a link in one direction over that of its box filled evenly.
 _FILLING_SPREAD = 1.0
+#: Characters of a number that a person types.
+_LONGEST = 40
 #: Thinnest link [m].
 _THIN = 5e-4
 #: Shapes are drawn this much too small, of their largest extent.
@@ -128,7 +130,7 @@ class WrittenInertial:
             slack = _DRAWN * float(extent.max())
             above = along.max(axis=0) + slack - barycentric[1:4]
             below = barycentric[1:4] - along.min(axis=0) + slack
-            if min(above.min(), below.min()) < 0.0:
+            if min(above.min(), below.min()) <= 0.0:
                 return "outside of its shapes: its centre of mass lies outside of them"
             worst = int(np.argmax(np.diagonal(second) / (above * below)))
             radius = float(np.sqrt(max(second[worst, worst], 0.0)))
@@ -147,6 +149,12 @@ class WrittenInertial:
                 " method of `identify` keeps every link in its body"
             )
         return ""
+
+    def fits(self, barycentric: Array) -> bool:
+        """Return whether a body can have a link's numbers, in its shapes and place."""
+        # About the centre, where no rounding of a distant one hides the tensor's fault.
+        alone = np.concatenate([barycentric[:1], np.zeros(3), barycentric[4:]])
+        return not inertia.why_impossible(alone) and not self.misfit(barycentric)
 
     def plausibility(self, barycentric: Array) -> float:
         """Return the logarithm of the prior of a consistent link, 0 for the likeliest."""
@@ -206,11 +214,11 @@ def find_repairs(
         Whether there is one, ten times likelier than the unknown cause.
     """
     found: list[Repair] = []
+    if max(map(len, written.texts.values())) > _LONGEST:
+        return [], False
     for sentence, texts, n_characters in _hypotheses(written):
         barycentric = written.barycentric(texts)
-        # About the centre, where no rounding of a distant one hides the tensor's fault.
-        alone = np.concatenate([barycentric[:1], np.zeros(3), barycentric[4:]])
-        if inertia.why_impossible(alone) or written.misfit(barycentric):
+        if not written.fits(barycentric):
             continue
         score = written.plausibility(barycentric) - _CHARACTER * n_characters
         repair = Repair(sentence, texts, n_characters, barycentric, score)
@@ -246,7 +254,7 @@ def _hypotheses(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str],
     """Yield each mistake's sentence, the texts that it changes, and its characters."""
     texts = written.texts
     for name in ("mass", *CENTRE, *MOMENTS):
-        yield from _of_one_number(name, texts[name])
+        yield from _of_one_number(written, name)
     for group in (CENTRE, MOMENTS):
         for a, b in combinations(group, 2):
             if float(texts[a]) != float(texts[b]):
@@ -274,9 +282,13 @@ def _hypotheses(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str],
     yield _about_origin(written)
 
 
-def _of_one_number(name: str, text: str) -> Iterator[tuple[str, dict[str, str], int]]:
-    """Yield a number with another sign, and with other powers of ten."""
-    if float(text) == 0.0:
+def _of_one_number(
+    written: WrittenInertial, name: str
+) -> Iterator[tuple[str, dict[str, str], int]]:
+    """Yield a number with another sign, and with those powers of ten that fit."""
+    text = written.texts[name]
+    value = float(text)
+    if value == 0.0:
         return
     negated = _negated(text)
     yield (
@@ -285,6 +297,8 @@ def _of_one_number(name: str, text: str) -> Iterator[tuple[str, dict[str, str], 
         1,
     )
     for k in _POWERS:
+        if not written.fits(written.barycentric({name: repr(value * 10.0**k)})):
+            continue
         new, n_characters = _shifted(text, k)
         sentence = (
             f'the decimal point or exponent of {name}="{text}" is wrong: {name}="{new}"'

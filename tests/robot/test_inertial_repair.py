@@ -116,6 +116,12 @@ def test_the_mistake_is_found(link, kind, typed):
     assert is_clear or is_named, [x.sentence for x in repairs]
 
 
+def test_a_number_that_nobody_types_has_no_typing_mistake():
+    """Comparing texts takes the square of their length."""
+    texts = texts_of("rx75") | {"izz": "-0." + 100_000 * "1"}
+    assert find_repairs(WrittenInertial(texts, np.eye(3)), move=1.0) == ([], False)
+
+
 def box(*size: float) -> np.ndarray:
     corners = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     return 0.5 * np.array(corners) * size
