@@ -461,7 +461,9 @@ def _add_frozen(
         estimate,
         model=fit.model,
         theta=theta,
-        uncertainty=_uncertainty_beside(estimate, fit, runs, base, gain_errors),
+        uncertainty=_uncertainty_beside(
+            estimate, fit, runs, base, gain_errors
+        ).named_by_sources(details),
         certificate=certify_beside(estimate, fit.model, theta, fit.certificate),
         details=details,
         provenance=provenance,

@@ -262,6 +262,7 @@ class Comparison(Record):
             doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
             highest=self.highest_relative_error,
             has_open_finding=has_open_finding,
+            determined=(self.estimate.n_base_from_data, self.estimate.n_base),
         )
 
     def plot(

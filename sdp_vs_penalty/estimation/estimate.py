@@ -184,7 +184,7 @@ class Estimate(Record):
             if entry["source"] not in ("data", "given")
         }
         text = (
-            f"{len(base) - len(undetermined)} of {len(base)} base parameters,"
+            f"{self.n_base_from_data} of {self.n_base} base parameters,"
             f" {self.n_from_data} of {self.n_parameters} standard"
         )
         lines = [("determined by the data", text)]
@@ -314,6 +314,19 @@ class Estimate(Record):
         others.
         """
         return self.sources.count("data")
+
+    @fact("", digits=9, name="n base parameters")
+    def n_base(self) -> int:
+        """Number of base parameters, the combinations that torques depend on."""
+        return len(self.details.get("base_parameters") or ())
+
+    @fact("", digits=9, name="n base parameters from data")
+    def n_base_from_data(self) -> int:
+        """Number of base parameters that the data determine, or that are given; prior or
+        bounds determine the others.
+        """
+        base = self.details.get("base_parameters") or ()
+        return sum(entry["source"] in ("data", "given") for entry in base)
 
     @fact("kg")
     def total_mass(self) -> float | None:
@@ -565,13 +578,12 @@ class Estimate(Record):
         samples = self.provenance["samples"]
         runs = ", ".join(self.provenance["runs"])
         violation, _, gap, *_ = self.certificate.summary()
-        n_from_data = self.sources.count("data")
         lines = [
             ("effects", ", ".join(names)),
             ("data", f"{samples} samples of {runs}"),
             violation,
             gap,
-            ("from the data", f"{n_from_data} of {len(self.theta)} parameters"),
+            ("from the data", f"{self.n_from_data} of {self.n_parameters} parameters"),
         ]
         if self.unweighed:
             lines.append(("masses", self.unweighed))

@@ -213,7 +213,14 @@ def build_estimate(
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
     is_feasible = certificate.worst == 0.0
-    uncertainty_of = partial(_uncertainty, posed, base, theta, is_feasible)
+    sources = parameter_sources(
+        task,
+        theta,
+        base,
+        estimator.undetermined_by,
+        nominal=problem.nominal(task.model),
+    )
+    uncertainty_of = partial(_uncertainty, posed, base, theta, is_feasible, sources)
     # A model must not keep a long recording alive.
     if runs is not None and runs.are_long:
         uncertainty = uncertainty_of(workers)
@@ -221,17 +228,7 @@ def build_estimate(
         uncertainty = LateUncertainty(uncertainty_of)
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
-    details = {
-        **fit.details,
-        "on_bounds": bounds,
-        **parameter_sources(
-            task,
-            theta,
-            base,
-            estimator.undetermined_by,
-            nominal=problem.nominal(task.model),
-        ),
-    }
+    details = {**fit.details, "on_bounds": bounds, **sources}
     provenance = {
         "seed": task.seed,
         "data_hash": measurements.data_hash,
@@ -259,12 +256,14 @@ def _uncertainty(
     base: BaseParameters,
     theta: Array,
     is_feasible: bool,
+    sources: Mapping[str, Any],
     workers: Workers = ALONE,
 ) -> Uncertainty:
     """Return the intervals and the covariance of an estimate theta (p,).
 
     base : its base parameters; is_feasible : whether theta satisfies all constraints,
-    as its intervals do then; workers : compress the columns of the shape constants.
+    as its intervals do then; sources : what determines each parameter; workers :
+    compress the columns of the shape constants.
     """
     task = posed.task
     wide = None
@@ -279,7 +278,7 @@ def _uncertainty(
         wide=wide,
         constrained=is_feasible,
         gain_errors=posed.gain_errors,
-    )
+    ).named_by_sources(sources)
 
 
 def proved(

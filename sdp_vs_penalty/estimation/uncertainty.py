@@ -26,7 +26,7 @@ freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -370,6 +370,21 @@ class Interval(JsonRecord):
     verdict: str = NOT_SEEN
 
 
+def named_by_source(interval: Interval, source: str) -> Interval:
+    """Return an interval whose verdict agrees with what determines the value.
+
+    What prior or bounds determine is not seen, however narrow the data's interval; what
+    the data determine is seen, weakly at least. Known values keep their verdict, as do
+    parameters whose standard deviation is unknown.
+    """
+    if source == "given" or np.isnan(interval.std):
+        return interval
+    if source != "data":
+        return replace(interval, verdict=NOT_SEEN)
+    is_seen = interval.verdict != NOT_SEEN
+    return interval if is_seen else replace(interval, verdict="weakly")
+
+
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     """Count the intervals of each verdict.
 
@@ -492,6 +507,26 @@ class Uncertainty(JsonRecord):
             combined = with_new_gains(self.base, base @ self.gain_response)
         standard = with_new_gains(self.standard, self.gain_response)
         return replace(self, standard=standard, base=combined, gain_errors=errors)
+
+    def named_by_sources(self, details: Mapping[str, Any]) -> Uncertainty:
+        """Return the uncertainty with verdicts that agree with what determines each
+        parameter (:func:`named_by_source`), as an estimate's ``details`` say it."""
+        base = {entry["name"]: entry["source"] for entry in details["base_parameters"]}
+
+        def named(
+            intervals: Sequence[Interval], source_by_name: Mapping[str, str]
+        ) -> tuple[Interval, ...]:
+            """Return intervals with the verdicts of their sources; others are data."""
+            return tuple(
+                named_by_source(x, source_by_name.get(x.name, "data"))
+                for x in intervals
+            )
+
+        return replace(
+            self,
+            standard=named(self.standard, details["undetermined"]),
+            base=named(self.base, base),
+        )
 
     def widened(self, factors: Array, base: Array) -> Uncertainty:
         """Return the uncertainty with wider intervals of some parameters.

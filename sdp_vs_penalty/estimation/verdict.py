@@ -49,6 +49,9 @@ NO_MODEL = 15.0
 #: From this share of new motion on, errors are those of unseen motion; below, they show
 #: repeatability.
 MOSTLY_NEW = 0.5
+#: A model of which the data determine a smaller share of base parameters predicts other
+#: motion by its prior; only errors on new motion can show that it does so well.
+MOSTLY_DETERMINED = 0.5
 #: No link of an arm weighs less than this share of it; the lightest wrists have a
 #: hundredth.
 _LIGHTEST = 1e-3
@@ -195,6 +198,7 @@ def judge(
     doubt: str = "",
     highest: float | None = None,
     has_open_finding: bool = False,
+    determined: tuple[int, int] = (0, 0),
 ) -> Verdict:
     """Judge a model by its errors, its certificate and the log.
 
@@ -232,6 +236,8 @@ def judge(
         Largest error [%] that motion of this length does not rule out.
     has_open_finding : bool
         Whether a diagnosis has found an effect that the model lacks.
+    determined : pair of int
+        Number of base parameters that the data determine, and of all; (0, 0): unknown.
 
     Returns
     -------
@@ -261,6 +267,7 @@ def judge(
         end=end,
         seconds=seconds,
         highest=highest,
+        determined=determined,
     )
     lines = [fit, prediction, missing_line]
     if doubt:
@@ -471,13 +478,15 @@ def _prediction(
     end: str,
     seconds: float | None,
     highest: float | None,
+    determined: tuple[int, int],
 ) -> Line:
     """Return the verdict's line on the prediction of motion that was not fitted.
 
     ``errors`` of the joints; ``share``: share of new motion, None if the model does not
     record its own; ``far``: rows lie outside of a measured curve's table, or the noise
     is unknown; ``end``: end of the sentence; ``seconds``: length of the motion;
-    ``highest``: largest error [%] that motion of this length does not rule out.
+    ``highest``: largest error [%] that motion of this length does not rule out;
+    ``determined``: base parameters that the data determine, and all of them.
     """
     unusable = errors.unusable
     grade: Grade = "do not use" if unusable else "usable"
@@ -492,6 +501,13 @@ def _prediction(
             f"{begin} motion like that of training ({known}); run `compare` on a new"
             " recording"
         )
+        n_determined, n_base = determined
+        if n_determined < MOSTLY_DETERMINED * n_base:
+            grade = "do not use"
+            sentence = (
+                f"The data determine {n_determined} of {n_base} base parameters: other"
+                f" motion is predicted by what was known before. {sentence}"
+            )
         return Line(PREDICTION, grade, sentence + end)
     # Case 2: new motion. "good" needs a small error and enough motion to know it.
     length = "" if seconds is None else f": {seconds:.3g} s"

@@ -586,10 +586,10 @@ def caveats(estimate: Estimate) -> list[str]:
             f" Scale: {law['scale']}."
         )
         lines.append(drive_torque_sentence(estimate))
-    others = [source for source in sources if source != "data"]  # prior or bounds
-    if others:
+    others = [source for source in sources if source not in ("data", "given")]
+    if others:  # of the prior or of bounds
         lines.append(
-            f"{len(others)} of {len(sources)} standard parameters are from the"
+            f"{len(others)} of {estimate.n_parameters} standard parameters are from the"
             f" {others[0]}, not from the data: do not read them one by one."
         )
     return lines

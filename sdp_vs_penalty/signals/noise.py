@@ -90,9 +90,7 @@ _FEWEST = 60
 #: and sensors of arms, behind the same low-pass, 1e-4 and more.
 _LEFT_BY_NUMBERS = 1e-5
 #: What is said where no floor is known.
-NOISE_UNKNOWN = (
-    "no noise could be measured: no motion repeats, or it repeats to the last digits"
-)
+NOISE_UNKNOWN = "no noise could be measured: no motion repeats, or it repeats exactly"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from random_robots import repeating_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
@@ -201,6 +202,19 @@ def test_what_cannot_be_seen_is_said(two_link):
         assert verdicts[name].lower < verdicts[name].value < verdicts[name].upper
     assert sum(counts(known.base).values()) == len(known.base) == 8 + 6
     assert counts(known.base)[NOT_SEEN] == 0
+
+
+def test_what_the_prior_determines_is_not_identifiable(two_link):
+    """Ixz4 was "identifiable" and from the "prior"; counts of terminal and report
+    differed by such parameters."""
+    run = repeating_run(two_link, 0, seconds=2.0)
+    estimate = identify(two_link, run, check=False)
+    entries = estimate.details["base_parameters"]
+    by_interval = [x.verdict != NOT_SEEN for x in estimate.uncertainty.base]
+    assert by_interval == [entry["source"] == "data" for entry in entries]
+    assert 0 < estimate.n_base_from_data < estimate.n_base
+    words = counts(estimate.uncertainty.standard)
+    assert words["identifiable"] + words["weakly"] == estimate.n_from_data
 
 
 def test_intervals_are_worked_out_once_when_they_are_first_read():

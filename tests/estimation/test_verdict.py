@@ -140,6 +140,17 @@ def test_a_prediction_is_not_good_where_the_motion_is_too_short_to_tell():
     assert line.text.startswith("Too short to tell")
 
 
+@pytest.mark.parametrize(
+    ("new_share", "n_determined", "grade"),
+    [(0.1, 16, "do not use"), (0.1, 40, "usable"), (0.9, 16, "good")],
+    ids=["a glimpse", "enough", "shown on new motion"],
+)
+def test_a_model_that_its_prior_makes_is_not_to_be_used(new_share, n_determined, grade):
+    """0.6 s of motion determined 16 of 58 base parameters: "usable"."""
+    found = verdict(new_share=new_share, determined=(n_determined, 58))
+    assert found.grade == grade
+
+
 def test_a_prediction_is_good_where_other_errors_are_ruled_out():
     found = verdict(highest=4.0)
     (line,) = (line for line in found.lines if line.about == PREDICTION)
