@@ -1,10 +1,23 @@
-"""No built-in robot is dead: each is identified by default."""
+"""No built-in robot and no effect is dead: each problem is identified by default; the
+long part walks each, and each effect's default form, through the verbs of a job."""
 
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
+from commands import run_cli
 from small_runs import small_run
 
 from sdp_vs_penalty import identify, load_problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.problem.load import problem_names
+from sdp_vs_penalty.simulation import MAKERS
+
+BASE = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
+#: Whose joints robot files have no words for.
+WITHOUT_URDF = ("dvrk_psm",)
 
 
 @pytest.mark.filterwarnings("ignore:warning. run. joints")
@@ -15,3 +28,66 @@ def test_every_built_in_problem_is_identified(name):
     assert model.certificate.worst == 0.0
     assert model.certificate.gap < 1e-8
     assert model.provenance["verdict"]
+
+
+def walk(
+    problem: str, run: Path, test: Path, plainer: Path, added: str, *effects: str
+) -> None:
+    """Each verb ends with 0: check, identify (with ``effects``), compare, diagnose, add
+    (to the model ``plainer``), export, report."""
+    folder = plainer.parent
+    window = ("--window", "0:6", "-q")
+    data = ("--data", run, *window)
+    model = folder / "model.json"
+    endings = (".json",) if problem in WITHOUT_URDF else (".json", ".urdf")
+    commands = [
+        ("check", problem, "--data", run, "-q"),
+        ("identify", problem, *effects, *data, "--out", model),
+        ("compare", model, "--data", test, *window),
+        ("diagnose", model, *data, "--json", folder / "findings.json"),
+        ("add", plainer, added, *data, "--out", folder / "extended.json"),
+        *(("export", model, "--out", folder / f"out{x}", "-q") for x in endings),
+        ("report", model, *data, "--out", folder / "report.html"),
+    ]
+    for command in commands:
+        assert run_cli(*command) == 0, command[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", problem_names())
+def test_every_built_in_problem_walks_through_a_job(name, tmp_path):
+    runs = tmp_path / "runs"
+    assert run_cli("simulate", name, "--out", runs, "-q") == 0
+    model = tmp_path / "model.json"
+    walk(name, runs / "run1.csv", runs / "test.csv", model, "joint_spring:1")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two runs of the two links that log what any effect may need: commands, motors'
+    positions, temperatures."""
+    folder = tmp_path_factory.mktemp("runs")
+    paths = folder / "run.csv", folder / "test.csv"
+    for seed, path in enumerate(paths):
+        run = small_run(load_problem("two_link"), 6.0, seed=seed)
+        ahead = np.array([np.interp(run.t + 0.01, run.t, q) for q in run.q.T]).T
+        commanded = {"qcmd": ahead, "qmot": run.q + 1e-4 * run.tau}
+        warm = 20.0 + 2.0 * run.t[:, None] + np.zeros(run.q.shape)
+        save(replace(run, commanded=commanded, temperature=warm), path)
+    return paths
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", effect_types())
+def test_every_effect_walks_through_a_job_in_its_default_form(name, runs, tmp_path):
+    """Hidden where a world states it, part of a model, and added to one without it."""
+    if name in MAKERS:
+        hidden = ("--hide", name, "--out", tmp_path / "hidden")
+        assert run_cli("simulate", "two_link", *hidden, "-q") == 0
+    run, test = runs
+    others = [e for e in BASE if e != name]
+    plainer = tmp_path / "plainer.json"
+    without = ("--effects", ",".join(others), "--data", run, "--out", plainer, "-q")
+    assert run_cli("identify", "two_link", *without) == 0
+    effects = ",".join([name, *others])
+    walk("two_link", run, test, plainer, name, "--effects", effects)

@@ -645,8 +645,11 @@ def estimate_constants(
     out: list[Effect] = []
     search: Search | None = None
     for effect in new_effects:
-        # A drive's law is fitted beside the torque, with its delay.
-        if effect.forward == "drive" or all_given(effect):
+        # What no search has a start for keeps its constants: identify fits a drive's
+        # law beside the torque.
+        first_joint = min(effect.joints, default=0)
+        has_starts = bool(list(effect.starts(effect.robot, first_joint)))
+        if all_given(effect) or not has_starts:
             out.append(effect)
             continue
         if search is None:  # only now, since filtering takes long
