@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from sdp_vs_penalty.data.formats.units import LARGEST_PERCENT
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range, iter_chunks
 from sdp_vs_penalty.errors import InputError, RepairableError
@@ -26,8 +27,6 @@ from sdp_vs_penalty.robot.robot import Robot
 _ZERO = 0.2
 #: Geometric mean of 180 / pi, of degrees, and 60, of a clock in minutes.
 _BETWEEN_DEGREES_AND_MINUTES = math.sqrt(60.0 * 180.0 / math.pi)
-#: Positions in per cent of a range go a little beyond its ends.
-_LARGEST_PERCENT = 101.0
 #: What else large angles may be.
 _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 
@@ -273,7 +272,7 @@ def radians_per_percent(
         if joint.kind != "revolute":
             continue
         half = 0.5 * (joint.upper - joint.lower)
-        if not np.isfinite(half) or farthest[j] > _LARGEST_PERCENT:
+        if not np.isfinite(half) or farthest[j] > LARGEST_PERCENT:
             return None
         out[j] = half / 100.0, 0.5 * (joint.upper + joint.lower)
     return out

@@ -1,6 +1,7 @@
 """Logs as other programs write them: separators, decimal marks, stamps, names, lists,
 columns that nobody needs, no clock; the same numbers come out of all of them."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -275,3 +276,34 @@ def test_torques_of_lerobot_have_any_of_its_words(word):
     assert recognition.rename == dict(zip(("t", "q", "tau"), columns, strict=True))
     assert recognition.logger.startswith("LeRobot")
     assert any("tau in A" in unit for unit in recognition.units) == (word == "current")
+
+
+@pytest.mark.parametrize("unit", [None, "degrees", "radians"])
+@pytest.mark.parametrize("largest", [60.0, 130.0])
+def test_positions_of_lerobot_are_degrees_only_where_something_says_so(
+    unit, largest, tmp_path
+):
+    """They may be per cent of each joint's range, as LeRobot writes them by default;
+    the state's is not the action's."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    path = tmp_path / "data" / "chunk-000" / "episode_000000.parquet"
+    path.parent.mkdir(parents=True)
+    q = largest * np.sin(np.outer(RUN.t, [1.0, 2.0]))
+    columns = {"timestamp": RUN.t, "observation.state": list(q), "action": list(q)}
+    columns["observation.effort"] = list(RUN.tau)
+    parquet.write_table(arrow.table(columns), path)
+    if unit is not None:
+        info = {"features": {"observation.state": {"unit": unit}}}
+        (tmp_path / "meta").mkdir()
+        (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    with pytest.warns(Remark) as heard:
+        run = read_run(path)
+    said = " ".join(str(w.message) for w in heard)
+    is_open = unit is None and largest < 100.0
+    is_in_degrees = unit == "degrees" or (unit is None and largest > 100.0)
+    np.testing.assert_allclose(run.q, np.radians(q) if is_in_degrees else q)
+    assert ("; q in degrees or per cent of each joint's range" in said) == is_open
+    assert ("as the file's metadata say" in said) == (unit is not None)
+    assert ("qcmd" in run.commanded) == (largest > 100.0)

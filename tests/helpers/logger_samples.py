@@ -191,7 +191,8 @@ def lerobot_current(path: Path, run: Measurements) -> None:
 
 
 def lerobot(path: Path, run: Measurements, word: str = "effort") -> None:
-    """Two episodes, positions in degrees; ``word``: what the torques are called."""
+    """Two episodes, positions in degrees, as the columns' metadata say; ``word``: what
+    the torques are called."""
     import pyarrow as arrow
     from pyarrow import parquet
 
@@ -207,7 +208,13 @@ def lerobot(path: Path, run: Measurements, word: str = "effort") -> None:
         "episode_index": episode,
         "task": ["lift"] * len(run.t),
     }
-    parquet.write_table(arrow.table(columns), path)
+    table = arrow.table(columns)
+    schema = table.schema
+    for name in ("action", "observation.state"):
+        place = schema.get_field_index(name)
+        field = schema.field(place).with_metadata({"unit": "deg"})
+        schema = schema.set(place, field)
+    parquet.write_table(table.cast(schema), path)
 
 
 def zero_based(path: Path, run: Measurements) -> None:

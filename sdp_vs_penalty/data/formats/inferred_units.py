@@ -11,13 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.formats.units import LARGEST_PERCENT, UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Words of loggers.toml for units that the values show.
 ANGLE = "angle"
 CLOCK = "clock"
+#: ... of servos, whose drivers write degrees or per cent of each joint's range.
+SERVO = "servo"
+#: The unit of positions that may be either.
+DEGREES_OR_PERCENT = "degrees or per cent of each joint's range"
 #: Angles beyond two turns are in degrees [rad].
 _TWO_TURNS = 4.0 * np.pi
 #: Steps of a clock that are longer count milliseconds [s].
@@ -64,6 +68,32 @@ def unit_of_angles(values: Array) -> tuple[str, str]:
     largest = float(np.abs(values).max(initial=0.0))
     unit = "deg" if largest > _TWO_TURNS else "rad"
     return unit, f"it reaches {largest:.3g}"
+
+
+def unit_of_servo(values: Array) -> tuple[str, str]:
+    """Return the unit of a servo's positions, and the reason as a phrase.
+
+    Values within two turns are radians, values beyond 100 are degrees. Between the two
+    they may be degrees or per cent of each joint's range, and are taken as they are.
+
+    Parameters
+    ----------
+    values : array
+        Positions of any shape.
+
+    Returns
+    -------
+    unit, reason : str
+        The unit and a phrase.
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    if not _TWO_TURNS < largest <= LARGEST_PERCENT:
+        return unit_of_angles(values)
+    return (
+        DEGREES_OR_PERCENT,
+        "which the file does not say: `check` weighs them by the torques, `convert"
+        " --units q=deg` takes degrees",
+    )
 
 
 def unit_of_clock(stamps: Array, rate: float | None = None) -> tuple[str, str]:
@@ -142,7 +172,7 @@ def decide_units(
     run : Measurements
         The run, in SI units as the first cells suggested.
     inferred : mapping of str to str
-        ANGLE or CLOCK by channel group (t, q, qcmd).
+        ANGLE, SERVO or CLOCK by channel group (t, q, qcmd).
     scale : mapping of str to float
         Factors to SI by our column names (t, q, q1 ...), by which the run was
         multiplied; 1 where a name is missing.
@@ -166,8 +196,16 @@ def decide_units(
         if kind == CLOCK:
             units[group] = unit_of_clock(run.t[:ROWS_JUDGED] / present[group], rate)
         else:  # commanded angles are in the unit of measured ones
-            units[group] = unit_of_angles(angles)
-        factor = UNITS[units[group][0]] / present[group]
+            unit_of = unit_of_servo if kind == SERVO else unit_of_angles
+            units[group] = unit_of(angles)
+        unit = units[group][0]
+        if unit == DEGREES_OR_PERCENT and group != "q" and run.torque_logged:
+            # Commands may be in per cent of other ranges.
+            commanded = {k: x for k, x in run.commanded.items() if k != group}
+            run = replace(run, commanded=commanded)
+            units[group] = unit, "of ranges of its own: it is left out"
+            continue
+        factor = UNITS.get(unit, 1.0) / present[group]
         if factor == 1.0:
             continue
         if group in ("t", "q"):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
+from sdp_vs_penalty.data.formats.dataset_info import stated_units
 from sdp_vs_penalty.data.formats.joint_order import (
     Places,
     in_first_order,
@@ -67,7 +69,7 @@ def inspect(path: Path) -> CellTable:
         Kinds and first cells, by name.
     """
     with _opened(path) as file:
-        return _cell_table(file)
+        return replace(_cell_table(file), units=stated_units(path, file.schema_arrow))
 
 
 def read_columns(path: Path) -> dict[str, Array]:
@@ -121,7 +123,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def _header(path: Path, choice: Choice, file: Any) -> Header:
     """Find the columns of the file that are channels."""
-    table = _cell_table(file)
+    table = replace(_cell_table(file), units=stated_units(path, file.schema_arrow))
     return Header.of(path, list(table.kinds), choice, table=table)
 
 

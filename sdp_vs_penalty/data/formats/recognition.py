@@ -22,9 +22,11 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.inferred_units import (
     ANGLE,
     CLOCK,
+    SERVO,
     unit_of_angles,
     unit_of_clock,
     unit_of_dates,
+    unit_of_servo,
 )
 from sdp_vs_penalty.data.formats.renaming import (
     group_of,
@@ -89,10 +91,12 @@ class CellTable:
     ----------
     kinds : "number", "text", "list", "stamp" or "empty", by the column's name
     cells : the texts of the first cells that are not empty, by the column's name
+    units : units that the file's metadata say, by the column's name
     """
 
     kinds: Mapping[str, str]
     cells: Mapping[str, Sequence[str]]
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def values(self, name: str) -> Array:
         """Return the numbers in the first 50 cells of a column that are not empty.
@@ -123,7 +127,7 @@ class Recognition:
     scale : factors to SI by our names, where they are not 1
     logger : the program that writes such files, in words
     units : sentences on the units that are not SI, with the reasons
-    inferred : ANGLE or CLOCK by channel group, of units that the first cells suggest
+    inferred : ANGLE, SERVO or CLOCK by channel group, of units that the first cells suggest
     joints : names of the joints, where the file says them
     order : places of the robot's joints within a block, where the orders differ
     episode : name of the column that counts runs
@@ -167,8 +171,9 @@ class Recognition:
         for group, (unit, reason) in units.items():
             names = [name for name in self.rename if group_of(name) == group]
             sentences.append(f"{group} in {unit}, {reason}")
-            if UNITS[unit] != 1.0:
-                scale |= dict.fromkeys(names, UNITS[unit])
+            factor = UNITS.get(unit, 1.0)
+            if factor != 1.0:
+                scale |= dict.fromkeys(names, factor)
         return replace(self, scale=scale, units=tuple(sentences))
 
     def command(
@@ -574,7 +579,9 @@ def _by_logger(
         inferred = {
             group: unit
             for group, unit in logger.get("units", {}).items()
-            if unit in (ANGLE, CLOCK) and any(group_of(x) == group for x in rename)
+            if unit in (ANGLE, CLOCK, SERVO)
+            and any(group_of(x) == group for x in rename)
+            and _stated_unit(group, rename, table) is None
         }
         return Recognition(
             rename,
@@ -659,7 +666,10 @@ def _units_of_logger(
         if not columns:
             continue
         why = f"as {logger['name']} writes it"
-        if unit in (ANGLE, CLOCK):
+        stated = _stated_unit(group, rename, table)
+        if stated is not None:
+            unit, why = stated, "as the file's metadata say"
+        elif unit in (ANGLE, CLOCK, SERVO):
             unit, why = _inferred_unit(unit, columns, table)
         if unit in SHARES:
             sentences.append(_share_sentence(group, unit))
@@ -672,17 +682,30 @@ def _units_of_logger(
     return scale, tuple(sentences)
 
 
+def _stated_unit(
+    group: str, rename: Mapping[str, str], table: CellTable | None
+) -> str | None:
+    """Return the unit that the file's metadata say of a channel group's columns; None
+    where they say none."""
+    if table is None:
+        return None
+    columns = [name for ours, name in rename.items() if group_of(ours) == group]
+    units = {table.units.get(name, "").lower() for name in columns}
+    unit = units.pop() if len(units) == 1 else ""
+    return unit if unit in UNITS or unit in SHARES else None
+
+
 def _inferred_unit(
     kind: str, names: Sequence[str], table: CellTable | None
 ) -> tuple[str, str]:
-    """Guess the unit of columns (ANGLE or CLOCK) from their first values, and give the
+    """Guess the unit of columns (ANGLE, SERVO or CLOCK) by their first values, with the
     reason as a phrase; without values the unit stays open."""
     if table is None or not names:
         return kind, ""
     if kind == CLOCK:
         return unit_of_clock(table.values(names[0]))
     values = np.concatenate([table.values(name) for name in names])
-    return unit_of_angles(values)
+    return unit_of_servo(values) if kind == SERVO else unit_of_angles(values)
 
 
 def episode_of(names: Sequence[str]) -> str | None:

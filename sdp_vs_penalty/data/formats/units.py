@@ -21,6 +21,8 @@ UNITS: dict[str, float] = {
     "degrees": _DEGREE,
     "degree": _DEGREE,
     "rad": 1.0,
+    "radian": 1.0,
+    "radians": 1.0,
     "rpm": math.pi / 30.0,
     "nm": 1.0,
     "mnm": 1e-3,
@@ -118,6 +120,8 @@ _TORQUES = {
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
 
 #: Units that are shares of a rating.
+#: Positions in per cent of a joint's range go a little beyond its ends.
+LARGEST_PERCENT = 101.0
 SHARES = ("%", "percent", "pct", "permil", "permille", "promille", "‰")
 
 #: What names end with, by quantity.
