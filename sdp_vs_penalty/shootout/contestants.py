@@ -264,7 +264,6 @@ def _certified(solver: str | None, finest: float) -> Contestant:
     """Make a contestant of our certified fit with a conic solver inside, asked for
     ``finest``; None: the default method, which is a portfolio.
     """
-    gap = max(1e-8, 10.0 * finest)
     words = f"{solver} in our loop: scaled, proved, solved again where the gap is loose"
     if solver is None:
         words = (
@@ -274,33 +273,30 @@ def _certified(solver: str | None, finest: float) -> Contestant:
     return Contestant(
         name="lmi-sdp" if solver is None else f"{solver} certified",
         description=words,
-        solve=partial(_in_our_loop, solver=solver, finest=finest, gap=gap),
-        options=lambda accuracy: {"accuracy": finest, "proved gap": gap},
-        promise=gap,
+        solve=partial(_in_our_loop, solver=solver, finest=finest),
+        options=lambda accuracy: {"accuracy": finest, "proved gap": accuracy},
         certifies=True,
     )
 
 
 def _in_our_loop(
-    instance: Instance, accuracy: float, solver: str | None, finest: float, gap: float
+    instance: Instance, accuracy: float, solver: str | None, finest: float
 ) -> Answer:
     """Solve an instance by our certified fit with a conic solver inside.
 
     The fit scales the problem, calls the solver, and proves a gap from its multipliers.
-    It claims an optimum only if the proved gap is at most ``gap``.
+    It claims an optimum only if the proved gap is at most ``accuracy``.
 
     Parameters
     ----------
     instance : Instance
         The problem.
     accuracy : float
-        Ignored: ``gap`` is promised.
+        Relative gap up to which an optimum is claimed.
     solver : str or None
         Name of the conic solver; None for the default of lmi-sdp.
     finest : float
         Accuracy that is asked of the solver.
-    gap : float
-        Relative gap up to which an optimum is claimed.
 
     Returns
     -------
@@ -319,7 +315,7 @@ def _in_our_loop(
     words = f"{fit.details['solver']}: proved gap {proved_gap:.1e}; "
     return Answer(
         theta=fit.theta,
-        claims="optimal" if proved_gap <= gap else "inaccurate",
+        claims="optimal" if proved_gap <= accuracy else "inaccurate",
         status=words + ", ".join(solver_words),
         multipliers=fit.multipliers,
         entropy_slopes=fit.entropy_slopes,

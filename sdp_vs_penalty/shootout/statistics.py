@@ -14,6 +14,8 @@ import pandas
 #: Of intervals: the 97.5 % point of the normal distribution; and of tests.
 _NORMAL_97 = 1.959964
 LEVEL = 0.05
+#: Shorter times are not told apart by the clock of a process [s].
+SHORTEST = 1e-4
 
 
 def wilson(right: int, n: int) -> tuple[float, float]:
@@ -56,6 +58,7 @@ def beside(cells: pandas.DataFrame, one: str, other: str) -> dict[str, float]:
     n_one = int((right[one] & ~right[other]).sum())
     n_other = int((right[other] & ~right[one]).sum())
     seconds = table["seconds"].loc[right.index[right.all(axis=1)]].astype(float)
+    seconds = seconds.clip(lower=SHORTEST)
     logs = np.log(seconds[other] / seconds[one]).dropna()
     return {
         "one": n_one,

@@ -25,7 +25,7 @@ from sdp_vs_penalty.formatting import count, number, words
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.judge import CLASSES, SLACK, classes
-from sdp_vs_penalty.shootout.statistics import LEVEL, beside, wilson
+from sdp_vs_penalty.shootout.statistics import LEVEL, SHORTEST, beside, wilson
 
 #: Accuracies at which every setting is judged.
 SHOWN = (1e-4, 1e-6, 1e-8)
@@ -166,11 +166,9 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
             said += _advice(part, accuracy, f"{name or 'chosen'} problem")
     ours = runs[(runs["solver"] == "lmi-sdp") & runs["status"].str.contains(": proved")]
     if len(ours):
-        n_called = int((~ours["status"].str.startswith("primal-dual")).sum())
-        said.append(
-            f"lmi-sdp is a portfolio: it called Clarabel on {n_called} of {len(ours)}"
-            " problems."
-        )
+        by_clarabel = ours["problem"][~ours["status"].str.startswith("primal-dual")]
+        of = f"{by_clarabel.nunique()} of {ours['problem'].nunique()} problems"
+        said.append(f"lmi-sdp is a portfolio: it called Clarabel on {of}.")
     return said
 
 
@@ -233,7 +231,7 @@ def profile(
     """
     cells = best_answers(runs, accuracy)
     right = cells[cells["right"]]
-    seconds = right["seconds"].clip(lower=1e-6)
+    seconds = right["seconds"].clip(lower=SHORTEST)
     ratio = seconds / seconds.groupby(right["problem"]).transform("min")
     profiles = {}
     for solver, n_run in cells.groupby("solver")["problem"].nunique().items():
