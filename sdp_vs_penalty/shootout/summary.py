@@ -101,8 +101,9 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
     -------
     DataFrame
         One row for each contestant: "right" of "run" problems; "wrong", silently;
-        "proved", by its own multipliers; medians of "seconds", of their "spread" and of
-        "file_seconds" where it is right; and of :func:`~statistics.beside` the row above.
+        "proved", by its own multipliers; medians of "seconds", of their "spread", of
+        "file_seconds" and "form_seconds" where it is right; and what
+        :func:`~statistics.beside` says of it and the row above.
     """
     is_right = cells["right"]
     spread = (cells["seconds_most"] - cells["seconds_least"]) / cells["seconds"]
@@ -110,6 +111,7 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
         "seconds": cells["seconds"].where(is_right),
         "spread": spread.where(is_right & (cells["repeats"] > 1)),
         "file_seconds": cells["file_seconds"].where(is_right),
+        "form_seconds": cells["form_seconds"].where(is_right),
     }
     rows = cells.assign(wrong=cells["class"] == "silently_wrong", **by_right)
     how: dict[str, Any] = {"run": ("problem", "size")}
@@ -192,16 +194,18 @@ def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
     ]
     who = f"no test tells apart {words(shown)}" if shown[1:] else f"{shown[0]} is best"
     said = f"Right to {accuracy:.0e} on {where}: {who}"
+    known = contestants()
     fastest = good[0]
+    form = table.loc[fastest, "form_seconds"]
     said += (
-        f"; {fastest} takes {_milliseconds(table.loc[fastest, 'seconds'])} ms (median)"
+        f"; {fastest} takes {_milliseconds(table.loc[fastest, 'seconds'])} ms (median"
     )
+    said += f"; {_milliseconds(form)} ms before for its form)" if form else ")"
     if "lmi-sdp" in good[1:]:
         pair = beside(cells, fastest, "lmi-sdp")
         is_slower = pair["p_time"] <= LEVEL
         how = f"{number(pair['ratio'])} times as long" if is_slower else "about as long"
-        said += f", lmi-sdp {how}"
-    known = contestants()
+        said += f", lmi-sdp {how} ({known['lmi-sdp'].clock})"
     if proving := [s for s in good if s in known and known[s].certifies]:
         said += f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each answer"
     wrong = table["wrong"][table["wrong"] > 0].sort_values(ascending=False)
@@ -396,6 +400,7 @@ def _ranking_in_words(table: pandas.DataFrame) -> str:
                 "certifies": "yes" if who is not None and who.certifies else "",
                 "median [ms]": _milliseconds(row["seconds"]),
                 "spread": "-" if np.isnan(row["spread"]) else f"{row['spread']:.0%}",
+                "form [ms]": _milliseconds(row["form_seconds"]),
                 "files [ms]": _milliseconds(row["file_seconds"]),
                 "beside the row above": _beside_in_words(row),
             }

@@ -490,6 +490,7 @@ def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
         "seconds": 0.1,
         "seconds_least": 0.1,
         "seconds_most": 0.1,
+        "form_seconds": 0.0,
         "file_seconds": 0.0,
         "repeats": 1,
         "hash": "h",
