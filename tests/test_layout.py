@@ -22,6 +22,7 @@ PACKAGE = ROOT.name
 ORDER = (
     "version",
     "errors",
+    "arguments",
     "formatting",
     "colours",
     "files",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.diagnosis.adding import add as add_effects
 from sdp_vs_penalty.diagnosis.comparison import compare
@@ -14,6 +15,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 
 
+@checked_arguments
 def add(
     estimate: Estimate | str | Path,
     effects: str | Diagnosis | Sequence[Finding | Retune | str],

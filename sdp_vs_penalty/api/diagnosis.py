@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.api.identification import WITHOUT_CHECK
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks.gate import needs_check, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
@@ -25,6 +26,7 @@ from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.problem.check_command import CheckCommand
 
 
+@checked_arguments
 def diagnose(
     estimate: Estimate | str | Path,
     measurements: Source,

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -9,6 +10,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.exporters import export as exporting
 
 
+@checked_arguments
 def export(
     estimate: Estimate | str | Path,
     out: str | Path,

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare_filtered
@@ -41,6 +42,7 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 WITHOUT_CHECK = "pass check=False to"
 
 
+@checked_arguments
 def identify(
     problem: str | Path | Problem,
     measurements: Source | FilteredRuns | BlackBox,
@@ -173,6 +175,7 @@ def identify(
     return replace(estimate, provenance=provenance)
 
 
+@checked_arguments
 def identify_black_box(
     problem: str | Path | Problem,
     answers: str | Path | BlackBox,

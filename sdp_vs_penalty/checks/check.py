@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import channels, residual
 from sdp_vs_penalty.checks.certainty import certain, likely, possible
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
@@ -37,6 +38,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
+@checked_arguments
 def check(
     problem: str | Path | Problem,
     measurements: Source,

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
@@ -37,6 +38,7 @@ def cache_folder() -> Path:
     return Path(pooch.os_cache("sdp-vs-penalty"))
 
 
+@checked_arguments
 def fetch(
     name: str, folder: str | Path | None = None, base: str | None = None
 ) -> list[Path]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, csv, format_of, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import (
@@ -52,8 +53,9 @@ _SWAY = 0.05
 _ROWS_OF_TRAVEL = 100_000
 
 
+@checked_arguments
 def load_measurements(
-    *paths: str | Path,
+    *paths: Source,
     joints: int | None = None,
     start: float = 0.0,
     stop: float = np.inf,
@@ -66,7 +68,7 @@ def load_measurements(
 
     Parameters
     ----------
-    *paths : str or Path
+    *paths : path, or a table of columns
         One file a run, or folders and patterns of such files.
     joints : int, optional
         The number of joints expected.
@@ -89,7 +91,9 @@ def load_measurements(
     """
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")
-    return windowed(as_measurements(paths, joints, names), [(start, stop)])
+    return windowed(
+        as_measurements(paths, joints, names), [(float(start), float(stop))]
+    )
 
 
 def as_measurements(

@@ -55,6 +55,10 @@ def _as_numbers(name: str, value: Any) -> Array:
     raise InputError(f"{name} holds {what}, not numbers", f"give it as {unit}")
 
 
+#: Fields of measurements that are a number or n numbers a sample.
+_CHANNELS = ("t", "q", "tau", "dq", "temperature")
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Measurements(Shown):
     """One or more runs of one robot.
@@ -106,7 +110,7 @@ class Measurements(Shown):
     def __post_init__(self) -> None:
         """Take lists and pandas objects as arrays; raise InputError for what is no
         number, and for channels of another shape."""
-        for name in ("t", "q", "tau", "dq", "temperature"):
+        for name in _CHANNELS:
             value = getattr(self, name)
             if value is not None and not _is_array_of_numbers(value):
                 object.__setattr__(self, name, _as_numbers(name, value))
@@ -114,6 +118,30 @@ class Measurements(Shown):
             blocks = {name: _as_numbers(name, x) for name, x in self.commanded.items()}
             object.__setattr__(self, "commanded", blocks)
         self._check_shapes()
+        self._leave_out_masked_rows()
+
+    def _leave_out_masked_rows(self) -> None:
+        """Leave out every sample of which a channel is masked (``numpy.ma``): its owner
+        says that it is no measurement."""
+        channels = [*(getattr(self, name) for name in _CHANNELS)]
+        masks = [
+            np.ma.getmaskarray(x).reshape(len(self.t), -1).any(axis=1)
+            for x in (*channels, *self.commanded.values())
+            if isinstance(x, np.ma.MaskedArray)
+        ]
+        if not masks:
+            return
+        keep = ~np.any(masks, axis=0)
+        if not keep.any():
+            raise InputError("every row is masked", "leave some of them unmasked")
+
+        def of_kept_rows(values: Any) -> Any:
+            return None if values is None else np.ma.getdata(values)[keep]
+
+        for name in (*_CHANNELS, "run"):
+            object.__setattr__(self, name, of_kept_rows(getattr(self, name)))
+        commanded = {name: of_kept_rows(x) for name, x in self.commanded.items()}
+        object.__setattr__(self, "commanded", commanded)
 
     def _check_shapes(self) -> None:
         """Raise InputError unless t is (N,) and every channel (N, n)."""

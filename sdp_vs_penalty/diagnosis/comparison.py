@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.colours import AFTER, model_colour
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
@@ -560,6 +561,7 @@ class Comparisons(list[Comparison]):
         return paragraphs + self.to_frame().to_html()
 
 
+@checked_arguments
 def compare(
     models: Models,
     measurements: Source | FilteredRuns,

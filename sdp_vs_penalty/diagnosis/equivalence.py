@@ -33,6 +33,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import refine_constants
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 
 #: Share of what a finding explains from which a candidate is refined, whose constants
 #: stand on a coarse grid.
@@ -109,7 +110,8 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
     # ``held_out`` addresses effects by number: first the findings, then the rivals.
     all_terms = [*explanation.terms, *(rival for _, rival in pairs)]
     effects = [t.form.effect for t in all_terms]
-    estimate = replace(explanation.first, theta=explanation.estimate.theta)
+    theta = explanation.estimate.theta
+    estimate = replace(explanation.first, theta=theta, certificate=NOT_CERTIFIED)
     held_out = judge.held_out_errors(search.data.rows, effects, estimate)
     rivals_by_term = {t: list(t.rivals) for t in search.terms}
     first_rival = len(explanation.terms)

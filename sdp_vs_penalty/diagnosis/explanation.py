@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.own_constants import changed_constants, with_constants
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.model import depends
+from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
@@ -130,7 +131,8 @@ def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
         The data left out.
     """
     # The given model's constants: those re-estimated are among the effects to choose.
-    estimate = replace(explanation.first, theta=explanation.estimate.theta)
+    theta = explanation.estimate.theta
+    estimate = replace(explanation.first, theta=theta, certificate=NOT_CERTIFIED)
     effects = [t.form.effect for t in explanation.terms]
     return judge.held_out_errors(explanation.search.data.rows, effects, estimate)
 

@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import whiten_with_noise, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
@@ -141,7 +142,7 @@ def refer_once(search: Search) -> Search:
     own_theta, *thetas = np.split(theta, starts)
     estimate = data.estimate
     if not data.frozen:
-        estimate = replace(estimate, theta=own_theta)
+        estimate = replace(estimate, theta=own_theta, certificate=NOT_CERTIFIED)
     return beside_model(search, estimate, thetas=thetas)
 
 

@@ -28,6 +28,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.causes import (
@@ -532,6 +533,7 @@ class Failures(Record, list[JointFailure]):
         return title, rows
 
 
+@checked_arguments
 def where_it_fails(
     estimate: Estimate | str | Path,
     measurements: Source,

@@ -8,12 +8,10 @@ __getattr__ = lazy_exports(
     excitation="Limits Regressor",
     resampling="bootstrap",
     sensitivity="free_constants prior_deviation fit_constants_jointly ShapeSensitivity",
-    identify=(
-        "certify consistent is_data_determined on_bounds positive_mass_matrices "
-        "verify_proof_file"
-    ),
+    identify=("certify is_data_determined on_bounds verify_proof_file"),
     build_problem="PoseOptions",
     drive_torque="driven",
+    link_figures="consistent positive_mass_matrices",
     shapes="ShapeEstimate",
     uncertainty="Interval NOT_SEEN Sandwich Uncertainty counts of_regression",
     verdict="GRADES JointErrors MISSING PREDICTION Verdict changes judge over_noise",

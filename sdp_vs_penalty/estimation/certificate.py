@@ -3,6 +3,8 @@
 import re
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.record import Shown, Summary
@@ -27,7 +29,7 @@ class Certificate(Shown, JsonRecord):
     """
 
     violations: dict[str, float]
-    loss: float
+    loss: float = np.nan
     upper: float | None = None
     lower: float | None = None
     gap: float | None = None
@@ -38,6 +40,8 @@ class Certificate(Shown, JsonRecord):
     body_share: float | None = None
     density: list[float] | None = None
     at_every_pose: bool = False
+    #: Hash of the parameters and bounds that it is of; "" where it is of none yet.
+    certifies: str = ""
 
     @property
     def worst(self) -> float:
@@ -86,7 +90,7 @@ class Certificate(Shown, JsonRecord):
         """
         out = [
             ("worst violation", self._violations_text()),
-            ("loss", f"{self.loss:.6g} (sum of squared weighted torque errors)"),
+            ("loss", self._loss_text()),
             ("optimality gap", self._gap_text()),
         ]
         if self.smallest_thickness is not None:
@@ -107,6 +111,12 @@ class Certificate(Shown, JsonRecord):
             out.append(("inertia matrix", text))
         return out
 
+    def _loss_text(self) -> str:
+        """Return the loss as text, or why there is none."""
+        if np.isnan(self.loss):
+            return "not known: the parameters were given, and no data with them"
+        return f"{self.loss:.6g} (sum of squared weighted torque errors)"
+
     def _violations_text(self) -> str:
         """Return the violated families of constraints as text, the worst first."""
         broken = {family: v for family, v in self.violations.items() if v > 0.0}
@@ -123,6 +133,8 @@ class Certificate(Shown, JsonRecord):
 
         Names the effects that were held fixed, each once.
         """
+        if np.isnan(self.loss):
+            return "not known, as the loss"
         if self.gap is None:
             return "no lower bound: this method is not convex, or has no constraints"
         # Once each: a joint may have its effect with a shape constant of its own.
@@ -141,3 +153,7 @@ class Certificate(Shown, JsonRecord):
             f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a"
             " link's body)"
         )
+
+
+#: Of parameters on the way to others, which nobody is shown.
+NOT_CERTIFIED = Certificate({})

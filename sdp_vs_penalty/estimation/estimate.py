@@ -7,7 +7,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping, MutableMapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.colours import AFTER, NEUTRAL
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import make_effect
@@ -23,13 +24,17 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
+from sdp_vs_penalty.estimation.link_figures import (
+    certificate_without_data,
+    certified_content,
+)
 from sdp_vs_penalty.estimation.model_file import (
     CovarianceBlock,
     ModelFile,
     ParameterEntry,
     UncertaintyFields,
 )
-from sdp_vs_penalty.estimation.uncertainty import Uncertainty
+from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
@@ -38,11 +43,12 @@ from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem, ProblemFields
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, wrong_shape
+from sdp_vs_penalty.robot.arrays import Array, as_plain_array, check_finite, wrong_shape
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import MotionRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -108,6 +114,84 @@ class Estimate(Record):
     details: dict[str, Any]
     provenance: MutableMapping[str, Any]
     training_motion: MotionRecord | None = None
+
+    def __post_init__(self) -> None:
+        """Keep theta from being changed, and bind the certificate to it.
+
+        A certificate of other values (``dataclasses.replace``) is not kept: what can be
+        certified without data is certified anew, and the verdict on data is dropped.
+        """
+        theta = np.array(self.theta, float)
+        theta.setflags(write=False)
+        content = certified_content(self.problem, self.model, theta)
+        certificate = self.certificate
+        if not certificate.certifies:
+            certificate = replace(certificate, certifies=content)
+        elif certificate.certifies != content:
+            certificate = certificate_without_data(self.problem, self.model, theta)
+            known = {k: x for k, x in self.provenance.items() if k != "verdict"}
+            object.__setattr__(self, "provenance", known)
+        object.__setattr__(self, "theta", theta)
+        object.__setattr__(self, "certificate", certificate)
+
+    def with_theta(self, theta: ArrayLike) -> Estimate:
+        """Return the model with other values of its parameters, certified anew.
+
+        No data gave these values: violations and the links' figures are certified, and
+        there is no loss, no distance to an optimum, no interval and no verdict.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            A value for each of the model's parameters, each in its own unit.
+
+        Returns
+        -------
+        Estimate
+            With "given" as the source of each parameter.
+
+        Raises
+        ------
+        InputError
+            For anything but p finite numbers.
+        """
+        values = as_plain_array("with_theta(theta=...)", theta)
+        p = len(self.model.parameters)
+        if values.shape != (p,):
+            raise wrong_shape("with_theta(theta=...)", values.shape, (p,), "parameter")
+        check_finite("with_theta(theta=...)", values, (p,))
+        base = base_rows(self.problem, self.model)
+        base_values = (base.rows @ values).tolist()
+        old = self.uncertainty
+        uncertainty = replace(
+            old,
+            standard=_given_intervals(old.standard, values.tolist()),
+            base=_given_intervals(old.base, base_values) if old.base else (),
+        )
+        listed = self.details.get("base_parameters") or []
+        entries = (
+            [
+                {**entry, "value": value, "source": "given"}
+                for entry, value in zip(listed, base_values, strict=True)
+            ]
+            if listed
+            else []
+        )
+        details = {
+            **self.details,
+            "undetermined": {q.name: "given" for q in self.model.parameters},
+            "base_parameters": entries,
+            "on_bounds": [],
+        }
+        known = {k: x for k, x in self.provenance.items() if k != "verdict"}
+        return replace(
+            self,
+            theta=values,
+            uncertainty=uncertainty,
+            details=details,
+            provenance=known,
+            certificate=certificate_without_data(self.problem, self.model, values),
+        )
 
     @property
     def robot(self) -> Robot:
@@ -502,15 +586,19 @@ class Estimate(Record):
             For arrays of other shapes, and where t is needed.
         """
         n = self.robot.n
-        states = [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)]
-        for name, x in zip(("q", "dq", "ddq"), states, strict=True):
+        named = {"q": q, "dq": dq, "ddq": ddq}
+        states = [
+            np.atleast_2d(as_plain_array(f"predict({name}=...)", x))
+            for name, x in named.items()
+        ]
+        for name, x in zip(named, states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (n,):
                 raise wrong_shape(f"predict({name}=...)", x.shape, ("N", n), "state")
         count = len(states[0])
         if t is None:
             self._require_no_time()
             t = np.zeros(count)
-        times = np.asarray(t, float)
+        times = as_plain_array("predict(t=...)", t)
         if times.shape != (count,):
             what = f"predict(t=...): shape {times.shape}, but q has {count} rows"
             raise InputError(what, "give one time a row")
@@ -710,6 +798,15 @@ class Estimate(Record):
         write_text(path, "{\n" + ",\n".join(fields) + "\n}\n")
 
 
+def _given_intervals(
+    intervals: Sequence[Interval], values: Sequence[float]
+) -> tuple[Interval, ...]:
+    """Return the intervals of values that no data gave: they are not known."""
+    pairs = zip(intervals, values, strict=True)
+    return tuple(Interval(old.name, old.unit, value) for old, value in pairs)
+
+
+@checked_arguments
 def load_estimate(path: str | Path) -> Estimate:
     """Read an Estimate from a model.json.
 

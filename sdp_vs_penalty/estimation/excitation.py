@@ -26,6 +26,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model, depends
@@ -290,6 +291,7 @@ class Excitation(Shown):
         save_trajectory(self.trajectory, path)
 
 
+@checked_arguments
 def excite(
     problem: str | Path | Problem,
     *,
@@ -351,6 +353,14 @@ def excite(
     """
     problem = as_problem(problem, "excite(problem=...)")
     require_known("objective", objective, OBJECTIVES)
+    for name, value, low, high in (
+        ("harmonics", harmonics, 1, 100),
+        ("frequency", frequency, 1e-3, 1e3),
+        ("duration", duration, 0.1, 1e4),
+        ("blend", blend, 0.0, 1e3),
+        ("iterations", iterations, 0, 10_000),
+    ):
+        require_in_range(f"excite({name})", value, low, high)
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(

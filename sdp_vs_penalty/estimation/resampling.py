@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.effects.effect import Effect
@@ -249,6 +250,7 @@ class CrossValidation(Shown):
         }
 
 
+@checked_arguments
 def cross_validate(
     problem: str | Path | Problem,
     measurements: Source,
@@ -395,6 +397,7 @@ class Split:
             )
             model = problem.model(options.effects).without_drives
             self.model = with_known(model, options.known)
+            _require_long_folds(folds, self.runs)
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(
                 self.runs, self.model.reference_free, self.phases
@@ -404,6 +407,7 @@ class Split:
             assert posed.runs is not None
             self.runs = FilteredRuns.of(data, posed.runs.settings)
             self.model = posed.task.model
+            _require_long_folds(folds, self.runs)
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(posed.runs, self.model, self.phases)
             self.raw = compress_cells(
@@ -592,3 +596,18 @@ def bootstrap(
     return pandas.DataFrame(
         draws_of_parameters, columns=[*(q.name for q in task.model.parameters), "gap"]
     )
+
+
+def _require_long_folds(folds: int, runs: FilteredRuns) -> None:
+    """Raise InputError for folds that are shorter than one period of the low-pass: no
+    motion of their own is in them."""
+    seconds, cutoff = runs.measurements.seconds, runs.settings.torque_cutoff
+    assert cutoff is not None  # the settings are resolved
+    most = max(int(seconds * cutoff), 2)
+    if folds > most:
+        raise InputError(
+            f"{formatting.count(folds, 'fold')} of {seconds:.3g} s are shorter than what"
+            f" the low-pass of {cutoff:.3g} Hz blurs",
+            f"choose at most {most}",
+            runs.measurements.names[0],
+        )

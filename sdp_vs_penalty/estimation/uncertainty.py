@@ -43,7 +43,7 @@ from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.linalg import column_space, min_norm_lstsq
 from sdp_vs_penalty.regression.regression import Regression
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, read_only
 
 
 class Sandwich:
@@ -441,6 +441,7 @@ class Uncertainty(JsonRecord):
             # The covariance holds their squares, which must not overflow.
             if np.any(np.abs(getattr(self, name)) > _LARGEST):
                 raise ValueError(f"uncertainty: {name} beyond {_LARGEST:g}")
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @cached_property
     def factor(self) -> Array:
@@ -449,14 +450,13 @@ class Uncertainty(JsonRecord):
 
         Its rows are scaled to the standard deviations, which hold Student's quantile.
         """
-        return stretched(
-            np.hstack([self.spread, self.gain_response @ self.gain_errors]), self.std
-        )
+        stacked = np.hstack([self.spread, self.gain_response @ self.gain_errors])
+        return read_only(stretched(stacked, self.std))
 
     @cached_property
     def std(self) -> Array:
         """(p,) standard deviations; NaN where the data do not determine a parameter."""
-        return np.array([i.std for i in self.standard])
+        return read_only(np.array([i.std for i in self.standard]))
 
     @cached_property
     def covariance(self) -> Array:
@@ -467,7 +467,7 @@ class Uncertainty(JsonRecord):
         is_undetermined = np.isnan(self.std)
         out[is_undetermined] = np.nan
         out[:, is_undetermined] = np.nan
-        return out
+        return read_only(out)
 
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
         """Return the intervals for another uncertainty of the torque channels' gains.

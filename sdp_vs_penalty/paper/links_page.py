@@ -8,7 +8,7 @@ from string import Template
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.identify import consistent
+from sdp_vs_penalty.estimation.link_figures import consistent
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import Table
 from sdp_vs_penalty.robot import inertia

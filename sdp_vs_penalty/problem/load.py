@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import read_run, save
 from sdp_vs_penalty.data.formats.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements
@@ -390,6 +391,7 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
     raise InputError("no problem", remedy, what.replace("...", given(source)))
 
 
+@checked_arguments
 def load_problem(
     source: str | Path,
     gravity: Sequence[float] | None = None,
@@ -602,6 +604,7 @@ def convert_options(
     return [*words, *["--motor-side"] * (motors is True)]
 
 
+@checked_arguments
 def convert(
     source: str | Path,
     out: str | Path | None = None,
@@ -663,6 +666,8 @@ def convert(
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names
     # Positions of the motors by those of the joints: formulas, or the problem's.
     transmission = None
+    if not isinstance(motors, bool | str) and not motors:
+        raise InputError("convert(motors): no formula", "write one a motor")
     if not isinstance(motors, bool):
         transmission = parse_transmission(
             motors.split(",") if isinstance(motors, str) else motors

@@ -7,6 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.comparison import Comparisons, compare
@@ -41,6 +42,7 @@ def plotly_script() -> Path:
     return Path(str(plotly.origin)).parent / "package_data" / "plotly.min.js"
 
 
+@checked_arguments
 def report(
     models: Models,
     measurements: Source,

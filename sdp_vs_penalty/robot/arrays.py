@@ -57,6 +57,27 @@ def as_slice(indices: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     return slice(int(indices[0]), int(indices[-1]) + 1)
 
 
+def as_plain_array(what: str, value: ArrayLike) -> Array:
+    """Return numbers that a user gives as an array of doubles.
+
+    Raises InputError for what is no number, a number beyond the doubles, and an array
+    of which entries are masked: its mask would be lost.
+    """
+    if np.ma.is_masked(value):
+        raise InputError(f"{what} has masked entries", "leave those rows out")
+    try:
+        return np.asarray(value, float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{what}: {error}", "give an array of numbers") from error
+
+
+def read_only(values: Array) -> Array:
+    """Return a view of an array that cannot be written through."""
+    view = values.view()
+    view.setflags(write=False)
+    return view
+
+
 def check_finite(what: str, value: Array, shape: tuple[int, ...]) -> None:
     """Raise InputError for an array of another shape, or with entries that are not
     finite.

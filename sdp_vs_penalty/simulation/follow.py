@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, ServoLoop, State, advance
@@ -294,6 +295,7 @@ def said(value: float, unit: str) -> str:
     return f"{1e3 * value:.3g} m{unit}"
 
 
+@checked_arguments
 def follow(
     model: Estimate | str | Path,
     measurements: Source,
@@ -350,6 +352,14 @@ def follow(
     estimate = as_estimate(model, "follow(model=...)")
     if drive not in ("torque", "pd", "servo"):
         raise InputError(f"unknown drive {drive!r}", "choose torque, pd or servo")
+    for name, value, low, high in (
+        ("steps", steps if steps is not None else 1, 1, 10**9),
+        ("horizon", horizon, 1e-3, 1e4),
+        ("bandwidth", bandwidth, 1e-3, 1e4),
+        ("draws", draws, 0, 1e4),
+        ("windows", windows, 1, 1e5),
+    ):
+        require_in_range(f"follow({name})", value, low, high)
     runs = as_measurements(
         measurements,
         estimate.robot.n,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
@@ -172,6 +173,7 @@ class Plan:
         return HiddenRuns(self.problem, self.world, runs, self.hidden, self.truth)
 
 
+@checked_arguments
 def simulate(
     problem: str | Path | Problem,
     hide: str | Sequence[str] = (),

@@ -19,6 +19,7 @@ from random_robots import (
     sines,
     tree,
 )
+from recorded import refusal
 from small_runs import small_run
 from unchecked import identify
 
@@ -222,3 +223,43 @@ def test_the_torque_of_a_data_frame_names_predict(two_link):
     words = r"torque\(motion=DataFrame\) .* predict\(q, dq, ddq\)"
     with pytest.raises(InputError, match=words):
         estimate.torque(frame)
+
+
+def test_a_certificate_is_of_the_values_that_it_certifies(two_link, tmp_path):
+    """Not of others that are put in their place: a negative mass is no link."""
+    estimate = identify(two_link, small_run(two_link))
+    is_mass = np.array([p.name == "m2" for p in estimate.model.parameters])
+    theta = np.where(is_mass, -1.0, estimate.theta)
+    for other in (replace(estimate, theta=theta), estimate.with_theta(theta)):
+        assert other.certificate.violations["pseudo-inertia"] > 0.1
+        assert other.certificate.smallest_thickness < 0.0
+        assert np.isnan(other.certificate.loss)
+        assert other.certificate.gap is None
+        assert other.verdict is None
+        other.save(tmp_path / "model.json")
+        assert load_estimate(tmp_path / "model.json").certificate == other.certificate
+    data = json.loads((tmp_path / "model.json").read_text())
+    data["certificate"] = estimate.to_dict()["certificate"]
+    assert Estimate.from_dict(data).certificate == other.certificate
+    same = replace(estimate, theta=estimate.theta.copy())
+    assert same.certificate is estimate.certificate
+
+
+def test_values_that_are_given_have_no_intervals(two_link):
+    estimate = identify(two_link, small_run(two_link))
+    doubled_model = estimate.with_theta(2.0 * estimate.theta)
+    assert set(doubled_model.sources) == {"given"}
+    assert np.all(np.isnan(doubled_model.uncertainty.std))
+    base = [b["value"] for b in estimate.details["base_parameters"]]
+    doubled = [b["value"] for b in doubled_model.details["base_parameters"]]
+    np.testing.assert_allclose(doubled, 2.0 * np.array(base), atol=1e-12)
+    for wrong in ([1.0], np.nan * estimate.theta, "x", [10**400] * 26):
+        refusal(lambda wrong=wrong: estimate.with_theta(wrong), "with_theta(theta=...)")
+
+
+def test_arrays_of_an_estimate_cannot_be_written(two_link):
+    estimate = identify(two_link, small_run(two_link))
+    known = estimate.uncertainty
+    for array in (estimate.theta, estimate.covariance, known.std, known.spread):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0

@@ -1,6 +1,8 @@
 """Intervals that hold the truth as often as they say, and verdicts that mean something."""
 
 import pickle
+import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -16,6 +18,7 @@ from sdp_vs_penalty.estimation import (
     LEVEL,
     NORMAL_95,
     NOT_SEEN,
+    Interval,
     Sandwich,
     Uncertainty,
     bootstrap,
@@ -233,18 +236,28 @@ def test_intervals_are_worked_out_once_when_they_are_first_read():
 
 
 def test_threads_read_intervals_that_one_of_them_works_out():
-    estimate = identify(
-        "two_link", sdp_vs_penalty.simulate("two_link", seed=1).train[0], check=False
-    )
-    make = vars(estimate.uncertainty)["_make"]
+    """Every thread comes while the first one still works them out; none works them out
+    again."""
+    one = Interval("m1", "kg", 1.0, std=0.1)
+    known = Uncertainty((one,), (), *map(np.ones, ((1, 2), (1, 1), 1, (1, 1))))
+    calls = list[int]()
+    together = threading.Barrier(8)
 
-    def read(late: LateUncertainty) -> float:
+    def make() -> Uncertainty:
+        calls.append(threading.get_ident())
+        time.sleep(0.05)
+        return known
+
+    late = LateUncertainty(make)
+
+    def read(_: int) -> float:
+        together.wait()
         return float(late.spread.sum())
 
-    for _ in range(5):
-        with ThreadPoolExecutor(8) as threads:
-            sums = set(threads.map(read, [LateUncertainty(make)] * 16))
-        assert len(sums) == 1
+    with ThreadPoolExecutor(8) as threads:
+        sums = list(threads.map(read, range(8)))
+    assert sums == [float(known.spread.sum())] * 8
+    assert len(calls) == 1
 
 
 def test_intervals_of_long_runs_are_worked_out_at_once(monkeypatch):

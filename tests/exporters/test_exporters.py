@@ -222,10 +222,13 @@ def test_inconsistent_inertials_are_refused(suffix, tmp_path):
     refusal(lambda: export(estimate_of(robot, "rigid_body", 0, links), out), "link 2")
     assert not out.exists()
     estimate = estimate_of(robot, FULL, 1)
-    estimate.theta[[p.name for p in estimate.model.parameters].index("f_c2")] = -0.1
-    refusal(lambda: export(estimate, out), "coulomb_friction")
-    estimate.theta[[p.name for p in estimate.model.parameters].index("f_c2")] = 0.0
-    export(estimate, out)
+    is_f_c2 = np.array([p.name == "f_c2" for p in estimate.model.parameters])
+    negative, without = (
+        estimate.with_theta(np.where(is_f_c2, f_c2, estimate.theta))
+        for f_c2 in (-0.1, 0.0)
+    )
+    refusal(lambda: export(negative, out), "coulomb_friction")
+    export(without, out)
     rod = np.tile([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0], (2, 1))
     estimate = estimate_of(robot, "rigid_body", 0, rod)
     if suffix == ".xml":

@@ -10,7 +10,7 @@ import numpy as np
 from sdp_vs_penalty.data.formats.units import UNITS, unit_of_factor
 from sdp_vs_penalty.data.formats.wrapping import POSITIONS, unwrapped
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, require_known
 
 _DEGREES = ("deg", "degree", "degrees")
 
@@ -232,6 +232,7 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     groups = {"t": run.t[:, None], **run.groups}
     for our_name, word in factors.items():
         group = group_of(our_name)
+        require_known("channel", group, groups, "scale")
         n_columns = groups[group].shape[1] if group in groups else 0
         groups[group] = groups[group] * _factors(our_name, word, n_columns)
     clock = groups.pop("t")[:, 0]

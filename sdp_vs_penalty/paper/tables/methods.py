@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pandas
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
-from sdp_vs_penalty.estimation.identify import link_figures
+from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.paper.tables.study import (

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
-from sdp_vs_penalty.estimation.identify import link_figures
+from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.resampling import CrossValidation
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
