@@ -167,12 +167,10 @@ def test_no_effect_is_named_for_a_wrong_constant(found):
     retuned = {r.joint: r for r in found.retuned}
     assert {1, 4} <= set(retuned) <= {1, 2, 4}
     for joint in (1, 4):
-        assert retuned[joint].estimate.after == pytest.approx(
-            WIDTHS[joint - 1], rel=0.15
-        )
+        assert retuned[joint].after == pytest.approx(WIDTHS[joint - 1], rel=0.15)
         assert retuned[joint].confidence == "confident"
         assert retuned[joint].rmse_after < retuned[joint].rmse_before
-    if 2 in retuned and retuned[2].estimate.after < 3e-5:
+    if 2 in retuned and retuned[2].after < 3e-5:
         assert retuned[2].confidence == "weak"  # at the end of its range
 
 

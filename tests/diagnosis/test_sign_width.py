@@ -45,6 +45,6 @@ def test_a_wrong_width_of_coulomb_friction_makes_no_sigmoid_beside_stribeck(foun
 
 def test_the_width_is_re_estimated(found):
     (width,) = (r for r in found.retuned if r.joint == 1)
-    assert width.estimate.after == pytest.approx(WIDTH, rel=0.15)
+    assert width.after == pytest.approx(WIDTH, rel=0.15)
     assert width.confidence == "confident"
     assert width.rmse_after < width.rmse_before
