@@ -278,6 +278,16 @@ def test_torques_of_lerobot_have_any_of_its_words(word):
     assert any("tau in A" in unit for unit in recognition.units) == (word == "current")
 
 
+def test_of_several_torques_the_plain_one_is_taken_and_the_others_are_named():
+    words = ("Position", "Velocity", "TorqueSm", "TorqueCur", "Torque", "Cur")
+    names = [f"{word}{k}" for word in words for k in (1, 2, 3)]
+    recognition = recognise(["Time", *names])
+    assert recognition.rename["tau3"] == "Torque3"
+    (said,) = [unit for unit in recognition.units if "not used" in unit]
+    for word in ("TorqueSm", "TorqueCur", "Cur"):
+        assert f"{word}1 to {word}3" in said
+
+
 @pytest.mark.parametrize("unit", [None, "degrees", "radians"])
 @pytest.mark.parametrize("largest", [60.0, 130.0])
 def test_positions_of_lerobot_are_degrees_only_where_something_says_so(

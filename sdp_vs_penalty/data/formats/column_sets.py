@@ -29,6 +29,7 @@ class ColumnSet:
         "block" (one column holds all joints), "name" (other words)
     other_words : further words that all its names share
     columns : the file's names by joint, number or words, in the order of the joints
+    n_words : words of its names that say the quantity
     """
 
     quantity: str
@@ -36,6 +37,7 @@ class ColumnSet:
     style: str
     other_words: tuple[str, ...]
     columns: dict[Hashable, str]
+    n_words: int = 1
 
     @property
     def keys(self) -> frozenset[Hashable]:
@@ -53,11 +55,13 @@ class ColumnSet:
         """Sort key among the sets of one quantity; the smallest wins.
 
         In this order: rank of the word that says the quantity (0 for the most certain
-        word), number of further words in the names, style (how the names tell the
-        joints apart), and minus the size, so that the larger set wins.
+        word), number of further words in the names, those of the quantity among them,
+        style (how the names tell the joints apart), and minus the size, so that the
+        larger set wins.
         """
         style = _STYLES.index(self.style)
-        return self.rank, len(self.other_words), style, -len(self.columns)
+        n_further = len(self.other_words) + max(self.n_words, 1) - 1
+        return self.rank, n_further, style, -len(self.columns)
 
 
 def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSet]:
@@ -82,15 +86,17 @@ def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSe
         for name, reading in readings.items()
         if reading.quantity == quantity
     }
-    # Names by style, rank of the word, and further words.
-    groups = dict[tuple[str, int, tuple[str, ...]], list[str]]()
+    # Names by style, rank of the best word, further words, and further words of the
+    # quantity: "TorqueCur" is a torque that is a current, "Torque" says that alone.
+    groups = dict[tuple[str, int, tuple[str, ...], int], list[str]]()
     for name, reading in of_quantity.items():
         for style, other_words in _styles_of(reading):
-            groups.setdefault((style, reading.rank, other_words), []).append(name)
+            key = style, reading.rank, other_words, len(reading.words)
+            groups.setdefault(key, []).append(name)
     sets = list[ColumnSet]()
-    for (style, rank, other_words), names in groups.items():
+    for (style, rank, other_words, n_words), names in groups.items():
         for columns in _sets_of_names(quantity, style, names, of_quantity):
-            sets.append(ColumnSet(quantity, rank, style, other_words, columns))
+            sets.append(ColumnSet(quantity, rank, style, other_words, columns, n_words))
     return sorted(sets, key=lambda column_set: column_set.preference)
 
 
@@ -259,12 +265,13 @@ class SetChoice:
 
     ``rivals`` are other sets of positions that are equally good: where there are some,
     the user has to choose. ``left_out`` are sets of the motors, by quantity, in whose
-    place those of the links are taken.
+    place those of the links are taken. ``other_torques`` are of the same joints too.
     """
 
     sets: dict[str, ColumnSet]
     rivals: tuple[ColumnSet, ...] = ()
     left_out: Mapping[str, ColumnSet] = field(default_factory=dict)
+    other_torques: tuple[ColumnSet, ...] = ()
 
 
 def choose_sets(
@@ -335,7 +342,23 @@ def choose_sets(
         for columns in sets
         if quantity in best and columns.keys >= best[quantity].keys
     }
-    return SetChoice(best, tuple(rivals), left_out)
+    return SetChoice(best, tuple(rivals), left_out, _other_torques(best, torques))
+
+
+def _other_torques(
+    chosen: Mapping[str, ColumnSet], torques: Sequence[ColumnSet]
+) -> tuple[ColumnSet, ...]:
+    """Return the sets of torques of the same joints that were not chosen, each once."""
+    if "tau" not in chosen:
+        return ()
+    seen = set(chosen["tau"].columns.values())
+    out = list[ColumnSet]()
+    for columns in torques:
+        names = set(columns.columns.values())
+        if columns.keys >= chosen["tau"].keys and not names & seen:
+            out.append(columns)
+            seen |= names
+    return tuple(out)
 
 
 def _is_candidate(positions: ColumnSet, n_joints: int | None, has_blocks: bool) -> bool:

@@ -999,9 +999,12 @@ def _units_of_words(
 
 def _left_out(choice: SetChoice) -> list[str]:
     """Format which columns of the motors were left out for those of the links, one
-    sentence a quantity."""
+    sentence a quantity, and which other torques of the same joints there are."""
     what = {"q": "positions", "dq": "velocities", "tau": "torques"}
-    return [
+    others = [_first_to_last(columns) for columns in choice.other_torques]
+    not_used = f"not used, of the same joints: {formatting.words(others or ['none'])}"
+    sentences = [f"{not_used}: name them in --rename to take them"] if others else []
+    return sentences + [
         f"{quantity} are the links' {what[quantity]}, the motors'"
         f" ({_first_to_last(columns)}) are not used"
         for quantity, columns in choice.left_out.items()

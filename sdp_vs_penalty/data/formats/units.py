@@ -119,9 +119,9 @@ _TORQUES = {
 }
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
 
-#: Units that are shares of a rating.
 #: Positions in per cent of a joint's range go a little beyond its ends.
 LARGEST_PERCENT = 101.0
+#: Units that are shares of a rating.
 SHARES = ("%", "percent", "pct", "permil", "permille", "promille", "‰")
 
 #: What names end with, by quantity.
