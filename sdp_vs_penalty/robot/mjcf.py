@@ -207,6 +207,7 @@ def _compiled(path: Path) -> MujocoModel:
                 path.absolute(),
                 folder,
                 prepare=load_mujoco,
+                seconds=60.0,  # hulls of large meshes
                 n_bytes=_N_BYTES,
             )
     except InputError as error:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import random_robots
 from arms import ELBOW, SHOULDER, write_urdf
+from commands import run_cli
 from dynamics_files import FULL, estimate_of
 from recorded import refusal
 
@@ -149,6 +150,14 @@ def test_frames_of_an_sdf_by_hand(tmp_path):
     assert turned[0] == pytest.approx([0.01 + 0.01, 0.0], abs=1e-12)
     pushed = file.robot.inverse_dynamics(file.links, zeros, zeros, np.eye(2)[1:])
     assert pushed[0] == pytest.approx([0.0, 1.0], abs=1e-12)
+
+
+def test_an_sdf_is_checked_and_its_urdf_repaired(tmp_path):
+    path = tmp_path / "arm.sdf"
+    path.write_text(SDF.replace("<izz>.02</izz>", "<izz>-.02</izz>"))
+    assert run_cli("check-urdf", path, "--fix", tmp_path / "fixed.urdf") == 1
+    path.write_text(SDF)
+    same_arm(tmp_path / "fixed.urdf", path)
 
 
 @pytest.mark.parametrize(
