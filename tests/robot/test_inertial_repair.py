@@ -175,6 +175,25 @@ def test_the_bound_of_a_shape_is_exact():
         assert (written.misfit(written.barycentric()) == "") is fits
 
 
+def test_the_worst_axis_decides():
+    """Along x the mass is spread more, along z farther than the shapes allow."""
+    texts = dict(zip(NAMES, BOX.split(), strict=True))
+    texts |= {"mass": "1", "ixx": "0.0042", "iyy": "0.039", "izz": "0.0352"}
+    shape = box(0.4, 0.08, 0.06) + np.array([0.2, 0.0, 0.0])
+    written = WrittenInertial(texts, np.eye(3), shape=shape)
+    radius = np.sqrt(0.5 * (0.0042 + 0.039 - 0.0352))
+    assert f"its mass is {radius:.3g} m" in written.misfit(written.barycentric())
+
+
+def test_a_mistake_that_hardly_beats_an_unknown_error_is_not_clear():
+    """ixx = 1.486 exceeds .2 + .83; iyy = 2 would fit, and makes a light, wide body."""
+    texts = dict.fromkeys(NAMES, "0")
+    texts |= {"mass": "8.0", "ixx": "1.486", "iyy": "0.2", "izz": "0.83"}
+    repairs, is_clear = find_repairs(WrittenInertial(texts, np.eye(3)), move=0.137)
+    assert [x.texts for x in repairs] == [{"iyy": "2"}]
+    assert not is_clear
+
+
 def test_a_turned_tensor_is_judged_in_its_own_axes():
     """The box's shapes turned by 90 degrees about z against the link frame."""
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

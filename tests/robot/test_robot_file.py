@@ -152,6 +152,48 @@ def test_frames_of_an_sdf_by_hand(tmp_path):
     assert pushed[0] == pytest.approx([0.0, 1.0], abs=1e-12)
 
 
+def test_an_axis_of_an_old_sdf_is_the_models(tmp_path):
+    path = tmp_path / "arm.sdf"
+    path.write_text(SDF)
+    new = load_robot(path)
+    axis = '<xyz expressed_in="__model__">1 0 0</xyz>'
+    old = SDF.replace(axis, "<xyz>1 0 0</xyz>").replace('"1.9"', '"1.4"')
+    path.write_text(old.replace("<xyz>0 1 0</xyz>", "<xyz>-1 0 0</xyz>"))
+    for ours, theirs in zip(
+        load_robot(path).robot.joints, new.robot.joints, strict=True
+    ):
+        np.testing.assert_allclose(ours.axis, theirs.axis, atol=1e-12)
+
+
+def test_a_mimic_joint_of_an_sdf_counts_from_its_reference(tmp_path):
+    path = tmp_path / "arm.sdf"
+    numbers = "<multiplier>2</multiplier><offset>.3</offset><reference>.1</reference>"
+    mimic = f'<mimic joint="a">{numbers}</mimic>'
+    path.write_text(SDF.replace("<xyz>0 1 0</xyz>", f"<xyz>0 1 0</xyz>{mimic}"))
+    robot = load_robot(path).robot
+    assert robot.joint_names == ("a",)
+    assert robot.leader(1) == ("a", 2.0, pytest.approx(0.3 - 2.0 * 0.1))
+
+
+def test_meshes_lie_beside_the_users_file(tmp_path):
+    """Of an SDF, whose URDF lies elsewhere."""
+    corners = np.zeros(4, [("normal", "<f4", 3), ("at", "<f4", 9), ("x", "<u2")])
+    tetrahedron = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    corners["at"] = tetrahedron[faces].reshape(4, 9)
+    (tmp_path / "meshes").mkdir()
+    content = b"\0" * 80 + np.uint32(4).tobytes() + corners.tobytes()
+    (tmp_path / "meshes/one.stl").write_bytes(content)
+    shape = (
+        "<visual><geometry><mesh><uri>meshes/one.stl</uri></mesh></geometry></visual>"
+    )
+    path = tmp_path / "arm.sdf"
+    path.write_text(SDF.replace("</inertial></link>", f"</inertial>{shape}</link>", 1))
+    first, second = load_robot(path).geometry
+    assert second is None
+    assert first.volume == pytest.approx(0.1**3 / 6.0)
+
+
 def test_an_sdf_is_checked_and_its_urdf_repaired(tmp_path):
     path = tmp_path / "arm.sdf"
     path.write_text(SDF.replace("<izz>.02</izz>", "<izz>-.02</izz>"))
