@@ -251,7 +251,11 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
         for link, at in fixed_together:
             name = link.get("name")
             reaches[name] = body.reach
-            if shape is not None:
+            # A link that is drawn nowhere may be anywhere.
+            is_drawn = (
+                link.find("collision") is not None or link.find("visual") is not None
+            )
+            if shape is not None and is_drawn:
                 shapes[name] = (shape.points - at[:3, 3]) @ at[:3, :3]
     with errors_located_in(path):
         return [

@@ -129,13 +129,14 @@ def test_a_body_larger_than_its_shapes_is_named_and_kept(tmp_path, capsys):
 
 
 def test_a_link_that_is_fixed_to_another_is_judged_in_its_own_frame(tmp_path):
+    """And a link without shapes not at all, since it may be anywhere."""
     tool = (
         '<link name="tool"><inertial><origin xyz="0 0 0.05"/>'
         + body("1", "0.03", "0", "0", "0.03", "0", "0.0002")
         + f'</inertial>{ROD}</link><joint name="f" type="fixed"><parent link="l2"/>'
         '<child link="tool"/><origin xyz="0.9 0 0" rpy="0 1.2 0"/></joint></robot>'
     )
-    path = write(tmp_path, body("1", "0.03", "0", "0", "0.03", "0", "0.0002"), ROD)
+    path = write(tmp_path, body("1", "0.03", "0", "0", "0.03", "0", "0.0002"))
     path.write_text(path.read_text().replace("</robot>", tool))
     assert [c.misfit for c in check_urdf(path)] == ["", "", ""]
 
