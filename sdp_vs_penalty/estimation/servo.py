@@ -442,7 +442,9 @@ class _Loop:
         theta = fit_up_to_scale(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
         gain = {model.parameters[strongest].name: float(theta[strongest])}
-        return replace(model, known=gain, reference=theta), theta
+        # Equal bounds hold at any scale.
+        known = gain | (dict(self.problem.known) if len(model.rigid_indices) else {})
+        return replace(model, known=known, reference=theta), theta
 
     def task(self, model: Model, rows: FilteredRuns) -> Task:
         """Build the optimisation problem of a model whose scale is fixed.

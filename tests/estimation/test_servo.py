@@ -17,6 +17,7 @@ from sdp_vs_penalty.data import Runs, concatenate
 from sdp_vs_penalty.estimation import driven, verify_proof_file
 from sdp_vs_penalty.estimation.gains import drive_gains
 from sdp_vs_penalty.page import JobRequest, summary
+from sdp_vs_penalty.problem.load import with_bounds
 from sdp_vs_penalty.render.words import caveats
 from sdp_vs_penalty.signals import Preprocessing
 
@@ -82,6 +83,36 @@ def test_what_sets_the_scale(arm, known, load, times, said):
     )
     assert all((sources[k], value(found, k)) == ("given", v) for k, v in known.items())
     assert not load or found.certificate.gap < 1e-7
+
+
+@pytest.mark.long
+def test_equal_bounds_set_the_scale(arm):
+    problem = with_bounds(sdp.load_problem(arm), f"m1={MASS}:{MASS}")
+    found = sdp.identify(problem, log(), effects=EFFECTS, check=False)
+    assert found.details["servo"]["scale"] == "m1 = 3"
+    assert value(found, "m1") == MASS
+    assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
+    assert found.certificate.worst == 0.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "known", "words"),
+    [
+        ("servo_position@d=0.001", {"m1": MASS}, ["nothing to move", "rigid_body"]),
+        pytest.param(
+            EFFECTS,
+            {"m1": MASS, "nonsense": 1.0},
+            ["nonsense", "unknown"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            EFFECTS, {"kt3": 1.0}, ["kt3", "no such joint"], marks=pytest.mark.long
+        ),
+    ],
+)
+def test_what_is_no_scale_is_refused(arm, effects, known, words):
+    asked = {"effects": effects, "known": known, "check": False}
+    refusal(lambda: sdp.identify(arm, log(), **asked), *words)
 
 
 def test_a_motor_constant_sets_the_scale(arm):
