@@ -94,5 +94,5 @@ def judge_as_exported(
         {"model": model, "as exported": held}, runs, noise_from=noise_from
     )
     return part.verdict, changes(
-        whole.rmse, part.rmse, part.noise_floor, part.estimate.robot.torque_units
+        whole.rmse, part.rmse, part.noise_floor, part.estimate.torque_units
     )

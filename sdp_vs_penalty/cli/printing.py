@@ -58,7 +58,7 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     if fit is not None:
         comparison(
             [fit],
-            result.robot.torque_units,
+            result.torque_units,
             "Error (RMS) of the modelled torque on these measurements",
         )
 

@@ -89,6 +89,8 @@ class Measurements(Shown):
         or zeros.
     joint_names : tuple of str
         What the file calls the joints, if it does and has just been read.
+    torque_unit : str
+        Unit of ``tau`` where the file says that it is no torque, such as "A".
     """
 
     t: Array
@@ -101,6 +103,7 @@ class Measurements(Shown):
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
     joint_names: tuple[str, ...] = ()
+    torque_unit: str = ""
     #: Recordings that these samples are windows of; none: they are a whole recording. A
     #: changed copy (``dataclasses.replace``) is a recording of its own.
     _cut_from: tuple[Measurements, ...] = field(
@@ -165,6 +168,7 @@ class Measurements(Shown):
         groups: Mapping[str, Array],
         names: tuple[str, ...],
         run: NDArray[np.int64] | None = None,
+        torque_unit: str = "",
     ) -> Measurements:
         """Make measurements of those channel groups that a file has.
 
@@ -178,6 +182,8 @@ class Measurements(Shown):
             One name a run.
         run : NDArray[np.int64] | None
             (N,) index of the run that each sample belongs to.
+        torque_unit : str
+            Unit of tau where it is no torque, such as "A".
 
         Returns
         -------
@@ -200,6 +206,7 @@ class Measurements(Shown):
             temperature=groups.get("temp"),
             commanded=commanded,
             torque_logged="tau" in groups,
+            torque_unit=torque_unit,
         )
 
     @property
@@ -356,7 +363,8 @@ class Measurements(Shown):
             The samples; a view where a slice is given.
         """
         groups = {group: block[keep] for group, block in self.groups.items()}
-        return Measurements.of(self.t[keep], groups, (name or self.names[0],))
+        names = (name or self.names[0],)
+        return Measurements.of(self.t[keep], groups, names, None, self.torque_unit)
 
     def copied(self) -> Measurements:
         """Return the same measurements in arrays of their own."""
@@ -390,7 +398,7 @@ class Measurements(Shown):
         """
         stays = [k for k in range(self.n) if k not in places]
         groups = {group: block[:, stays] for group, block in self.groups.items()}
-        others = Measurements.of(self.t, groups, self.names, self.run)
+        others = Measurements.of(self.t, groups, self.names, self.run, self.torque_unit)
         return others._as_window_of(
             part.without_joints(places) for part in self._cut_from
         )
@@ -504,7 +512,9 @@ def without_traces(measured: Measurements) -> Measurements:
             np.where(np.abs(part) < _SMALLEST_VALUE, 0.0, part)
             for _, part in iter_chunks(groups[name])
         )
-    return Measurements.of(groups.pop("t"), groups, measured.names, measured.run)
+    return Measurements.of(
+        groups.pop("t"), groups, measured.names, measured.run, measured.torque_unit
+    )
 
 
 def _has_traces(block: Array) -> bool:
@@ -569,6 +579,7 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         groups,
         names=tuple(run.names[0] for run in runs),
         run=concatenate_chunks(indices),
+        torque_unit=next(iter({run.torque_unit for run in runs})),
     )
     if not any(part._cut_from for part in several):
         return together
@@ -579,6 +590,11 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
 def _require_one_kind(runs: Sequence[Measurements]) -> None:
     """Raise InputError for runs with different numbers of joints, or some with and some
     without torque."""
+    units = {run.torque_unit for run in runs}
+    if len(units) > 1:
+        named = ", ".join(f"{r.names[0]} in {r.torque_unit or 'N m'}" for r in runs)
+        what = f"the runs have torques in different units: {named}"
+        raise InputError(what, "bring them to one unit with convert --scale tau=...")
     if len({run.n for run in runs}) > 1:
         widths = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
         what = f"the runs have different numbers of joints: {widths}"

@@ -108,7 +108,7 @@ class Comparison(Record):
             rmse=self.rmse,
             floor=self.noise_floor,
             torque=self.torque_rms,
-            units=self.estimate.robot.torque_units,
+            units=self.estimate.torque_units,
         )
 
     @fact("N m or N", name="error")
@@ -550,7 +550,7 @@ class Comparisons(list[Comparison]):
         return formatting.errors_with_noise(
             [float(c.rmse[joint - 1]) for c in self],
             [float(x[joint - 1]) for x in ratios if x is not None] or None,
-            plain_unit(first.estimate.robot.torque_units[joint - 1]),
+            plain_unit(first.estimate.torque_units[joint - 1]),
             between=" -> ",
         )
 

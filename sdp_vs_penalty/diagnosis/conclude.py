@@ -131,7 +131,7 @@ class Conclusion:
             new_motion_share=self.new_motion_share,
             retuned=self.retunes(harmful),
             curves=self.described_curves,
-            torque_units=self.explanation.estimate.robot.torque_units,
+            torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
         )
 

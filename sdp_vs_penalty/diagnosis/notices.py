@@ -135,7 +135,12 @@ def load_beyond_file(rows: ScaledRows, estimate: Estimate) -> Notice | None:
     """
     links = estimate.problem.nominal_links
     rigid = estimate.model.rigid_indices
-    is_stated = not estimate.problem.guessed_links.any() and np.all(links[:, 0] > 0.0)
+    is_in_si = estimate.torque_units == estimate.robot.torque_units  # else no kg is one
+    is_stated = (
+        is_in_si
+        and not estimate.problem.guessed_links.any()
+        and np.all(links[:, 0] > 0.0)
+    )
     if len(rigid) != links.size or not is_stated:
         return None
     tolerances = file_deviations(links)

@@ -592,7 +592,7 @@ def where_it_fails(
         keep=np.asarray(rows.keep.all(axis=1), bool),
         repeats=source == REPETITION,
     )
-    out = Failures(units=estimate.robot.torque_units)
+    out = Failures(units=estimate.torque_units)
     for j in range(rows.n):
         floor = None if floors is None else float(floors[j])
         out.append(judge.failure_of(j, residual[:, j], floor))

@@ -213,6 +213,13 @@ class Estimate(Record):
         return self.uncertainty.covariance
 
     @property
+    def torque_units(self) -> tuple[str, ...]:
+        """(n,) "N*m" or "N" of each joint; what the training runs' torques are in where
+        they are none, such as "A"."""
+        unit = self.provenance.get("torque_unit", "")
+        return (unit,) * self.robot.n if unit else self.robot.torque_units
+
+    @property
     def sources(self) -> tuple[str, ...]:
         """(p,) what determines each parameter: "data", "prior", "bounds" or "given"."""
         undetermined = self.details.get("undetermined", {})

@@ -236,6 +236,8 @@ def build_estimate(
         "samples": measurements.samples,
         "versions": versions(),
     }
+    if isinstance(measurements, Measurements) and measurements.torque_unit:
+        provenance["torque_unit"] = measurements.torque_unit
     return Estimate(
         problem=problem,
         model=task.model,

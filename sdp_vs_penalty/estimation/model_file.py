@@ -225,6 +225,8 @@ class ProvenanceFields:
     checked: bool | None = None
     #: What the check found, by the runs' hashes.
     checks: Mapping[str, tuple[CheckedIssue, ...]] | None = None
+    #: Unit of the training runs' torques where they are none, such as "A".
+    torque_unit: str = ""
 
 
 @dataclass(frozen=True)

@@ -1077,7 +1077,7 @@ def _failures_of(
         failures = where_it_fails(estimate, judge, noise=comparison.noise)
     except InputError:
         return []
-    units = estimate.robot.torque_units
+    units = estimate.torque_units
     return [
         {**failure.to_dict(), "sentences": sentences(failure, units[failure.joint - 1])}
         for failure in failures

@@ -68,7 +68,7 @@ def _largest_error(compared: Comparison) -> str:
     """
     facts = compared.facts()
     joint = compared.worst_joint
-    unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
+    unit = plain_unit(compared.estimate.torque_units[joint - 1])
     error = f"{facts['joint_error'].of_joint(joint)} {unit}, joint {joint}"
     if compared.error_over_noise is None:
         return error

@@ -356,7 +356,7 @@ def describe_failures(failures: Failures) -> list[str]:
 
 def describe_change(before: Comparison, after: Comparison) -> str:
     """Say how each joint's error changed from one model to another."""
-    units = after.estimate.robot.torque_units
+    units = after.estimate.torque_units
     sentence = changes(before.rmse, after.rmse, after.noise_floor, units)
     return sentence or "no joint's error changed by more than 5 %."
 
@@ -396,7 +396,7 @@ def error_in_words(compared: Comparison, joint: int) -> str:
     """Write the error of a joint (from 1) in N m or N, and in multiples of its noise
     if that is known.
     """
-    unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
+    unit = plain_unit(compared.estimate.torque_units[joint - 1])
     error = float(compared.joint_error[joint - 1])
     if compared.error_over_noise is None:
         return f"{formatting.number(error)} {unit}"

@@ -171,7 +171,7 @@ class ReportData:
     @property
     def units(self) -> tuple[str, ...]:
         """The torque unit of each joint, "N*m" or "N"."""
-        return self.last.robot.torque_units
+        return self.last.torque_units
 
     @property
     def sized_diagnosis(self) -> Diagnosis | None:

@@ -10,7 +10,14 @@ import pytest
 from random_robots import repeating_run as run_of
 from recorded import refusal
 
-from sdp_vs_penalty import Estimate, Problem, identify, load_estimate, where_it_fails
+from sdp_vs_penalty import (
+    Estimate,
+    Problem,
+    identify,
+    load_estimate,
+    load_measurements,
+    where_it_fails,
+)
 from sdp_vs_penalty.data import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import compare, predicted
 from sdp_vs_penalty.diagnosis.comparison import Comparisons
@@ -70,6 +77,22 @@ def test_a_window_has_the_noise_of_the_recording_that_it_was_cut_from(two_link):
         )
     # A changed copy is another recording.
     assert replace(window, tau=-window.tau).recording.samples == window.samples
+
+
+def test_currents_are_in_amperes_wherever_they_are_shown(two_link, tmp_path):
+    """ "Joint 1 errs by 0.0851 N m" was said of a log of motor currents."""
+    run = run_of(two_link, 0)
+    heads = "time,position_1,position_2,current_1,current_2"
+    rows = np.column_stack([run.t, run.q, run.tau / 7.0])
+    path = tmp_path / "currents.csv"
+    np.savetxt(path, rows, delimiter=",", header=heads, comments="", fmt="%.9g")
+    measured = load_measurements(path)
+    assert measured.window(0.0, 5.0).torque_unit == "A"
+    model = identify(two_link, measured, effects="rigid_body", check=False)
+    model.save(tmp_path / "model.json")
+    (found,) = compare(load_estimate(tmp_path / "model.json"), measured)
+    assert " A, " in found.verdict.headline or " A)" in found.verdict.headline
+    assert "N m" not in found.verdict.headline
 
 
 def test_the_loss_that_was_minimised_is_the_error_that_is_shown(two_link):

@@ -73,7 +73,7 @@ def verb(
         )
         bigger.save(out)
     what = "the training data" if test is None else str(test)
-    printing.before_after(before, after, estimate.robot.torque_units, what)
+    printing.before_after(before, after, estimate.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
     if added:
         named = "; ".join(effect_in_words(e.brief) for e in added)

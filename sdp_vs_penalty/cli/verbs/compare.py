@@ -38,7 +38,7 @@ def verb(
         estimate, runs, oldest.preprocessing, noise=results[0].noise
     )
     printing.verdicts(results)
-    units = estimate.robot.torque_units
+    units = estimate.torque_units
     printing.comparison(results, units)
     printing.where_it_fails(failures, newest)
     if verbose:

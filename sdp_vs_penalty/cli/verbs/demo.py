@@ -18,7 +18,7 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     with console.progress("simulating") as progress:
         demonstration = demo(out, seed, progress)
     before = demonstration.compared[-1]
-    units = demonstration.model.robot.torque_units
+    units = demonstration.model.torque_units
     console.say(
         f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out})."
     )

@@ -74,7 +74,7 @@ def verb(
         }
     )
     what = _what_to_add(result, json_)
-    units = estimate.robot.torque_units
+    units = estimate.torque_units
     printing.diagnosis(result, units, model, bool(what), verbose)
     console.save_json(json_, result.to_dict())
     if what:

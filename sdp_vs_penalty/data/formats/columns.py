@@ -321,7 +321,9 @@ class Header:
         Measurements
             The run in SI units.
         """
-        run = replace(gathered(pieces), joint_names=self.joints)
+        recognised = self.recognition
+        unit = "" if recognised is None else recognised.torque_unit
+        run = replace(gathered(pieces), joint_names=self.joints, torque_unit=unit)
         if self.recognition is not None and self.recognition.inferred:
             run, recognition = self._with_units_of_all_rows(run, self.recognition)
             return replace(self, recognition=recognition)._finished(run)

@@ -132,6 +132,7 @@ class Recognition:
     order : places of the robot's joints within a block, where the orders differ
     episode : name of the column that counts runs
     has_other_joints : whether the robot's joints have other names than the file's
+    torque_unit : "A" where the torques are motor currents, by their words
     """
 
     rename: dict[str, str]
@@ -143,6 +144,7 @@ class Recognition:
     order: tuple[int, ...] | None = None
     episode: str | None = None
     has_other_joints: bool = False
+    torque_unit: str = ""
 
     @property
     def is_identity(self) -> bool:
@@ -802,6 +804,7 @@ def _by_words(
         order=order,
         episode=episode_of(names),
         has_other_joints=_has_other_joints(joints, joint_names),
+        torque_unit="A" if _torques_are_currents(rename, readings) else "",
     )
     if table is None or not positions.is_bare:
         return recognition
@@ -992,9 +995,17 @@ def _units_of_words(
             "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"
             " of them"
         )
-    if any(_CURRENTS & set(readings[name].words) for name in torque_columns):
+    if _torques_are_currents(rename, readings):
         sentences.append("tau is a current in A: --scale tau=... makes torques of it")
     return sentences
+
+
+def _torques_are_currents(
+    rename: Mapping[str, str], readings: Mapping[str, Reading]
+) -> bool:
+    """Tell whether columns that are taken for torques are called currents."""
+    names = [n for our_name, n in rename.items() if group_of(our_name) == "tau"]
+    return any(_CURRENTS & set(readings[name].words) for name in names)
 
 
 def _left_out(choice: SetChoice) -> list[str]:
