@@ -96,8 +96,8 @@ def verb(
     n_runs = len(results.runs)
     if is_stopped and not n_runs:
         raise KeyboardInterrupt
-    for name, reason in absent.items():
-        console.warn(f"left out: {name}: {reason}")
+    if absent:
+        console.warn(f"left out (summary.md says why): {', '.join(absent)}")
     _write(out, results, absent, left_out)
     if is_stopped:
         console.warn(
@@ -117,7 +117,8 @@ def _write(
     from sdp_vs_penalty.shootout import summary
 
     if not len(results.runs):
-        console.warn("no run: every problem is left out for every solver")
+        reasons = "; ".join(sorted({reason for _, _, reason in left_out}))
+        console.warn(f"no run: {reasons}")
         return
     written = summary.write_summary(out, results.runs, absent, left_out)
     for sentence in summary.sentences(results.runs):
