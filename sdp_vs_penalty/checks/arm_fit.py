@@ -22,6 +22,16 @@ _SHARE_LEFT_BY_ARM = 1e-3
 #: Columns whose singular value is a smaller share of the largest are dependent [-].
 _DEPENDENT_SHARE = 1e-6
 
+#: Share of a torque's energy below which what is left is that of filters and fits.
+_LEAST_SHARE = 0.005**2
+
+
+def text_of_share(share: float, digits: int = 3) -> str:
+    """Return the root mean square that is left of a torque, by its share of the energy,
+    in words: "2.05 %", or "below 0.5 %"."""
+    least = f"below {100.0 * _LEAST_SHARE**0.5:g} %"
+    return least if share < _LEAST_SHARE else f"{100.0 * share**0.5:.{digits}g} %"
+
 
 @dataclass(frozen=True)
 class RepairedRows:

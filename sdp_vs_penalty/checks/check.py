@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
-from sdp_vs_penalty.checks import channels, residual
+from sdp_vs_penalty.checks import residual
 from sdp_vs_penalty.checks.certainty import certain, likely, possible
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
-from sdp_vs_penalty.checks.dynamics import judge_dynamics
-from sdp_vs_penalty.checks.facts import mended
+from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
+from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
+from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
+from sdp_vs_penalty.checks.facts.repetition import find_overlaps
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
-from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
-from sdp_vs_penalty.checks.magnitude import magnitudes
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
@@ -138,6 +138,8 @@ def check_runs(
         first = len(windows)
         windows += _facts_of_windows(problem, run, settings)
         of_run.append((run, slice(first, len(windows))))
+    for k, issue in find_overlaps([w.original or w.repaired_all for w in windows]):
+        windows[k] = with_issues(windows[k], [issue])
     windows = judge_dynamics(problem, windows, settings)
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:
@@ -169,8 +171,9 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     """Report the facts of a run, and repair those that can be repaired.
 
     Facts are read from rows, clock and channels. An arm is fitted only to a torque that
-    looks like a magnitude. The rules run in order, each on the run as the rules before
-    have repaired it. They stop early if no rows, no numbers or too few rows are left.
+    stays at one value, looks like a magnitude, or carries no noise. The rules run in
+    order, each on the run as the rules before have repaired it. They stop early if no
+    rows, no numbers or too few rows are left.
 
     Parameters
     ----------
@@ -190,7 +193,10 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         error = InputError("there are no rows", "log the motion", run.names[0])
         issue = Issue.of_refusal("no rows", error, certain("read from the file"))
         return Report(run.names[0], (issue,), run, run)
-    issues, glance, fixed = mended(run, problem.robot, settings.standstill)
+    with_filters = replace(problem, preprocessing=settings)
+    issues, glance, fixed = mended(
+        run, problem.robot, settings.standstill, with_filters
+    )
     work = glance.run
     report = Report(run.names[0], tuple(issues), work, fixed, original=run)
     if any(f.kind in NO_ROWS for f in issues):
@@ -201,7 +207,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             Issue.of_refusal("too little data", error, certain("too few rows"))
         )
         return replace(report, issues=tuple(issues))
-    issues += [*channels.find_idle_joints(glance)]
+    issues += [*standing.find_idle_joints(glance)]
     lockstep = LockstepMotion.of(glance)
     if glance.moving.any():
         issues += [
@@ -209,10 +215,9 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             *find_wrong_velocities(glance),
         ]
         if work.torque_logged:
-            issues += channels.find_bad_torque_channels(glance)
-            possible = channels.possible_magnitudes(glance)
-            if confirmed := magnitudes(problem, work, settings, possible):
-                issues.append(channels.unsigned_torques(confirmed))
+            issues += stuck.find_bad_torque_channels(glance)
+            issues += magnitude.find_magnitudes(glance)
+            issues += magnitude.find_model_torques(glance)
             issues += channels.find_torques_in_counts(glance)
         if not any(f.kind in NO_DYNAMICS for f in issues):
             issues += _coarse(glance, settings)

@@ -54,6 +54,10 @@ LARGEST_ERROR_RISE = 1.2
 LEAST_RATIO_IF_DOUBTFUL = 4.0
 #: One arm for all runs has to explain them so many times worse than one for each.
 TIMES_BETTER = 1.5
+#: Rows have a fault of their own where one arm for all explains a joint so many times worse
+#: there than in another run, or than an arm of fewer rows does: friction and loads that differ
+#: from day to day make less.
+OUTLYING = 3.0
 #: Widest 95 % interval of a number that is claimed, to either side: of a factor (natural
 #: logarithm), of an angle [rad].
 WIDEST = 0.35
@@ -111,6 +115,10 @@ MOST_LOST = 0.1
 MOST_REPEATED = 0.05
 #: Joints whose positions correlate so much move in proportion.
 LOCKSTEP = 0.995
+#: A joint's equations are fitted to so many rows a column at least; directions of columns below
+#: this share of the largest are not seen.
+ROWS_A_COLUMN = 3.0
+SEEN_DIRECTIONS = 1e-3
 #: The filters need so many samples a period of the fastest motion.
 SAMPLES_A_PERIOD = 30.0
 
@@ -122,7 +130,7 @@ EFFORT = (0.2, 3.0)
 
 # -- what a fact leaves to be judged
 #: Facts after which nothing is left to be judged.
-NO_ROWS = "no rows", "channel without numbers"
+NO_ROWS = "no rows", "channel without numbers", "static poses"
 #: Facts after which no dynamics are judged: what they would say of the torques is theirs.
 NO_DYNAMICS = (
     *NO_ROWS,

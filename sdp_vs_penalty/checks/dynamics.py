@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import GAP, NO_DYNAMICS
 from sdp_vs_penalty.checks.faults.fault import Fault
@@ -17,12 +18,7 @@ from sdp_vs_penalty.checks.faults.order import Exchange
 from sdp_vs_penalty.checks.faults.sign import Sign
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import (
-    NOT_REPAIRED,
-    OUTLYING,
-    RunComparison,
-    two_arms,
-)
+from sdp_vs_penalty.checks.one_arm import NOT_REPAIRED, RunComparison, two_arms
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
@@ -175,7 +171,7 @@ class LoggerJudge:
             for k in numbers
         ]
         comparison = RunComparison(runs)
-        is_one_joint = comparison.worst_error_ratio >= OUTLYING
+        is_one_joint = comparison.worst_error_ratio >= c.OUTLYING
         differs = (
             comparison.is_one_arm_worse(1.0)
             or comparison.has_outlying_run
@@ -395,7 +391,7 @@ def _kinds_corrected(
     Notes are none: laws of friction are the arm's. Another load or arm stays in the rows.
     """
     repaired = [issue for issue in facts if issue.repair is not None]
-    found = [issue for issue in explanations if issue.kind not in NOT_REPAIRED]
+    found = [issue for issue in explanations if issue.kind != NOT_REPAIRED]
     kinds = [x.kind for x in [*repaired, *found] if x.severity != "note"]
     return tuple(dict.fromkeys(kinds))
 

@@ -13,8 +13,12 @@ from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import Certainty, certain
 from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.filtered import Rows as FilteredRows
 from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 
 #: Which rows: (N,).
@@ -34,11 +38,14 @@ class RunSummary:
     joints.
 
     standstill : share of its usual speed below which the robot stands still [-].
+    problem : of the robot, whose arm says what a torque that does not change may be; None:
+    nothing is said of it.
     """
 
     run: Measurements
     robot: Robot
     standstill: float
+    problem: Problem | None = None
 
     @cached_property
     def steps(self) -> Array:
@@ -73,10 +80,63 @@ class RunSummary:
         return np.asarray(travel <= self.standstill * travel.max())
 
     @cached_property
+    def arm_rows(self) -> FilteredRows | None:
+        """The filtered rows with the columns of the arm's model; None without a problem,
+        and for a run that is too short for the filters."""
+        if self.problem is None:
+            return None
+        try:
+            settings = self.problem.preprocessing.resolve(self.run)
+            return FilteredRun(self.run, settings).all_rows(self.problem.model())
+        except InputError:
+            return None
+
+    def one_arm_is_worse(self, j: int, at: Rows) -> float | None:
+        """Return how many times as large an error joint j's equations have if its torque
+        in some rows is what the channel holds.
+
+        They are fitted, all parameters free, to all rows and to the others alone. The
+        larger root mean square error of the first, in the rows or elsewhere, is divided by
+        that of the second. It is near 1 where the rows are of the same arm (Chow's test).
+
+        Parameters
+        ----------
+        j : int
+            Joint, from 0.
+        at : (N,) bool array
+            The rows.
+
+        Returns
+        -------
+        float or None
+            None for few rows, and where the arm leaves half of the torque elsewhere.
+        """
+        rows = self.arm_rows
+        if rows is None or not at.any():
+            return None
+        nearest = np.searchsorted(self.run.t, rows.motion.t).clip(max=len(at) - 1)
+        inside = at[nearest]
+        columns, torque = rows.columns[j].columns, rows.torque[:, j]
+        n_others = np.count_nonzero(~inside)
+        are_few = n_others < c.ROWS_A_COLUMN * columns.shape[1]
+        if are_few or np.count_nonzero(inside) < c.STUCK:
+            return None
+        usual = _rms(_left_by(columns[~inside], torque[~inside]))
+        left = _left_by(columns, torque)
+        if not 0.0 < usual < 0.5 * float(np.std(torque[~inside])):
+            return None
+        return max(_rms(left[inside]), _rms(left[~inside])) / usual
+
+    def holds_torque(self, j: int, at: Rows) -> bool:
+        """Whether the channel of joint j holds the joint's torque in some rows (N,), by
+        what the arm makes of the others; False where that is not known."""
+        return (self.one_arm_is_worse(j, at) or np.inf) < c.OUTLYING
+
+    @cached_property
     def row_numbers(self) -> NDArray[np.int64]:
         """(N,) a number for each row: the same for rows that are equal, bit by bit, in
         every column but t."""
-        return _numbers_of_rows([*self.run.groups.values()])
+        return numbers_of_rows([*self.run.groups.values()])
 
     @cached_property
     def repeats_measured(self) -> Rows:
@@ -188,7 +248,19 @@ class RunSummary:
         return max(shares)
 
 
-def _numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
+def _left_by(columns: Array, torque: Array) -> Array:
+    """Return what columns (M, p) leave of a torque (M,) in the least squares."""
+    scaled = columns / nonzero_or_one(np.linalg.norm(columns, axis=0))
+    theta = np.linalg.lstsq(scaled, torque, c.SEEN_DIRECTIONS)[0]
+    return np.asarray(torque - scaled @ theta)
+
+
+def _rms(x: Array) -> float:
+    """Return the root mean square of x (K,)."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
     """Return a number (N,) for each row of columns (N, k): the same for rows that are
     equal, bit by bit."""
     bits = _bits(columns)

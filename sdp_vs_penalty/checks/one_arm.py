@@ -49,13 +49,6 @@ _USUAL = {"torque gain": c.CALIBRATED_GAIN, "encoder offset": c.CALIBRATED}
 #: What is different in a run, and what to do about it; x is the number, j the joint
 #: from 1.
 _WORDS = {
-    "another arm": (
-        (
-            "{run} is not of the same arm: no gain, zero or load of one run explains"
-            " the difference"
-        ),
-        "identify from one run at a time",
-    ),
     "another load": (
         "{run} carries a {weight} load on its last link ({x:+.2g} kg)",
         "identify the runs apart, or log with the same tool",
@@ -69,20 +62,13 @@ _WORDS = {
         "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }
-#: Kinds of difference that no change of the log can undo.
-NOT_REPAIRED = "another load", "another arm"
+#: The kind of difference that no change of the log can undo.
+NOT_REPAIRED = "another load"
 #: Faults that one run's log may have, by the run's number, and the repair of each.
 Proposals = Callable[[int], Sequence[tuple[Fault, LogTransform]]]
 #: Log-odds (natural logarithm) that a difference of runs has to exceed: three times
 #: what any fault of a log needs, since friction never repeats exactly.
 _ODDS_OF_A_DIFFERENCE = 3.0 * c.LOG_ODDS_AGAINST_FAULT
-#: A run has a fault of its own where one arm for all explains a joint so many times worse
-#: than that joint is explained in another run, or by the run's own arm: friction and
-#: loads that differ from day to day make less.
-OUTLYING = 3.0
-#: Another arm is claimed only where one arm for all makes the error so many times as
-#: large: friction that the model lacks, too, is explained better by other parameters.
-_ANOTHER_ARM = 3.0
 #: Two arms in one run have to make the error so many times as large, more than those of two
 #: runs (TIMES_BETTER): the cut is searched for, and friction changes within a run as well.
 _TWO_ARMS_IN_A_RUN = 3.0**0.5
@@ -306,23 +292,16 @@ class RunComparison:
 
     @cached_property
     def log_excess(self) -> Array:
-        """(R, n) how much worse one arm for all explains a joint in a run than the
-        joint is explained in the best run.
+        """(R, n) how much worse one arm for all explains a joint in a run than it explains
+        that joint in the run where it explains it best.
 
         It is the logarithm of a ratio of unexplained shares (squared residual over
-        squared torque): that under one arm, over the smallest of this joint in any run,
-        under the one arm or the run's own. The best run is the reference because a run
-        whose joints contradict each other is not explained by its own arm either. It is
-        0 for joints that do not move.
+        squared torque), and 0 for joints that do not move.
         """
         total = np.stack([equations.total[0] for equations in self.equations])
-        share_of_one_arm = self.energy_left_by_one_arm / total
-        share_of_own_arm = self.energy_left_by_own_arms / total
         # A joint that does not move explains nothing: its share counts as 1.
-        share_of_one_arm = np.where(self.moving, share_of_one_arm, 1.0)
-        share_of_own_arm = np.where(self.moving, share_of_own_arm, 1.0)
-        smallest = np.minimum(share_of_one_arm, share_of_own_arm).min(axis=0)
-        excess = np.log(share_of_one_arm / smallest)
+        share = np.where(self.moving, self.energy_left_by_one_arm / total, 1.0)
+        excess = np.log(share / share.min(axis=0))
         return np.asarray(np.where(self.moving, excess, 0.0))
 
     @property
@@ -338,9 +317,9 @@ class RunComparison:
     @property
     def has_outlying_run(self) -> bool:
         """Whether one arm for all runs explains some joint at least OUTLYING times worse
-        in one run than the joint is explained in another run.
+        in one run than in another.
         """
-        return self.largest_excess_ratio >= OUTLYING
+        return self.largest_excess_ratio >= c.OUTLYING
 
     @cached_property
     def suspects(self) -> list[int]:
@@ -621,7 +600,8 @@ class RunComparison:
         Returns
         -------
         Cause or None
-            None if no difference lowers the error on held-out parts clearly.
+            None if no difference lowers the error on held-out parts clearly, or another
+            arm lowers it more: friction that the model lacks does that as well.
         """
         best = max(self.judge_numbers(), key=lambda cause: cause.score)
         n_parts = 2.0 * c.PARTS  # of both suspects
@@ -634,22 +614,17 @@ class RunComparison:
                 if cause.score > best.score + odds
             ]
             best = _simplest(faults, odds) if faults else best
-        # Friction that the model lacks differs from run to run, as another arm does.
-        is_unspecific = (
-            best.difference.is_another_arm and self.error_ratio < _ANOTHER_ARM
-        )
-        if not self._is_clear(best) or is_unspecific:
+        if best.difference.is_another_arm or not self._is_clear(best):
             return None
         return self._in_the_heavier_run(best)
 
-    def or_another_arm(self, cause: Cause) -> Cause | None:
-        """Return a cause of the search; in place of a number that explains parts left
-        out less well than another arm does, the other arm.
+    def explains_as_another_arm(self, cause: Cause) -> bool:
+        """Whether a cause explains the parts left out as well as another arm does.
 
         Another arm contains every gain, zero and load, so that a right number explains
         as much with fewer parameters. Friction and other laws that the model lacks
         leave something that any number explains a little of, and other parameters more:
-        another arm is returned only where one arm is _ANOTHER_ARM times worse, else None.
+        of these nothing is claimed.
 
         Parameters
         ----------
@@ -658,20 +633,16 @@ class RunComparison:
 
         Returns
         -------
-        Cause or None
-            The cause to report.
+        bool
+            Whether it does; a fault of the log always.
         """
         if cause.difference.columns is None:
-            return cause
+            return True
         arms = [
             self.judge(Difference(run=number, kind="another arm"))
             for number in self.suspects
         ]
-        other = max((arm for arm in arms if arm), key=lambda arm: arm.fall)
-        if cause.fall >= other.fall:
-            return cause
-        is_specific = self.error_ratio >= _ANOTHER_ARM
-        return other if is_specific and self._is_clear(other) else None
+        return cause.fall >= max(arm.fall for arm in arms if arm)
 
     def _is_clear(self, cause: Cause) -> bool:
         """Whether a cause lowers the error on parts left out clearly, and by the odds
@@ -875,9 +846,7 @@ def compare_runs(
     if not comparison.is_one_arm_worse(worse):
         return
     cause = comparison.find_best_cause()
-    if cause is not None:
-        cause = comparison.or_another_arm(cause)
-    if cause is not None:
+    if cause is not None and comparison.explains_as_another_arm(cause):
         yield cause.difference.run, comparison.issue(cause)
 
 

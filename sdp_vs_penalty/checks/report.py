@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.arm_fit import text_of_share
+from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.issue import Issue
-from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.records import to_json
@@ -110,7 +111,7 @@ class Report(Record):
         """
         problems = formatting.count(len(self.errors_and_warnings), "problem")
         if self.unexplained is not None:
-            share = self.facts()["unexplained_percent"].text
+            share = text_of_share(self.unexplained, digits=2)
             torque = f"the arm's dynamics leave {share} of the torque unexplained (RMS)"
             if self.corrected:
                 torque = f"with {formatting.words(self.corrected)} corrected, {torque}"

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.arm_fit import ArmFit
+from sdp_vs_penalty.checks.arm_fit import ArmFit, text_of_share
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.faults import FAULTS
 from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
@@ -1054,10 +1054,9 @@ class RepairSearch:
             return (
                 "as recorded, friction would drive the motion, or inertia be negative"
             )
-        before = 100.0 * np.sqrt(after[j] * np.exp(change[j]))
         return (
             f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls"
-            f" from {before:.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
+            f" from {text_of_share(without[j])} to {text_of_share(after[j])}"
         )
 
     def _effects_as_likely(self, fault: Fault, net: LogTransform) -> list[str]:

@@ -351,7 +351,11 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     ):
         return
     shares = _left_by_weight(log)
-    if shares[log.moving].max() < c.MODEL_OF_WEIGHT:
+    # Friction of a joint that goes one way at one speed is an offset.
+    speeds = log.data.motion.dq * log.torque_mask(log.as_logged).T
+    turns_round = speeds.max(axis=0) * speeds.min(axis=0) < 0.0
+    is_weight = shares[log.moving].max() < c.MODEL_OF_WEIGHT
+    if is_weight and turns_round[log.moving].all():
         yield Issue.of(
             kind="gravity model",
             severity="warning",

@@ -9,11 +9,11 @@ from small_runs import small_run
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, fixing, mended
 from sdp_vs_penalty.checks.certainty import certain, likely
-from sdp_vs_penalty.checks.channels import possible_magnitudes
 from sdp_vs_penalty.checks.clock import find_coarse_stamps
+from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion, lockstep_groups
+from sdp_vs_penalty.checks.facts.magnitude import possible_magnitudes
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.lockstep import LockstepMotion, lockstep_groups
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion

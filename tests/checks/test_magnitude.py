@@ -7,8 +7,9 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty.checks.facts.magnitude import magnitudes
+from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.likelihood import without_inertial_power
-from sdp_vs_penalty.checks.magnitude import magnitudes
 from sdp_vs_penalty.effects import Motion
 
 PROBLEM = load_problem("two_link")
@@ -31,7 +32,7 @@ def test_a_torque_without_its_sign_contradicts_the_arm():
     run = run_with(-float(run_with(0.0).tau[:, 1].mean()))
     assert run.tau[:, 1].min() < 0.0 < run.tau[:, 1].max()
     logged = replace(run, tau=np.abs(run.tau))
-    assert magnitudes(PROBLEM, logged, PROBLEM.preprocessing, [1]) == [1]
+    assert magnitudes(RunSummary(logged, PROBLEM.robot, 0.02, PROBLEM), [1]) == [1]
 
 
 @pytest.mark.parametrize("above_zero", [0.0, 0.5])
@@ -39,7 +40,7 @@ def test_a_torque_that_has_one_sign_by_itself_is_no_magnitude(above_zero):
     """Also where it comes down to zero, as weight and friction may make it."""
     lowest = run_with(0.0).tau[:, 1].min()
     logged = run_with(above_zero - lowest)
-    assert magnitudes(PROBLEM, logged, PROBLEM.preprocessing, [1]) == []
+    assert magnitudes(RunSummary(logged, PROBLEM.robot, 0.02, PROBLEM), [1]) == []
 
 
 def test_inertia_takes_no_mean_power_in_few_rows_of_a_trapezoid():

@@ -13,8 +13,8 @@ from scipy.spatial import KDTree
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.channels import find_bad_torque_channels
 from sdp_vs_penalty.checks.facts import RULES
+from sdp_vs_penalty.checks.facts.stuck import find_bad_torque_channels
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.data.files import check_usable
 from sdp_vs_penalty.errors import InputError

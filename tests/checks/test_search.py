@@ -10,8 +10,8 @@ from small_runs import small_run
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.checks.check import judge_facts
 from sdp_vs_penalty.checks.dynamics import LoggerJudge
+from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogEvent
 from sdp_vs_penalty.checks.report import Report

@@ -1,13 +1,13 @@
-"""The rules about rows, clock and channels in the order of mending."""
+"""What is read from a log whatever the arm, in the order of mending.
+
+Each rule is a statistic with what it would be of a log in order: it yields issues with
+the nature FACT.
+"""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
-from sdp_vs_penalty.checks.channels import (
-    find_channels_without_numbers,
-    find_degrees,
-    find_wrapped_angles,
-)
 from sdp_vs_penalty.checks.clock import (
     find_changes_of_rate,
     find_coarse_stamps,
@@ -17,27 +17,39 @@ from sdp_vs_penalty.checks.clock import (
     find_time_unit,
     find_uneven_stamps,
 )
-from sdp_vs_penalty.checks.constants import RUN
-from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import Issue
-from sdp_vs_penalty.checks.rows import (
+from sdp_vs_penalty.checks.constants import NO_ROWS, RUN
+from sdp_vs_penalty.checks.facts.channels import (
+    find_channels_without_numbers,
+    find_degrees,
+    find_wrapped_angles,
+)
+from sdp_vs_penalty.checks.facts.repetition import find_held_rows, find_repeated_run
+from sdp_vs_penalty.checks.facts.rows import (
     find_end_stops,
-    find_false_zeros,
-    find_frozen_channels,
-    find_held_rows,
     find_interpolated_rows,
     find_lost_rows,
     find_missing_numbers,
-    find_repeated_run,
     find_spikes,
 )
+from sdp_vs_penalty.checks.facts.standing import find_static_poses
+from sdp_vs_penalty.checks.facts.stuck import (
+    find_commands_beyond_limit,
+    find_drives_off,
+    find_false_zeros,
+    find_frozen_channels,
+)
+from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.robot import Robot
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
+FEW_ROWS = find_channels_without_numbers, find_missing_numbers, find_static_poses
 RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     find_channels_without_numbers,
     find_missing_numbers,
+    find_static_poses,
     find_time_unit,
     find_time_backwards,
     find_coarse_stamps,
@@ -51,6 +63,8 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     find_repeated_run,
     find_end_stops,
     find_interpolated_rows,
+    find_commands_beyond_limit,
+    find_drives_off,
     find_false_zeros,
     find_spikes,
     find_lost_rows,
@@ -60,7 +74,7 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 
 
 def mended(
-    run: Measurements, robot: Robot, standstill: float
+    run: Measurements, robot: Robot, standstill: float, problem: Problem | None = None
 ) -> tuple[list[Issue], RunSummary, Measurements]:
     """Apply the rules about rows, clock and channels in order, each to the run as the
     rules before have repaired it.
@@ -73,6 +87,8 @@ def mended(
         Whose joints have ranges.
     standstill : float
         Share of its speed below which the robot stands still.
+    problem : Problem, optional
+        Of the robot: with it torques that do not change are judged by the arm.
 
     Returns
     -------
@@ -85,11 +101,11 @@ def mended(
     """
     issues: list[Issue] = []
     fixed = run
-    glance = RunSummary(run, robot, standstill)
+    glance = RunSummary(run, robot, standstill, problem)
     for rule in RULES:
-        if any(issue.kind == "channel without numbers" for issue in issues):
+        if any(issue.kind in NO_ROWS for issue in issues):
             break
-        if rule not in (find_channels_without_numbers, find_missing_numbers) and (
+        if rule not in FEW_ROWS and (
             len(glance.run.t) < RUN or not glance.moving.any()
         ):
             break
@@ -99,5 +115,5 @@ def mended(
                 # What is only likely is mended for the rules that follow, and deletes
                 # no row.
                 fixed = issue.repair(fixed) if issue.mends else fixed
-                glance = RunSummary(issue.repair(glance.run), robot, standstill)
+                glance = replace(glance, run=issue.repair(glance.run))
     return issues, glance, fixed

@@ -1,6 +1,6 @@
 """Facts about the channels of a run."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -8,9 +8,8 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import certain, likely
-from sdp_vs_penalty.checks.constants import LONG_STRETCH, STUCK
 from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import (
     beside_range,
@@ -18,11 +17,10 @@ from sdp_vs_penalty.data.plausibility import (
     radians_per_percent,
 )
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.runs import spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 #: Velocities so many times the derivative of their position [rad/s] are in degrees a
@@ -33,16 +31,6 @@ _IN_DEGREES_A_SECOND = 8.0
 def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error for each channel without a number in any row: deleting rows cannot
     help.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
@@ -62,16 +50,6 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where revolute positions jump by a full turn between two rows.
 
     A jump by 2 pi is a wrapped angle; by 360, the position is in degrees as well.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     steps = np.abs(np.diff(glance.run.q, axis=0))
     is_revolute = _revolute_joints(glance.robot)
@@ -171,16 +149,6 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where most revolute positions are far outside their ranges, and
     all are inside if they are in degrees, and in nothing else: angles within 100 may be
     per cent of the ranges, which the torques tell.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
@@ -194,65 +162,9 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
         yield _degrees(glance, "", unwrap=False)
 
 
-def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where no joint moves, or a warning about joints that never do.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
-    """
-    sure = certain("the positions change by noise only")
-    joints = np.flatnonzero(~glance.moving)
-    if not glance.moving.any():
-        what = (
-            "no joint moves: these data contain only static friction and the weight in"
-            " one pose."
-        )
-        remedy = "record a motion of all joints"
-        yield Issue.of(
-            kind="no motion",
-            severity="error",
-            joints=joints,
-            what=what,
-            certainty=sure,
-            remedy=remedy,
-            where="all joints",
-        )
-    elif len(joints):
-        what = (
-            "{where} never moves: friction and inertia about that axis are not"
-            " identifiable, and the torque there is stiction."
-        )
-        remedy = "move every joint, or add a run that does"
-        yield Issue.of(
-            kind="idle joints",
-            severity="warning",
-            joints=joints,
-            what=what,
-            certainty=sure,
-            remedy=remedy,
-        )
-
-
 def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning about joints whose positions leave the range, while their travel
     fits into it: the encoder's zero is the usual cause.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     if joints := beside_range(glance.robot, glance.run.q):
         yield Issue.of(
@@ -268,153 +180,10 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
         )
 
 
-def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
-    """Yield issues about torque channels that never change, or that are clipped at a
-    limit.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
-    """
-    for j, x in enumerate(glance.run.tau.T):
-        if not np.ptp(x):
-            yield _dead(glance, j, float(x[0]))
-        else:
-            yield from _clipped(glance, j, x)
-
-
-def possible_magnitudes(glance: RunSummary) -> list[int]:
-    """List the moving joints (from 0) whose torque looks like a magnitude: it never is
-    negative, and turns back at zero in corners.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    list of int
-        Joints, ascending.
-    """
-    return [
-        j
-        for j, x in enumerate(glance.run.tau.T)
-        if glance.moving[j] and np.ptp(x) and _is_unsigned(x, glance.run.q)
-    ]
-
-
-def unsigned_torques(joints: Sequence[int]) -> Issue:
-    """Return the issue that the torques of some joints (from 0) are magnitudes."""
-    return Issue.of(
-        kind="torque magnitude",
-        severity="warning",
-        joints=joints,
-        what="{where} never changes sign: the logger wrote magnitudes.",
-        certainty=likely(
-            "it turns back at zero in corners, and with signs the arm"
-            " explains it clearly better"
-        ),
-        remedy="log the torque with its sign",
-        where=", ".join(f"tau{j + 1}" for j in joints),
-        nature=EXPLANATION,
-    )
-
-
-def _dead(glance: RunSummary, j: int, value: float) -> Issue:
-    """Return the issue that the torque of joint j (from 0) has one value in every row:
-    an error, or a note where the joint never moves."""
-    return Issue.of(
-        kind="dead channel",
-        severity="error" if glance.moving[j] else "note",
-        joints=[j],
-        what=f"tau{j + 1} is {value:g} {glance.robot.torque_units[j]} in every row.",
-        certainty=READ,
-        remedy="find out why the logger wrote a constant",
-        where=f"tau{j + 1}",
-    )
-
-
-def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
-    """Yield a warning where the torque x (N,) of joint j stays exactly at its largest
-    or smallest value for long, and is never constant for as long elsewhere."""
-    parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
-    lengths = np.diff(parts)[:, 0] + 1
-    values = x[parts[:, 0]]
-    is_extreme = np.isin(values, (x.min(), x.max()))
-    elsewhere = int(lengths[~is_extreme].max(initial=1))
-    longest = int(lengths[is_extreme].max(initial=1))
-    if longest < max(LONG_STRETCH * elsewhere, STUCK):
-        return
-    value = float(values[np.argmax(lengths * is_extreme)])
-    yield Issue.of(
-        kind="saturation",
-        severity="warning",
-        joints=[j],
-        what=f"tau{j + 1} is stuck at {value:.6g} {glance.robot.torque_units[j]} for up to"
-        f" {longest} consecutive samples ({np.sum(x == value)} in total): the channel is"
-        " clipped.",
-        certainty=likely(
-            f"elsewhere it is never constant for more than {elsewhere} samples"
-        ),
-        remedy="record again with a larger range, or slower; delete those rows until"
-        " then",
-        where=f"tau{j + 1}",
-        limit=value,
-    )
-
-
-#: Least range of a corner's values, over the height below which it is looked at.
-_CORNER_RANGE = 0.7
-#: Least mean of a corner's values over that height: of a corner it is 1/2, of a parabola
-#: that touches zero 1/3.
-_CORNER_MEAN = 0.38
-#: Poses of which no joint is farther apart, over the scatter of its positions, are one.
-_ONE_POSE = 0.1
-
-
-def _is_unsigned(torque: Array, q: Array) -> bool:
-    """Whether a torque (N,) is a magnitude: where its sign would change it turns back
-    at zero in a corner.
-
-    A stretch below a fifth of the largest torque is a corner if its values come down
-    from there to within one step of zero, and their mean is half the height, as of a V.
-    The step is the usual one, or that at the corner, where friction turns fast. A
-    smooth torque comes so near to zero by chance only, with odds of its distance to the
-    fifth. A constant level near zero, as of a coarse current at rest, has no such
-    range. Corners in one pose q (n,), as of a motion that repeats itself, count once.
-    """
-    touches_zero = 0.0 <= torque.min() <= 0.01 * torque.max()
-    if not touches_zero:
-        return False
-    steps = np.abs(np.diff(torque))
-    near = 0.2 * float(torque.max())
-    usual_step = min(float(np.median(steps[steps > 0.0])), near)
-    scale = nonzero_or_one(q.std(axis=0))
-    poses: list[Array] = []
-    log_odds = 0.0
-    for first, end in spans(torque < near):
-        part = torque[first:end]
-        lowest = first + int(np.argmin(part))
-        largest_step = steps[max(lowest - 1, 0) : lowest + 1].max()
-        touches = 0.0 < torque[lowest] < max(usual_step, largest_step)
-        comes_down = np.ptp(part) > _CORNER_RANGE * near
-        if touches and comes_down and part.mean() > _CORNER_MEAN * near:
-            pose = q[lowest] / scale
-            if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
-                poses.append(pose)
-                log_odds += float(np.log(near / max(torque[lowest], usual_step)))
-    return bool(log_odds > c.LOG_ODDS_AGAINST_FAULT)
-
-
 #: Channels of no more different values are coarse, whether in counts or not.
 _FEWEST_COUNTS = 20
+
+
 #: Drives reach no more than this of their rated torque [permil].
 _LARGEST_PERMIL = 4000.0
 
@@ -422,16 +191,6 @@ _LARGEST_PERMIL = 4000.0
 def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where every torque is a whole number, of many different ones:
     counts of a drive, and not N m.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     tau = glance.run.tau[:, glance.moving]
     if not np.all(tau == np.round(tau)):

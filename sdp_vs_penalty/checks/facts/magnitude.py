@@ -1,0 +1,230 @@
+"""What torques are that no motor made: magnitudes, which lost their sign, and a model's.
+
+Weight and friction alone may keep the sign of a torque, and let it come near to zero.
+Only the motion tells: a magnitude contradicts every arm, with any parameters, and the arm
+explains it with signs clearly better than as it is logged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import orthonormal
+from sdp_vs_penalty.checks.certainty import likely
+from sdp_vs_penalty.checks.facts.noise import shows_noise
+from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.filtered import Rows
+from sdp_vs_penalty.signals.runs import spans
+
+#: Rows for each column of the links, from which on they cannot explain friction by chance.
+_ROWS_A_LINK_COLUMN = 1.2
+
+
+def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a warning where torques carry no noise and no friction of any joint: a model
+    made them.
+
+    Friction is a hundred times the energy that the links' columns may leave of each
+    torque, in joints that turn both ways.
+    """
+    joints = np.flatnonzero(glance.moving)
+    rows = None
+    if not any(shows_noise(glance.run.tau[:, j]) for j in joints):
+        rows = glance.arm_rows
+    if rows is None or glance.problem is None:
+        return
+    links = glance.problem.model().rigid_indices
+    shares = []
+    for j in joints:
+        turns_round = min(rows.motion.dq[:, j].max(), -rows.motion.dq[:, j].min()) > 0.0
+        of_links = np.isin(rows.columns[j].indices, links)
+        columns = rows.columns[j].columns[:, of_links]
+        torque = rows.torque[:, j]
+        left = _squares_left(torque, orthonormal(columns[None])[0])
+        shares.append(left / nonzero_or_one(torque @ torque) if turns_round else 1.0)
+    if (
+        len(torque) > _ROWS_A_LINK_COLUMN * len(links)
+        and max(shares) < c.MODEL_OF_WEIGHT
+    ):
+        yield Issue.of(
+            kind="torques of a model",
+            severity="warning",
+            joints=(),
+            what="these torques carry no noise and no friction: a model made them, a"
+            " controller's or a simulator's.",
+            certainty=likely("every measurement carries noise, every motor friction"),
+            remedy="log the measured torque or current: what is identified from these is"
+            " that model",
+            where="all torque channels",
+            largest_share=max(shares),
+        )
+
+
+def find_magnitudes(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a warning about torques that are magnitudes: they look so, and the arm
+    explains them with signs clearly better."""
+    if joints := magnitudes(glance, possible_magnitudes(glance)):
+        yield Issue.of(
+            kind="torque magnitude",
+            severity="warning",
+            joints=joints,
+            what="{where} never changes sign: the logger wrote magnitudes.",
+            certainty=likely(
+                "it turns back at zero in corners, and with signs the arm"
+                " explains it clearly better"
+            ),
+            remedy="log the torque with its sign",
+            where=", ".join(f"tau{j + 1}" for j in joints),
+            nature=EXPLANATION,
+        )
+
+
+def possible_magnitudes(glance: RunSummary) -> list[int]:
+    """List the moving joints (from 0) whose torque looks like a magnitude: it never is
+    negative, and turns back at zero in corners."""
+    return [
+        j
+        for j, x in enumerate(glance.run.tau.T)
+        if glance.moving[j] and np.ptp(x) and _is_unsigned(x, glance.run.q)
+    ]
+
+
+#: Least range of a corner's values, over the height below which it is looked at.
+_CORNER_RANGE = 0.7
+
+
+#: Least mean of a corner's values over that height: of a corner it is 1/2, of a parabola
+#: that touches zero 1/3.
+_CORNER_MEAN = 0.38
+
+
+#: Poses of which no joint is farther apart, over the scatter of its positions, are one.
+_ONE_POSE = 0.1
+
+
+def _is_unsigned(torque: Array, q: Array) -> bool:
+    """Whether a torque (N,) is a magnitude: where its sign would change it turns back
+    at zero in a corner.
+
+    A stretch below a fifth of the largest torque is a corner if its values come down
+    from there to within one step of zero, and their mean is half the height, as of a V.
+    The step is the usual one, or that at the corner, where friction turns fast. A
+    smooth torque comes so near to zero by chance only, with odds of its distance to the
+    fifth. A constant level near zero, as of a coarse current at rest, has no such
+    range. Corners in one pose q (n,), as of a motion that repeats itself, count once.
+    """
+    touches_zero = 0.0 <= torque.min() <= 0.01 * torque.max()
+    if not touches_zero:
+        return False
+    steps = np.abs(np.diff(torque))
+    near = 0.2 * float(torque.max())
+    usual_step = min(float(np.median(steps[steps > 0.0])), near)
+    scale = nonzero_or_one(q.std(axis=0))
+    poses: list[Array] = []
+    log_odds = 0.0
+    for first, end in spans(torque < near):
+        part = torque[first:end]
+        lowest = first + int(np.argmin(part))
+        largest_step = steps[max(lowest - 1, 0) : lowest + 1].max()
+        touches = 0.0 < torque[lowest] < max(usual_step, largest_step)
+        comes_down = np.ptp(part) > _CORNER_RANGE * near
+        if touches and comes_down and part.mean() > _CORNER_MEAN * near:
+            pose = q[lowest] / scale
+            if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
+                poses.append(pose)
+                log_odds += float(np.log(near / max(torque[lowest], usual_step)))
+    return bool(log_odds > c.LOG_ODDS_AGAINST_FAULT)
+
+
+#: Signs are estimated anew so many times; they settle in a few.
+_ITERATIONS = 30
+
+
+#: A torque that is smaller than this share of its largest value may change its sign.
+_NEAR_ZERO = 0.2
+
+
+#: An arm contradicts a torque if it leaves so many times the energy that it leaves of
+#: the same torque with signs.
+_TIMES = c.CONTRADICTS[0]
+
+
+def magnitudes(glance: RunSummary, joints: Sequence[int]) -> list[int]:
+    """List those of some joints (from 0) whose torque signs explain clearly better than
+    none; none without rows of the arm.
+
+    The arm's model, with all parameters free, is fitted to the torque as it is logged,
+    and to the torque with the signs that the model itself gives it. The first has to
+    leave _TIMES (2) as much energy as the second: a model's error is no noise, so that
+    a smaller fall of it says nothing.
+    """
+    rows = glance.arm_rows if joints else None
+    if rows is None or glance.problem is None:
+        return []
+    nominal = glance.problem.nominal(glance.problem.model())
+    return [j for j in joints if _is_magnitude(rows, j, nominal)]
+
+
+def _is_magnitude(rows: Rows, joint: int, nominal: Array) -> bool:
+    """Whether signs explain a joint's torque clearly better than none.
+
+    rows : of the run; joint : from 0; nominal : parameters of the problem's arm.
+    """
+    torque = rows.torque[:, joint]
+    columns = rows.columns[joint]
+    basis = orthonormal(columns.columns[None])[0]
+    squares_as_logged = _squares_left(torque, basis)
+    nominal_torque = columns.columns @ nominal[columns.indices]
+    squares_signed = [
+        _squares_left(signs * torque, basis)
+        for first_signs in _first_signs(rows, joint, nominal_torque)
+        if np.ptp(signs := _settled(first_signs, torque, basis)) > 0.0
+    ]
+    smallest = min(squares_signed, default=np.inf)
+    return _TIMES * smallest < squares_as_logged
+
+
+def _first_signs(rows: Rows, joint: int, nominal: Array) -> Iterator[Array]:
+    """Yield signs (M,) of a joint's torque from which the estimation begins.
+
+    They are those of the nominal arm, those of the velocity (friction alone), and signs
+    that change wherever the torque comes near to zero.
+    """
+    torque = rows.torque[:, joint]
+    yield _signs(nominal)
+    yield _signs(rows.motion.dq[:, joint])
+    is_near = torque < _NEAR_ZERO * torque.max()
+    n_crossings = np.cumsum(np.diff(is_near, prepend=is_near[0]) & is_near)
+    yield np.where(n_crossings % 2 == 0, 1.0, -1.0)
+
+
+def _settled(signs: Array, torque: Array, basis: Array) -> Array:
+    """Return the signs (M,) that the model gives a torque (M,) that has these signs.
+
+    basis (M, r) : orthonormal basis of the model's columns.
+    """
+    for _ in range(_ITERATIONS):
+        modelled = basis @ (basis.T @ (signs * torque))
+        next_signs = _signs(modelled)
+        if np.array_equal(next_signs, signs):
+            break
+        signs = next_signs
+    return signs
+
+
+def _signs(x: Array) -> Array:
+    """Return 1 or -1 for each value of x; 1 for zero."""
+    return np.where(x < 0.0, -1.0, 1.0)
+
+
+def _squares_left(torque: Array, basis: Array) -> float:
+    """Return the sum of squares of a torque (M,) that columns leave, with their
+    orthonormal basis (M, r).
+    """
+    error = torque - basis @ (basis.T @ torque)
+    return float(error @ error)

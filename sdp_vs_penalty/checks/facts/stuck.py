@@ -1,0 +1,369 @@
+"""Torques and positions that do not change: frozen, filled with zeros, at a limit, or the
+truth.
+
+What a channel repeats may be what was measured: a drive that is off makes no torque, one
+at its limit no more than that. The arm that explains the other rows tells.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.certainty import certain, likely
+from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
+from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary, mask_of
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.encoder import lattice_step
+from sdp_vs_penalty.signals.runs import spans
+
+#: Why a torque that does not change is the joint's.
+_AS_ELSEWHERE = likely("the arm that explains the other rows explains it there as well")
+
+
+def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a note about joints that move for long while their torque is exactly zero, if
+    the arm explains that: the drive was off."""
+    for j in np.flatnonzero(glance.moving).tolist():
+        x = glance.run.tau[:, j] if glance.run.torque_logged else np.ones(1)
+        parts = [
+            (first, end)
+            for first, end in spans(x == 0.0)
+            if glance.run.t[end - 1] - glance.run.t[first] >= 2.0 * STUCK_SECONDS
+            and not _arm_rests(glance, first, end - 1)
+        ]
+        is_off = mask_of(len(x), parts)
+        if 0.0 < is_off.mean() < 1.0 and glance.holds_torque(j, is_off):
+            seconds = sum(glance.run.t[end - 1] - glance.run.t[a] for a, end in parts)
+            yield Issue.of(
+                kind="drive off",
+                severity="note",
+                joints=[j],
+                what=f"tau{j + 1} is exactly zero for {seconds:.3g} s, while the arm moves:"
+                " the drive was off, and zero is the torque.",
+                certainty=_AS_ELSEWHERE,
+                remedy="no action needed",
+                where=f"tau{j + 1}",
+                rows=int(is_off.sum()),
+                times=glance.one_arm_is_worse(j, is_off),
+            )
+
+
+#: A drive exceeds its limit by less than this share for longer than an instant.
+_ABOVE_LIMIT = 1.05
+
+
+def find_commands_beyond_limit(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a warning about torques beyond the effort limit of their joint, if the arm
+    explains those rows with the limit in their place alone: commands that were not
+    reached."""
+    efforts = np.array([joint.effort or np.inf for joint in glance.robot.joints], float)
+    efforts[~(efforts > 0.0)] = np.inf
+    if not glance.run.torque_logged:
+        return
+    is_beyond = np.abs(glance.run.tau) > _ABOVE_LIMIT * efforts
+    suspects = np.flatnonzero(is_beyond.any(axis=0)).tolist()
+    clipped = replace(glance, run=_clipped_at(glance.run, efforts))
+    joints = [
+        j
+        for j in suspects
+        if clipped.holds_torque(j, is_beyond[:, j])
+        and not glance.holds_torque(j, is_beyond[:, j])
+    ]
+    if joints:
+        efforts[[j for j in range(glance.run.n) if j not in joints]] = np.inf
+        reach = np.abs(glance.run.tau[:, joints]).max(axis=0)
+        of_joints = [
+            f"tau{j + 1} reaches {x:.3g} {glance.robot.torque_units[j]} at a limit of"
+            f" {efforts[j]:.3g}"
+            for j, x in zip(joints, reach, strict=True)
+        ]
+        yield Issue.of(
+            kind="command beyond the limit",
+            severity="warning",
+            joints=joints,
+            what=f"{formatting.words(of_joints)}: a command that the drive did not reach.",
+            certainty=likely(
+                "with the limit in its place the arm explains those rows as the others"
+            ),
+            remedy="log the measured torque, or put the limit in the command's place",
+            repair=partial(_clipped_at, efforts=efforts),
+            where=", ".join(f"tau{j + 1}" for j in joints),
+            apply="limit:tau",
+            rows=int(is_beyond[:, joints].any(axis=1).sum()),
+        )
+
+
+def _clipped_at(run: Measurements, efforts: Array) -> Measurements:
+    """Return the run with torques no larger than the efforts (n,)."""
+    return replace(run, tau=np.clip(run.tau, -efforts, efforts))
+
+
+def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
+    """Yield an issue about exact zeros that a logger filled in because it had no
+    sample.
+
+    The joint moves, the channel jumps to zero and back to the same side, and to no
+    other value does it jump so.
+
+    A torque that changes its sign passes through zero, in steps of its drive's
+    resolution exactly; a joint at rest, with its brake on, may need none; noise returns
+    to other values as often.
+    """
+    bad = {}
+    for name, j, x in glance.channels:
+        if glance.moving[j] and np.count_nonzero(x) >= RUN and np.ptp(x) > 0.0:
+            bad[name] = _filled(x)
+            if name.startswith("tau"):
+                bad[name] &= ~glance.is_at_rest(j)
+                bad[name] &= not glance.holds_torque(j, bad[name])
+    what = (
+        "{rows} rows of {named} are exactly zero, and jump there and back: nothing was"
+        " measured."
+    )
+    sure = certain("the channel jumps to no other value and back")
+    yield from glance.delete_rows("zeros", bad, what, sure)
+
+
+#: A channel drops to zero where so many times as many of its jumps there and back end at
+#: zero as at other values, at which noise or packets end alike.
+_ZEROS_OVER_OTHERS = 3.0
+
+
+def _filled(x: Array) -> Rows:
+    """Return the rows (N,) of zeros that a logger filled into a channel x (N,).
+
+    Such zeros lie between samples far from zero on the same side. None are returned if
+    the channel jumps to other values and back nearly as often.
+    """
+    if not np.any(x == 0.0):
+        return np.zeros(len(x), bool)
+    changes = np.abs(np.diff(x))
+    usual = float(np.median(changes[changes > 0.0]))
+    threshold = max(6.0 * usual, 3.0 * lattice_step(x[x != 0.0]))
+    # Stretches of one value, from ``starts`` to before ``ends``, but for the first and
+    # the last.
+    edges = np.flatnonzero(changes > 0.0) + 1
+    starts = edges[:-1]
+    ends = edges[1:]
+    before = x[starts - 1] - x[starts]
+    after = x[ends] - x[starts]
+    is_same_side = before * after > 0.0
+    smaller_jump = np.minimum(np.abs(before), np.abs(after))
+    comes_back = is_same_side & (smaller_jump > threshold)
+    is_zero = comes_back & (x[starts] == 0.0)
+    n_elsewhere = np.count_nonzero(comes_back & (x[starts] != 0.0))
+    if n_elsewhere * _ZEROS_OVER_OTHERS > np.count_nonzero(is_zero):
+        return np.zeros(len(x), bool)
+    return mask_of(len(x), np.column_stack([starts, ends])[is_zero])
+
+
+def find_frozen_channels(glance: RunSummary, word: str, name: str) -> Iterator[Issue]:
+    """Yield an issue about channels that are frozen: they repeat a value bit by bit
+    while the arm moves, and did not slow down before.
+
+    word : "position" or "torque"; name : first letter of the channels' names.
+    """
+    is_position = name == "q"
+    bad = {}
+    for channel, j, x in glance.channels:
+        is_judged = glance.moving[j] or not is_position
+        if channel[0] == name and is_judged and np.ptp(x) > 0.0:
+            bad[channel] = _stuck(glance, j, x, is_position)
+            bad[channel] &= is_position or not glance.holds_torque(j, bad[channel])
+    what = (
+        "{named} repeats one value for {seconds:.3g} s, {times}, while the arm"
+        " moves: the channel was frozen."
+    )
+    sure = certain("elsewhere it never repeats for nearly as long")
+    yield from glance.delete_rows(f"frozen {word}", bad, what, sure)
+
+
+def _stuck(glance: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
+    """Return the rows (N,) in which the channel x (N,) of joint j is frozen.
+
+    A long stretch of one value is a freeze if what comes behind it does not continue
+    it: a position jumps by four usual steps, a torque jumps while the arm moves.
+    A torque that stays until the end is frozen if its joint turns round meanwhile.
+    """
+    pauses = _long_pauses(glance, x)  # first and last rows
+    if not pauses:
+        return np.zeros(len(x), bool)
+    steps = np.abs(np.diff(x))
+    level = largest_step_of_resolution(x)
+    frozen_parts = []
+    position = glance.run.q[:, j]
+    for first, last in pauses:
+        if x[first] in (x.min(), x.max()):
+            continue  # clipped there
+        if is_position and velocity_goes_on(glance.run, j, first, last, level):
+            is_frozen = True
+        elif last == len(x) - 1:
+            # The run ends with this value: only a torque can be judged.
+            turns_round = _joint_goes_round(position, first, last)
+            is_frozen = turns_round and not is_position
+        elif steps[last] < level:
+            is_frozen = False
+        elif is_position:
+            is_frozen = steps[last] >= 4.0 * float(np.median(steps[steps > 0.0]))
+        elif _arm_rests(glance, first, last):
+            is_frozen = False
+        else:
+            is_frozen = not _is_constant_friction(position, steps, level, last)
+        if is_frozen:
+            frozen_parts.append((first, last + 1))
+    return mask_of(len(x), frozen_parts)
+
+
+def largest_step_of_resolution(x: Array) -> float:
+    """Return three steps of a channel's resolution: a change of x (N,) by less may be
+    one of its counter."""
+    return 3.0 * lattice_step(x)
+
+
+def velocity_goes_on(run: Measurements, j: int, a: int, b: int, level: float) -> bool:
+    """Whether joint j's logged velocity shows that it moves from row a to b.
+
+    It does if two things hold. The mean square velocity there is at least a tenth of
+    that elsewhere. And the velocity's integral leaves the position by more than ``level``
+    [rad, m]: a joint that is held still trembles by less than its encoder's resolution.
+    False if no velocity was logged.
+    """
+    if run.dq is None:
+        return False
+    velocity = run.dq[:, j]
+    square = velocity**2
+    elsewhere = np.delete(square, slice(a, b + 1))
+    is_fast = square[a : b + 1].mean() > 0.1 * elsewhere.mean()
+    steps = velocity[a:b] * np.diff(run.t[a : b + 1])
+    travel = np.ptp(np.concatenate([[0.0], np.cumsum(steps)]))
+    return bool(is_fast and travel > level)
+
+
+def _joint_goes_round(q: Array, a: int, b: int) -> bool:
+    """Whether a joint turns round from row a to b: of positions q (N,) it covers a
+    tenth of the range, and goes a tenth of that back.
+
+    Friction keeps a coarse torque constant only as long as the joint does not turn.
+    """
+    part = q[a : b + 1]
+    travel = float(np.ptp(part))
+    way_back = travel - abs(float(part[-1] - part[0]))
+    return bool(travel > 0.1 * np.ptp(q) and way_back > 0.1 * travel)
+
+
+def _arm_rests(glance: RunSummary, a: int, b: int) -> bool:
+    """Whether no joint moves from row a to b by more than its resolution, or a
+    thousandth of its range."""
+    for q in glance.run.q[:, glance.moving].T:
+        finest = max(largest_step_of_resolution(q), 1e-3 * float(np.ptp(q)))
+        if np.ptp(q[a : b + 1]) > finest:
+            return False
+    return True
+
+
+#: The longest stretch of one value is at most so many times as long as a freeze: freezes of
+#: one logger last about as long, and a resolution makes far shorter stretches.
+_LONGEST_OVER_FREEZE = 3.0
+
+
+def _long_pauses(glance: RunSummary, x: Array) -> list[list[int]]:
+    """List the first and last row of each long stretch in which a channel x (N,) is
+    constant.
+
+    Long are at least STUCK rows, a fifth of a second, and a third of the longest
+    stretch: shorter ones come from the channel's resolution, and several freezes of
+    about one length are all found.
+    """
+    parts = spans(np.diff(x) == 0.0)
+    lengths = np.diff(parts)[:, 0]
+    longest = lengths.max(initial=0)
+    if longest < STUCK:
+        return []
+    parts = parts[lengths * _LONGEST_OVER_FREEZE > longest]
+    seconds = np.diff(glance.run.t[parts])[:, 0]
+    pauses: list[list[int]] = parts[seconds >= 2.0 * STUCK_SECONDS].tolist()
+    return pauses
+
+
+def _is_constant_friction(q: Array, steps: Array, level: float, b: int) -> bool:
+    """Whether dry friction explains that a torque is constant up to row b.
+
+    It does if the channel is coarse (``steps`` (N - 1,), its absolute changes, are
+    usually below ``level``), and the joint at q (N,) turns round at b.
+    """
+    usual = float(np.median(steps[steps > 0.0]))
+    before = q[b] - q[max(b - STUCK, 0)]
+    after = q[min(b + STUCK, len(q) - 1)] - q[b]
+    turns_round = after * before <= 0.0
+    return bool(usual < level and turns_round)
+
+
+def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
+    """Yield issues about torque channels that never change, or that are clipped at a
+    limit.
+    """
+    for j, x in enumerate(glance.run.tau.T):
+        if not np.ptp(x):
+            yield _dead(glance, j, float(x[0]))
+        else:
+            yield from _clipped(glance, j, x)
+
+
+def _dead(glance: RunSummary, j: int, value: float) -> Issue:
+    """Return the issue that the torque of joint j (from 0) has one value in every row:
+    an error, or a note where the joint never moves."""
+    return Issue.of(
+        kind="dead channel",
+        severity="error" if glance.moving[j] else "note",
+        joints=[j],
+        what=f"tau{j + 1} is {value:g} {glance.robot.torque_units[j]} in every row.",
+        certainty=READ,
+        remedy="find out why the logger wrote a constant",
+        where=f"tau{j + 1}",
+    )
+
+
+def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
+    """Yield a warning where the torque x (N,) of joint j stays exactly at its largest
+    or smallest value for long, and is never constant for as long elsewhere; a note where
+    the arm explains it there as well."""
+    parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
+    lengths = np.diff(parts)[:, 0] + 1
+    values = x[parts[:, 0]]
+    is_extreme = np.isin(values, (x.min(), x.max()))
+    elsewhere = int(lengths[~is_extreme].max(initial=1))
+    longest = int(lengths[is_extreme].max(initial=1))
+    if longest < max(LONG_STRETCH * elsewhere, STUCK):
+        return
+    value = float(values[np.argmax(lengths * is_extreme)])
+    are_long = is_extreme & (lengths >= STUCK)
+    at_limits = mask_of(len(x), parts[are_long] + [0, 1])
+    times = glance.one_arm_is_worse(j, at_limits)
+    is_torque = glance.holds_torque(j, at_limits)
+    which, remedy = "the drive or the channel is", "record again, with a larger range"
+    if is_torque:
+        which, remedy = "the drive is", "no action needed: that is the torque"
+    elif times is not None:
+        which = "the channel is"
+        remedy += ", or slower; delete those rows until then"
+    yield Issue.of(
+        kind="saturation",
+        severity="note" if is_torque else "warning",
+        joints=[j],
+        what=f"tau{j + 1} stays at {value:.6g} {glance.robot.torque_units[j]} for up to"
+        f" {longest} samples in a row ({np.sum(x == value)} in total): {which} at its limit.",
+        certainty=_AS_ELSEWHERE
+        if is_torque
+        else likely(
+            f"elsewhere it is never constant for more than {elsewhere} samples"
+        ),
+        remedy=remedy,
+        where=f"tau{j + 1}",
+        limit=value,
+        times=times,
+    )

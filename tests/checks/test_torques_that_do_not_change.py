@@ -1,0 +1,118 @@
+"""A torque that stays at one value: frozen, not measured, clipped, or what the drive made."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pendulum import URDF, swing
+
+from sdp_vs_penalty import Measurements, Problem, load_problem
+from sdp_vs_penalty.checks.check import judge_facts
+from sdp_vs_penalty.checks.issue import Issue
+
+LIMIT = 2.0
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    path = tmp_path_factory.mktemp("pendulum") / "pendulum.urdf"
+    path.write_text(URDF.format(effort=LIMIT))
+    return load_problem(path)
+
+
+def servo(t: float, q: float, dq: float, seed: int = 0) -> float:
+    """A servo's command, which follows two sines about the lower pose."""
+    goal = 1.6 + 0.7 * np.sin((1.7 + 0.2 * seed) * t) + 0.3 * np.sin(4.1 * t + seed)
+    return 30.0 * (goal - q) - 3.0 * dq
+
+
+def noisy(run: Measurements, seed: int = 0) -> Measurements:
+    """With noise of 0.01 N m wherever the torque is not zero."""
+    noise = 0.01 * np.random.default_rng(seed).normal(size=run.tau.shape)
+    return replace(run, tau=run.tau + noise * (run.tau != 0.0))
+
+
+def without_drive(begin: float, end: float, seed: int) -> Measurements:
+    """The servo is off for a time."""
+    return noisy(
+        swing(
+            lambda t, q, dq: 0.0 if begin <= t < end else servo(t, q, dq, seed),
+            rate=(200, 100)[seed % 2],
+        )
+    )
+
+
+def at_limit(seed: int) -> tuple[Measurements, Measurements]:
+    """A drive that makes no more than LIMIT: its torque, and its command."""
+    run = swing(
+        lambda t, q, dq: np.clip(servo(t, q, dq, seed), -LIMIT, LIMIT), seed=seed
+    )
+    dq = np.gradient(run.q[:, 0], run.t)
+    command = [servo(*x, seed) for x in zip(run.t, run.q[:, 0], dq, strict=True)]
+    is_free = np.abs(run.tau) < LIMIT
+    return run, replace(run, tau=np.where(is_free, run.tau, np.array(command)[:, None]))
+
+
+def held(run: Measurements, seconds: float, value: float | None = None) -> Measurements:
+    """With the torque of one instant, or a value, for so long."""
+    rows = (run.t >= 5.0) & (run.t < 5.0 + seconds)
+    tau = run.tau.copy()
+    tau[rows] = tau[np.argmax(rows)] if value is None else value
+    return replace(run, tau=tau)
+
+
+def clipped(run: Measurements, share: float) -> Measurements:
+    """A channel that ends at a share of the largest torque, the start left out."""
+    largest = share * float(np.abs(run.tau[run.t > 1.0]).max())
+    return replace(run, tau=np.clip(run.tau, -largest, largest))
+
+
+FREE = noisy(swing(servo))
+#: A log, and the kind and severity of each fact about its torque.
+LOGS: dict[str, tuple[Measurements, list[tuple[str, str]]]] = {
+    "nothing": (FREE, []),
+    "off at the end": (without_drive(7.0, 12.0, 0), [("drive off", "note")]),
+    "off for two seconds": (without_drive(5.0, 7.0, 1), [("drive off", "note")]),
+    "off for half of it": (without_drive(3.0, 9.0, 2), [("drive off", "note")]),
+    "zeros for two seconds": (held(FREE, 2.0, 0.0), [("frozen torque", "error")]),
+    "zeros for half a second": (held(FREE, 0.5, 0.0), [("zeros", "warning")]),
+    "frozen for two seconds": (held(FREE, 2.0), [("frozen torque", "error")]),
+    "frozen for a second": (held(FREE, 1.0), [("frozen torque", "warning")]),
+    "drive at its limit": (at_limit(0)[0], [("saturation", "note")]),
+    "another drive at its limit": (at_limit(3)[0], [("saturation", "note")]),
+    "clipped at half": (clipped(FREE, 0.5), [("saturation", "warning")]),
+    "clipped at 70 %": (clipped(FREE, 0.7), [("saturation", "warning")]),
+    "a command": (
+        at_limit(0)[1],
+        [("command beyond the limit", "warning"), ("saturation", "note")],
+    ),
+}
+KINDS = {kind for _, facts in LOGS.values() for kind, _ in facts}
+
+
+def facts_of(problem: Problem, run: Measurements) -> list[Issue]:
+    """The facts about the torque of a run."""
+    report = judge_facts(problem, run, problem.preprocessing)
+    return [issue for issue in report.issues if issue.kind in KINDS]
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_what_a_torque_that_does_not_change_is(name, pendulum):
+    run, facts = LOGS[name]
+    found = facts_of(pendulum, run)
+    assert [(issue.kind, issue.severity) for issue in found] == facts
+
+
+def test_a_limit_in_place_of_a_command_is_the_torque_of_the_drive(pendulum):
+    measured, command = at_limit(0)
+    issue = facts_of(pendulum, command)[0]
+    np.testing.assert_allclose(issue.repair(command).tau, measured.tau, atol=0.01)
+    assert f"at a limit of {LIMIT:g}" in issue.what
+
+
+def test_a_clipped_channel_is_called_so_and_a_drive_at_its_limit_is_not(pendulum):
+    (drive,) = facts_of(pendulum, at_limit(0)[0])
+    (channel,) = facts_of(pendulum, clipped(FREE, 0.5))
+    assert "the drive is at its limit" in drive.what
+    assert "the channel is at its limit" in channel.what
+    assert "delete" not in drive.remedy
