@@ -93,7 +93,7 @@ def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
     links[1, 1:4] = links[1, 0] * np.array([lever - 0.8, 0.0, 0.0])
     settings = PROBLEM.preprocessing.resolve(RUN)
     log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
-    log.problem = SimpleNamespace(robot=PROBLEM.robot, nominal_links=links)
+    log.problem = SimpleNamespace(robot=PROBLEM.robot, prior_links=links)
     log_odds = log._make_weight_log_odds(log.as_logged.motion_part)
     assert (log_odds > MAX_INERTIA_LOG_ODDS) is is_decisive
 
