@@ -25,6 +25,7 @@ from sdp_vs_penalty.solvers import (
     rewrite,
     solver,
 )
+from sdp_vs_penalty.solvers.rewrite import quadratic_factor, without_equalities
 
 
 class WithoutLicence(ThroughCvxpy):
@@ -340,3 +341,31 @@ def test_cones_of_a_higher_order_are_clarabels():
     assert fit.details["solver"] == "clarabel"
     assert fit.gap <= 1e-8
     np.testing.assert_array_equal(fit.theta, reference.theta)
+
+
+def test_a_quadratic_form_keeps_what_small_units_make_small():
+    """Curvatures of 1 and 1e-18 are both in the factor: their columns have other units."""
+    rng = np.random.default_rng(0)
+    unit = np.array([1.0, 1e-9, 1e6])
+    R = rng.normal(size=(5, 3)) * unit
+    P = sparse.csc_matrix(np.triu(2.0 * R.T @ R))
+    empty = sparse.csc_matrix((0, 3))
+    G = quadratic_factor(solvers.ConicProblem(P, np.zeros(3), empty, np.zeros(0), ()))
+    rebuilt = (G.T @ G).toarray() / np.outer(unit, unit)
+    np.testing.assert_allclose(
+        rebuilt, 2.0 * R.T @ R / np.outer(unit, unit), rtol=1e-12
+    )
+
+
+def test_substituted_equalities_leave_the_parameters_where_they_are():
+    """The last variable of each equality goes, whatever its coefficient."""
+    A = sparse.csc_matrix([[5.0, 0.0, -1.0], [1.0, 1.0, 0.0]])
+    cones = (solvers.Cone("zero", 1), solvers.Cone("nonnegative", 1))
+    no_curvature = sparse.csc_matrix((3, 3))
+    q = np.array([0.0, 0.0, 1.0])
+    form = without_equalities(
+        solvers.ConicProblem(no_curvature, q, A, np.array([2.0, 3.0]), cones)
+    )
+    np.testing.assert_allclose(form.problem.q, [5.0, 0.0])
+    x, _ = form.back(np.array([1.0, 2.0]), np.zeros(1))
+    np.testing.assert_allclose(x, [1.0, 2.0, 3.0])
