@@ -162,7 +162,7 @@ class LinkCheck:
     def _texts(self) -> Iterator[str]:
         """Yield the sentences without the link's name and the full stop."""
         if self.misfit:
-            yield f"consistent but {self.misfit}"
+            yield f"possible, but {self.misfit}"
         for text in self.contradictions:
             yield f"{text}: readers of URDF take the latter; correct the wrong one"
         if self.repair is not None:
@@ -318,7 +318,7 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     return [
         (
             check.link,
-            check.verdict,
+            "implausible" if check.misfit else check.verdict,
             f"{check.inertial_given.mass:.3g}",
             f"{check.triangle_margin:.3g}",
             f"{check.pseudo_inertia_margin:.3g}",
@@ -371,7 +371,7 @@ def _verdict(checks: Sequence[LinkCheck]) -> str:
             c.link for c in checks if not c.consistent and not c.contradictions
         ],
         "contradictory": [c.link for c in checks if c.contradictions],
-        "consistent but implausible": [c.link for c in checks if c.unlikely],
+        "possible but implausible": [c.link for c in checks if c.unlikely],
     }
     found = [f"{', '.join(links)} {how}" for how, links in kinds.items() if links]
     return f"{'; '.join(found)}." if found else "all are consistent."

@@ -134,11 +134,11 @@ class WrittenInertial:
                 return "outside of its shapes: its centre of mass lies outside of them"
             worst = int(np.argmax(np.diagonal(second) / (above * below)))
             radius = float(np.sqrt(max(second[worst, worst], 0.0)))
-            bound = float(np.sqrt(above[worst] * below[worst]))
-            if radius > bound:
+            if radius > np.sqrt(above[worst] * below[worst]):
+                drawn = max((above[worst] - slack) * (below[worst] - slack), 0.0)
                 return (
                     f"larger than its shapes: its mass is {radius:.3g} m (root mean square)"
-                    f" from its centre along one axis, and its shapes allow {bound:.3g} m"
+                    f" from its centre along one axis, and its shapes allow {np.sqrt(drawn):.3g} m"
                 )
         gyration = float(np.sqrt(max(np.trace(second), 0.0)))
         if gyration > self.reach:

@@ -121,8 +121,9 @@ def test_a_body_larger_than_its_shapes_is_named_and_kept(tmp_path, capsys):
     path = write(tmp_path, body("1", "0.12", "0", "0", "0.12", "0", "0.0002"), ROD)
     code, said, fixed = said_and_fixed(path, capsys)
     assert code == 0
-    assert "l2 consistent but implausible" in said
+    assert "l2 possible but implausible" in said
     assert "its mass is 0.346 m (root mean square) from its centre" in said
+    assert "its shapes allow 0.3 m" in said
     assert fixed == path.read_text()
     path = write(tmp_path, body("1", "0.03", "0", "0", "0.03", "0", "0.0002"), ROD)
     assert [c.misfit for c in check_urdf(path)] == ["", ""]
