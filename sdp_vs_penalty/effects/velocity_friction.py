@@ -49,8 +49,6 @@ class CoulombFriction(JointEffect):
         "v_s": ShapeConstant(
             SIGN_WIDTH,
             VELOCITY,
-            # Wider transitions are another law (a sigmoid, a hysteresis): they have to
-            # earn their name.
             grid=(
                 0.00002,
                 0.0001,
@@ -62,8 +60,10 @@ class CoulombFriction(JointEffect):
                 0.008,
                 0.016,
                 0.032,
+                0.064,
+                0.128,
             ),
-            bounds=(0.00002, 0.032),
+            bounds=(0.00002, 0.128),
             metres=0.1,
             role="estimated",
         )

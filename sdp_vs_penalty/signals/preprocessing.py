@@ -8,11 +8,13 @@ be worked through in pieces with exactly the result of the whole:
    q, dq, ddq at one cut-off (``state_cutoff``). Measured velocities are not used: drives filter
    them, with a lag that would have to be known.
 3. The model's columns are computed from these states, and columns AND torque pass the same second
-   low-pass (``torque_cutoff``), which therefore leaves the linear relation between them intact; rows
-   are decimated to four times its cut-off. Columns are computed at 30 times that cut-off (effects
-   with memory: at the full rate), where the low-pass is the same to 1e-4 of the sharpest of them,
-   Coulomb friction's. Smooth ones (the links') are no sharper than products of the states, and are
-   computed at a rate at which these do not fold back: the same to 1e-5 of the largest one.
+   low-pass (``torque_cutoff``), which therefore leaves the linear relation between them intact. It is
+   the narrower of the two: what the first low-pass takes from the states it does not take from the
+   torque, and dry friction has to turn round when the joint does. Rows are decimated to four times
+   its cut-off. Columns are computed at 30 times that cut-off (effects with memory: at the full rate),
+   where the low-pass is the same to 1e-4 of the sharpest of them, Coulomb friction's. Smooth ones (the
+   links') are no sharper than products of the states, and are computed at a rate at which these do not
+   fold back: the same to 1e-5 of the largest one.
 
 The kernel (kernels.py) reaches 2 / cut-off to either side. Rows within the half lengths
 of both kernels of the ends of a run would need samples from outside it, and are
@@ -47,8 +49,8 @@ from sdp_vs_penalty.signals.runs import (
 )
 from sdp_vs_penalty.signals.spectrum import (
     highest_harmonic,
+    sharpest_cutoff,
     smoothed_cutoff,
-    unbent_cutoff,
 )
 
 #: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4
@@ -63,13 +65,11 @@ _COLUMN_RATE = 30.0
 class Preprocessing:
     """Settings of the filters; None is chosen from the data by :meth:`resolve`.
 
-    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation
-    harmonic (on the slow Panda run: 5 Hz), or more where that bends the motion by more
-    than the positions' noise allows: a robot that sticks at its reversals moves more
-    sharply than it was told to. torque_cutoff : [Hz] of columns and torque. Default: 16
-    times the highest harmonic (Panda: 8 Hz), or 1.6 times the state_cutoff that is
-    given, so that friction at reversals stays visible; less where the torque was
-    smoothed before it was logged. standstill : rows are dropped where no joint has
+    torque_cutoff : [Hz] of columns and torque. Default: ten times the highest
+    excitation harmonic; less where the torque was smoothed before it was logged.
+    state_cutoff : [Hz] of q, dq, ddq. Default: three times as much, so that it takes
+    nothing away that the torque's low-pass passes; less where the positions' noise
+    would let dry friction turn round at the wrong time. standstill : rows are dropped where no joint has
     moved faster than this share of its own maximum for half a second: they repeat one
     static friction state that no model of sliding friction explains.
     """
@@ -103,29 +103,29 @@ class Preprocessing:
         measurements : Measurements
             All runs.
         lowest_cutoff : float, optional
-            Smallest cut-off of the states that is tried [Hz]; default: ten times the
-            highest harmonic of the motion.
+            Cut-off of the torque [Hz]; default: ten times the highest harmonic of the
+            motion.
 
         Returns
         -------
         Preprocessing
             The settings with a number for each cut-off.
         """
-        rate = min(sample_rate(run) for run in measurements.runs())
-        state = self.state_cutoff
-        highest = rate / 10.0
-        if state is None:
-            state = lowest_cutoff
-        if not state:
-            harmonics = [highest_harmonic(run) for run in measurements.runs()]
-            state = 10.0 * max(harmonics)
-        state = min(state, highest)
-        torque = 1.6 * state if self.torque_cutoff is None else self.torque_cutoff
-        torque = min(torque, rate / 5.0)
-        if self.torque_cutoff is None and measurements.torque_logged:
-            torque = smoothed_cutoff(list(measurements.runs()), torque)
+        runs = list(measurements.runs())
+        highest = min(sample_rate(run) for run in runs) / 5.0
+        state = (
+            highest if self.state_cutoff is None else min(self.state_cutoff, highest)
+        )
+        torque = self.torque_cutoff or lowest_cutoff
+        if not torque:
+            torque = 10.0 * max(highest_harmonic(run) for run in runs)
+        if self.torque_cutoff is None:
+            torque = min(torque, state if self.state_cutoff else 0.5 * highest)
+            if measurements.torque_logged:
+                torque = smoothed_cutoff(runs, torque)
+        torque = min(torque, highest)
         if self.state_cutoff is None:
-            state = unbent_cutoff(list(measurements.runs()), state, torque, highest)
+            state = sharpest_cutoff(runs, torque, highest)
         return replace(self, state_cutoff=state, torque_cutoff=torque)
 
 

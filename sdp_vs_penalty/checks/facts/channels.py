@@ -252,9 +252,11 @@ def find_coarse_sampling(
             needed=needed,
         )
     assert settings.state_cutoff is not None
+    assert settings.torque_cutoff is not None
+    band = min(settings.state_cutoff, settings.torque_cutoff)
     sizes = motion.ddq.std(axis=0)
     for j in np.flatnonzero(glance.moving).tolist():
-        yield from _quantised(glance, j, float(sizes[j]), settings.state_cutoff)
+        yield from _quantised(glance, j, float(sizes[j]), band)
 
 
 def _quantised(
