@@ -266,7 +266,7 @@ def test_everything_shows_itself_in_five_lines_and_prints_all(
     for words, thing in things.items():
         text = repr(thing)
         assert text.count("\n") < 5
-        assert all(len(line) <= 110 for line in text.splitlines()[1:])
+        assert all(len(line) <= 110 for line in text.splitlines()[1:]), text
         if type(thing).__str__ is Shown.__str__:
             printed = str(thing)
             assert all(len(line) <= 110 for line in printed.splitlines()[1:])

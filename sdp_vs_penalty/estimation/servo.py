@@ -42,7 +42,8 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.spectrum import highest_harmonic
+from sdp_vs_penalty.signals.runs import sample_rate
+from sdp_vs_penalty.signals.spectrum import highest_harmonic, unbent_cutoff
 
 #: The laws, those with fewer gains first, and their effects.
 LAWS = {
@@ -401,13 +402,16 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     Preprocessing
         Settings with all cut-off frequencies.
     """
-    lowest_cutoff = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
         commanded_runs = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]
-        lowest_cutoff = c.COMMAND_HARMONICS * max(
-            highest_harmonic(run) for run in commanded_runs
-        )
-    return settings.resolve(data, lowest_cutoff)
+        harmonic = max(highest_harmonic(run) for run in commanded_runs)
+        lowest = c.COMMAND_HARMONICS * harmonic
+        torque = settings.torque_cutoff or 1.6 * lowest
+        runs = list(data.runs())
+        highest = min(sample_rate(run) for run in runs) / 10.0
+        state = unbent_cutoff(runs, min(lowest, highest), torque, highest)
+        settings = replace(settings, state_cutoff=state, torque_cutoff=torque)
+    return settings.resolve(data)
 
 
 @dataclass(frozen=True)

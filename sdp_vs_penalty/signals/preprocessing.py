@@ -93,33 +93,16 @@ class Preprocessing:
                 "give a number from 0 to below 1",
             )
 
-    def resolve(
-        self, measurements: Measurements, lowest_cutoff: float | None = None
-    ) -> Preprocessing:
-        """Choose the numbers that are None from the measurements.
-
-        Parameters
-        ----------
-        measurements : Measurements
-            All runs.
-        lowest_cutoff : float, optional
-            Cut-off of the torque [Hz]; default: ten times the highest harmonic of the
-            motion.
-
-        Returns
-        -------
-        Preprocessing
-            The settings with a number for each cut-off.
-        """
+    def resolve(self, measurements: Measurements) -> Preprocessing:
+        """Choose the numbers that are None from the measurements, all runs together."""
         runs = list(measurements.runs())
         highest = min(sample_rate(run) for run in runs) / 5.0
         state = (
             highest if self.state_cutoff is None else min(self.state_cutoff, highest)
         )
-        torque = self.torque_cutoff or lowest_cutoff
-        if not torque:
+        torque = self.torque_cutoff
+        if torque is None:
             torque = 10.0 * max(highest_harmonic(run) for run in runs)
-        if self.torque_cutoff is None:
             torque = min(torque, state if self.state_cutoff else 0.5 * highest)
             if measurements.torque_logged:
                 torque = smoothed_cutoff(runs, torque)

@@ -14,6 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals import constants as c
 from sdp_vs_penalty.signals.kernels import Kernel
+from sdp_vs_penalty.signals.repetition import ALIKE
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, split_at_gaps
 
 #: Fewest samples of a spectrum.
@@ -209,6 +210,98 @@ def _time_of_noise(run: Measurements, cutoff: float, band: float) -> float:
     acceleration = acceleration_gain @ powers
     ratios = velocity_noise / np.maximum(acceleration, np.finfo(float).tiny)
     return float(np.sqrt(ratios.max(initial=0.0)))
+
+
+def unbent_cutoff(
+    runs: Sequence[Measurements], cutoff: float, band: float, highest: float
+) -> float:
+    """Choose the cut-off of the filter of q, dq, ddq with the least error in
+    acceleration, for a log without torque: load and drive torque come from the same
+    states, so that neither is filtered less than the other.
+
+    The error has two parts, both within the band of the torque: motion that the filter
+    takes away, and noise of the positions that it lets through. Cut-offs are tried in
+    steps of half an octave from ``cutoff`` up. The lowest stays if it takes away less
+    than ALIKE, 1 %, of the acceleration: repetitions of one motion differ by as much.
+    A higher one whose noise on some joint is more than NOISY times the acceleration is
+    not taken. Robots that stick at reversals move more sharply than commanded, and
+    need a higher cut-off.
+
+    Parameters
+    ----------
+    runs : sequence of Measurements
+        The runs.
+    cutoff : float
+        The lowest cut-off that is tried [Hz].
+    band : float
+        Cut-off of the torque's low-pass [Hz].
+    highest : float
+        The highest cut-off that is tried [Hz].
+
+    Returns
+    -------
+    float
+        The cut-off [Hz].
+    """
+    n_octaves = np.log2(max(highest / cutoff, 1.0))
+    steps = np.arange(1 + int(2.0 * n_octaves))
+    candidates = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
+    # Mean squares over that of the acceleration; (joints of all runs, candidates).
+    errors_by_run = [_errors(run, candidates, band) for run in runs]
+    motion_lost, noise_passed = np.concatenate(errors_by_run, axis=1)
+    has_no_rows = not len(motion_lost)
+    if has_no_rows or motion_lost[:, 0].mean() < ALIKE**2:
+        return cutoff
+    mean_error = (motion_lost + noise_passed).mean(axis=0)
+    is_too_noisy = noise_passed.max(axis=0) > c.NOISY**2
+    # The lowest cut-off is always allowed.
+    mean_error = np.where(is_too_noisy & (candidates > cutoff), np.inf, mean_error)
+    return float(candidates[np.argmin(mean_error)])
+
+
+def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
+    """Compute the errors that low-passes make in the accelerations of moving joints.
+
+    Parameters
+    ----------
+    run : Measurements
+        A single run.
+    cutoffs : (C,) array
+        Cut-offs of the low-pass of the states [Hz].
+    band : float
+        Cut-off of the torque's low-pass, through which accelerations pass too [Hz].
+
+    Returns
+    -------
+    (2, joints, C) array
+        Squared errors over the mean square acceleration: of the motion that a filter
+        takes away, and of the noise that it lets through. No joints for a run shorter
+        than the filter.
+    """
+    part = max(split_at_gaps(run), key=lambda p: p.count)
+    length = min(part.count, c.SAMPLES)
+    if length * part.dt * cutoffs[0] < 8.0:  # twice a kernel of 2 / cut-off each way
+        return np.zeros((2, 0, len(cutoffs)))
+    powers, frequency = _power(part, part.q[:, moving_joints(run)])
+    twice_derived = (2.0 * np.pi * frequency) ** 4
+    transfer = twice_derived * _gain(Kernel(band, part.dt), length) ** 2
+    gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])  # (C, F)
+    taken = (1.0 - gains.T) ** 2
+    noise_gain = twice_derived @ gains.T**2
+    # The spectrum is smoothed over 1 Hz.
+    width = min(max(1, int(1.0 / frequency[1])), len(frequency))
+    errors = []
+    for power in powers.T:
+        # At the highest frequencies there is only noise; it is taken for white.
+        noise = float(power[frequency > c.LAST / part.dt].mean())
+        smooth = np.convolve(power, np.ones(width) / width, mode="same")
+        is_noise = smooth < c.ABOVE * noise
+        end_of_motion = min(frequency[is_noise], default=np.inf)
+        motion = np.where(frequency < end_of_motion, power, 0.0) * transfer
+        if motion.any():
+            total = motion.sum()
+            errors.append((motion @ taken / total, noise * noise_gain / total))
+    return np.array(errors).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
 
 
 def _gain(kernel: Kernel, length: int) -> Array:

@@ -33,7 +33,7 @@ def test_the_size_of_a_jump_of_the_clock_changes_nothing(
     expected = identify(two_link, halves, "ols")
     model = identify(two_link, with_jump(run, jump), "ols", check=False)
     # Stamps since 1970 have seven digits behind the point.
-    np.testing.assert_allclose(model.theta, expected.theta, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(model.theta, expected.theta, rtol=5e-3, atol=5e-3)
 
 
 def test_a_stretch_that_is_too_short_for_the_filters_is_left_out(
