@@ -201,3 +201,12 @@ def test_masked_states_are_refused(two_link):
     states = np.ma.array(np.ones((3, 2)), mask=[[0, 0], [1, 0], [0, 0]])
     plain = np.ones((3, 2))
     refusal(lambda: estimate.predict(plain, states, plain), "predict(dq=...)", "masked")
+
+
+@pytest.mark.parametrize("shape", [(1, 1, -1), (1, -1, 1), (-1, 1, 1)])
+def test_the_only_joint_may_have_axes_of_length_one(shape: tuple[int, ...]):
+    """As Simulink logs (n, 1, N), with n = 1."""
+    t = np.linspace(0.0, 1.0, 5)
+    joint = np.array([0.0, 1.0, 4.0, 9.0, 16.0])
+    run = load({"t": t, "q": joint.reshape(shape), "tau": joint.reshape(shape)})
+    np.testing.assert_array_equal(run.q[:, 0], joint)
