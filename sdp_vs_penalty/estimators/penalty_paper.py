@@ -32,9 +32,9 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import ConeGroup
 from sdp_vs_penalty.solvers.objective import Objective
 
-#: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in
-#: five steps.
-PAPER_BUDGET = 5 * 3000 * 91
+#: Evaluations a searched parameter that MATLAB's simulannealbnd, which the authors used,
+#: allows at each weight: 273 000 for the 91 of one step, 210 000 for the 70 of two.
+EVALUATIONS_A_PARAMETER = 3000
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class PenaltyPaper(Estimator):
     ----------
     runs : int
         Independent runs, each from a random start inside the bounds.
-    evaluations : int
+    evaluations : int or None
         Evaluations of the loss in one run, shared equally by the steps, and in each
-        step by annealing and local search, which finish what they have begun;
-        PAPER_BUDGET is what the authors' program allows.
+        step by annealing and local search, which finish what they have begun; None:
+        as many as the authors' program allows.
     weights : tuple of float
         xi of each step.
 
@@ -66,7 +66,7 @@ class PenaltyPaper(Estimator):
     )
 
     runs: int = 10
-    evaluations: int = 3_000
+    evaluations: int | None = 3_000
     weights: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
 
     def fit(self, task: Task) -> Fit:
@@ -172,7 +172,9 @@ def retrieve(
     Fit
         The best of all runs, with the figures of all in its details.
     """
-    budget = settings.evaluations // max(len(settings.weights), 1)
+    budget = EVALUATIONS_A_PARAMETER * len(loss.free)
+    if settings.evaluations is not None:
+        budget = settings.evaluations // max(len(settings.weights), 1)
     runs: list[dict[str, Any]] = []
     best_theta, best_value = task.ols, np.inf
     for number in range(settings.runs):
@@ -305,8 +307,26 @@ def anneal_and_search(
     return best, n_annealed + n_searched
 
 
+@dataclass(frozen=True)
+class Stopping:
+    """When the local search ends."""
+
+    #: SLSQP's tolerance of the scaled objective.
+    tolerance: float = 1e-9
+    #: A restart that lowers the objective by less than this share is the last one.
+    gain: float = 1e-6
+    #: Restarts at most.
+    restarts: int = 1_000_000
+    #: Steps of SLSQP in one of them at most.
+    steps: int = 1_000_000
+
+
 def search_locally(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int
+    loss: PenalisedLoss,
+    weight: float,
+    u: Array,
+    budget: int,
+    stopping: Stopping = Stopping(),
 ) -> tuple[Array, int]:
     """Minimise by SLSQP from a start, and restart it as long as that helps.
 
@@ -323,6 +343,8 @@ def search_locally(
         Start, in the unit box.
     budget : int
         Largest number of evaluations.
+    stopping : Stopping
+        When it ends.
 
     Returns
     -------
@@ -332,7 +354,9 @@ def search_locally(
     best = u
     lowest = loss.value(u, weight)
     n_evaluations = 0
-    while n_evaluations < budget and lowest > 0.0:
+    for _ in range(stopping.restarts):
+        if not (n_evaluations < budget and lowest > 0.0):
+            break
         scaled = _ScaledLoss(loss, weight, 1.0 / lowest)
         # A step of SLSQP may take more than one evaluation: four fifths of the budget.
         steps = max(1, (budget - n_evaluations) * 4 // 5)
@@ -342,15 +366,16 @@ def search_locally(
             method="SLSQP",
             jac=scaled.gradient,
             bounds=_unit_box(u),
-            options={"maxiter": steps, "ftol": 1e-9},
+            options={"maxiter": min(steps, stopping.steps), "ftol": stopping.tolerance},
         )
         n_evaluations += int(local.nfev)
         point = np.clip(local.x, 0.0, 1.0)
         value = loss.value(point, weight)
-        if not value < lowest * (1.0 - 1e-6):
+        is_last = not value < lowest * (1.0 - stopping.gain)
+        if value < lowest:
+            best, lowest = point, value
+        if is_last:
             break
-        best = point
-        lowest = value
     return best, n_evaluations
 
 

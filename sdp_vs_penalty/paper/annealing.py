@@ -8,22 +8,34 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.estimators.penalty_paper import (
+    EVALUATIONS_A_PARAMETER,
     PenalisedLoss,
+    Stopping,
     random_numbers_of_step,
     start_of_run,
 )
-from sdp_vs_penalty.paper.estimates import AnnealingSteps, search_locally_once
+from sdp_vs_penalty.paper.estimates import anneal_once, search_locally_once
 from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """So many independent runs, each with so many evaluations of the loss at every
-    weight; annealing : whether annealing goes before the local search."""
+    """How the published search is repeated."""
 
+    #: Independent runs.
     runs: int
-    evaluations: int
+    #: Evaluations of the loss at every weight; None: as the authors' program allows.
+    evaluations: int | None
+    #: Whether annealing goes before the local search.
     annealing: bool = True
+    #: When a local search without annealing ends.
+    stopping: Stopping = Stopping()
+
+    def budget(self, n_parameters: int) -> int:
+        """Return the evaluations at a weight of a search over so many parameters."""
+        if self.evaluations is None:
+            return EVALUATIONS_A_PARAMETER * n_parameters
+        return self.evaluations
 
     @property
     def name(self) -> str:
@@ -103,11 +115,12 @@ def _search(
 
     seeds : seed, number of the run and of the step.
     """
+    budget = plan.budget(len(u))
     if not plan.annealing:
-        return search_locally_once(loss, weight, u, plan.evaluations)
+        return search_locally_once(loss, weight, u, budget, plan.stopping)
     seed, number, step = seeds
     rng = random_numbers_of_step(seed, number, step)
-    return AnnealingSteps().search(loss, weight, u, plan.evaluations, rng)
+    return anneal_once(loss, weight, u, budget, rng)
 
 
 def point_fields(point: SearchedPoint) -> dict[str, Any]:

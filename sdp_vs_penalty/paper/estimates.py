@@ -15,6 +15,7 @@ from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.estimators.penalty_paper import (
     PenalisedLoss,
     PenaltyPaper,
+    Stopping,
     anneal_and_search,
     search_locally,
 )
@@ -25,19 +26,19 @@ from sdp_vs_penalty.solvers.objective import Objective
 #: To be raised where annealing, local search or the penalised loss change their numbers:
 #: runs of hours are kept beyond changes of other sources.
 ANNEALING_VERSION = 1
-#: A fit below this [s] is timed so many times, of which the median counts.
-SHORT = 0.1
+#: Every fit is timed so many times after a first one; the median counts.
 REPEATS = 5
 
 
 @dataclass(frozen=True)
 class Result:
-    """One method on one data set: theta as certified, its certificate, processor time
-    to fit [s]."""
+    """One method on one data set."""
 
+    #: (p,) parameters as certified.
     theta: Array
+    #: Its certificate.
     certificate: Certificate
-    seconds: float
+    #: What the method says of its runs.
     details: dict[str, Any]
 
 
@@ -79,14 +80,10 @@ def estimate_once(estimator: Estimator, task: Task) -> Result:
     Returns
     -------
     Result
-        With the processor time that the fit took when it was computed.
     """
     plain = _estimate(estimator, task)
     return Result(
-        np.array(plain["theta"]),
-        Certificate(**plain["certificate"]),
-        plain["seconds"],
-        plain["details"],
+        np.array(plain["theta"]), Certificate(**plain["certificate"]), plain["details"]
     )
 
 
@@ -99,117 +96,76 @@ def _estimate(estimator: Estimator, task: Task) -> dict[str, Any]:
 
 
 def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
-    """Compute and certify an estimate; return it as JSON.
-
-    "seconds" counts steps of annealing that were read from the disk as if computed.
-    """
-    steps = AnnealingSteps()
-    fit, seconds = _timed_fit(estimator, task, steps)
+    """Compute and certify an estimate; return it as JSON."""
+    fresh = replace(task)  # without what an earlier method has left in its cache
+    if isinstance(estimator, PenaltyPaper):
+        fit = estimator.fit_with(fresh, anneal_once)
+    else:
+        fit = estimator.fit(fresh)
     theta, certificate = certify(task, fit)
     return {
         "theta": theta.tolist(),
         "certificate": asdict(certificate),
-        "seconds": seconds + steps.seconds_read,
         "details": fit.details,
         "fit_theta": fit.theta.tolist(),
     }
 
 
 def fit_seconds(estimator: Estimator, task: Task) -> float:
-    """Return the processor time of a fit; for a short one the median of several.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        The estimator.
-    task : Task
-        The data and constraints.
-
-    Returns
-    -------
-    float
-        [s]. For a long fit it is that of when it was computed.
-    """
-    seconds = estimate_once(estimator, task).seconds
-    if seconds >= SHORT:
-        return seconds
-    steps = AnnealingSteps()
-    times = [_timed_fit(estimator, task, steps)[1] for _ in range(REPEATS)]
-    return float(np.median(times))
+    """Return the processor time of a fit [s], by one rule for every method: the median of
+    REPEATS runs after a first one that does not count, nothing read from the disk."""
+    times = [timed(estimator, task)[1] for _ in range(1 + REPEATS)]
+    return float(np.median(times[1:]))
 
 
-def _timed_fit(
-    estimator: Estimator, task: Task, steps: "AnnealingSteps"
-) -> tuple[Fit, float]:
-    """Return a fit and its processor time [s]; steps of annealing come from
-    ``steps``.
-    """
-    fresh = replace(task)  # without what an earlier method has left in its cache
+def timed(estimator: Estimator, task: Task) -> tuple[Fit, float]:
+    """Return one fit and its processor time [s], nothing read from the disk."""
+    fresh = replace(task)  # without what an earlier fit has left in its cache
     begin = time.process_time()
-    if isinstance(estimator, PenaltyPaper):
-        fit = estimator.fit_with(fresh, steps.search)
-    else:
-        fit = estimator.fit(fresh)
+    fit = estimator.fit(fresh)
     return fit, time.process_time() - begin
 
 
-class AnnealingSteps:
-    """Steps of annealing and local search, each kept on the disk.
+def anneal_once(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
+) -> tuple[Array, int]:
+    """Run one step of annealing and local search, or read its result from the disk.
 
-    seconds_read : processor time that the steps took which were read [s].
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        The objective.
+    weight : float
+        xi of this step.
+    u : (d,) array
+        Start, in [0, 1]^d.
+    budget : int
+        Largest number of loss evaluations.
+    rng : Generator
+        Annealing's random numbers.
+
+    Returns
+    -------
+    tuple of ((d,) array, int)
+        The best point, and the number of evaluations.
     """
-
-    def __init__(self) -> None:
-        """Begin with no time saved by reading."""
-        self.seconds_read = 0.0
-
-    def search(
-        self,
-        loss: PenalisedLoss,
-        weight: float,
-        u: Array,
-        budget: int,
-        rng: np.random.Generator,
-    ) -> tuple[Array, int]:
-        """Run one step of annealing and local search, or read its result from the disk.
-
-        Parameters
-        ----------
-        loss : PenalisedLoss
-            The objective.
-        weight : float
-            xi of this step.
-        u : (d,) array
-            Start, in [0, 1]^d.
-        budget : int
-            Largest number of loss evaluations.
-        rng : Generator
-            Annealing's random numbers.
-
-        Returns
-        -------
-        tuple of ((d,) array, int)
-            The best point, and the number of evaluations.
-        """
-        content = (
-            ANNEALING_VERSION,
-            scipy.__version__,
-            *loss_content(loss),
-            weight,
-            u,
-            budget,
-            rng.bit_generator.state,
-        )
-        begin = time.process_time()
-        plain = remembered(
-            "annealing", content, partial(_annealed, loss, weight, u, budget, rng)
-        )
-        self.seconds_read += plain["seconds"] - (time.process_time() - begin)
-        return np.array(plain["u"]), int(plain["evaluations"])
+    content = (
+        ANNEALING_VERSION,
+        scipy.__version__,
+        *loss_content(loss),
+        weight,
+        u,
+        budget,
+        rng.bit_generator.state,
+    )
+    plain = remembered(
+        "annealing", content, partial(_annealed, loss, weight, u, budget, rng)
+    )
+    return np.array(plain["u"]), int(plain["evaluations"])
 
 
 def search_locally_once(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, stopping: Stopping
 ) -> tuple[Array, int]:
     """Run :func:`search_locally`, or read its result from the disk.
 
@@ -238,18 +194,18 @@ def search_locally_once(
         weight,
         u,
         budget,
+        stopping,
     )
-    plain = remembered(
-        "local-search", content, partial(_searched_locally, loss, weight, u, budget)
-    )
+    compute = partial(_searched_locally, loss, weight, u, budget, stopping)
+    plain = remembered("local-search", content, compute)
     return np.array(plain["u"]), int(plain["evaluations"])
 
 
 def _searched_locally(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, stopping: Stopping
 ) -> dict[str, Any]:
     """Search locally from u (d,); return the best point and its evaluations as JSON."""
-    best, n_evaluations = search_locally(loss, weight, u, budget)
+    best, n_evaluations = search_locally(loss, weight, u, budget, stopping)
     return {"u": best.tolist(), "evaluations": n_evaluations}
 
 
@@ -259,10 +215,8 @@ def _annealed(
     """Anneal and search locally from u (d,); return point, evaluations and seconds
     as JSON.
     """
-    begin = time.process_time()
     best, n_evaluations = anneal_and_search(loss, weight, u, budget, rng)
-    seconds = time.process_time() - begin
-    return {"u": best.tolist(), "evaluations": n_evaluations, "seconds": seconds}
+    return {"u": best.tolist(), "evaluations": n_evaluations}
 
 
 def loss_content(loss: PenalisedLoss) -> tuple[object, ...]:

@@ -119,7 +119,9 @@ class PenalisedProblem:
     #: Where the slacks start, as a share of what they may be.
     slack_start = 0.1
 
-    def __init__(self, task: Task, two_step: bool) -> None:
+    def __init__(
+        self, task: Task, two_step: bool, target: LeastSquares | None = None
+    ) -> None:
         """Sort the task's constraints into hard ones, and demands that the penalty
         replaces.
 
@@ -130,11 +132,15 @@ class PenalisedProblem:
         two_step : bool
             Whether the loss is the distance from the base parameters (two steps)
             instead of the torque error (one step).
+        target : LeastSquares, optional
+            Base parameters of two steps and their target; default: least squares'.
         """
         self.task = task
         self.two_step = two_step
         # Rows of the loss |R theta - rho|^2.
-        self.data = _links_distance(task) if two_step else task.data
+        self.data = task.data
+        if two_step:
+            self.data = target or _links_distance(task)
         self.p, self.n = len(task.bound), len(task.links)
         free = task.model.rigid_indices if two_step else np.arange(self.p)
         self.published = PenalisedLoss(task, self.data, free)

@@ -64,8 +64,8 @@ def test_the_run_after_the_cut_is_repeated_motion():
 def test_an_interval_holds_its_mean_and_is_students():
     """Of 1, 2, 3: mean 2, standard error 1 / sqrt(3), t of two degrees 4.303."""
     found = interval_of(np.array([1.0, 2.0, 3.0]))
-    assert found.mean == pytest.approx(2.0)
-    assert found.upper - found.mean == pytest.approx(4.3027 / 3.0**0.5, rel=1e-4)
+    assert found.value == pytest.approx(2.0)
+    assert found.upper - found.value == pytest.approx(4.3027 / 3.0**0.5, rel=1e-4)
     assert found.is_significant == (found.lower > 0.0)
 
 

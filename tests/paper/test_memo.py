@@ -95,9 +95,9 @@ def test_another_weight_of_a_joint_is_another_estimate(folder, task):
 def test_kept_steps_of_annealing_end_where_the_method_does(folder, task, monkeypatch):
     method = PenaltyPaper(runs=1, evaluations=200)
     fit = method.fit(task)
-    kept = method.fit_with(task, estimates.AnnealingSteps().search)
+    kept = method.fit_with(task, estimates.anneal_once)
     monkeypatch.setattr(estimates, "_annealed", never)
-    read = method.fit_with(task, estimates.AnnealingSteps().search)
+    read = method.fit_with(task, estimates.anneal_once)
     np.testing.assert_array_equal(kept.theta, fit.theta)
     np.testing.assert_array_equal(read.theta, fit.theta)
 

@@ -1,5 +1,14 @@
 """Intervals of errors over folds, and of the differences of two methods on the same
-folds."""
+folds.
+
+A method's error is that of all folds together, E = 100 |tau - tau_hat| / |tau|. Its
+standard error is the jackknife's over the k folds,
+
+    s^2 = (k - 1) / k sum_j (E_-j - mean E_-j)^2,      E_-j of all folds but j,
+
+and its interval E +- t s, t of Student with k - 1 degrees of freedom (Efron, Tibshirani,
+An Introduction to the Bootstrap, 1993): error and interval are of one quantity.
+"""
 
 import math
 from dataclasses import dataclass
@@ -13,12 +22,15 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class FoldInterval:
-    """Mean over folds with its 95 % interval of Student's t; t : mean over its standard
-    error."""
+    """A figure with its 95 % interval of Student's t."""
 
-    mean: float
+    #: The figure itself, in the unit of the values.
+    value: float
+    #: Lower end of its interval.
     lower: float
+    #: Upper end.
     upper: float
+    #: The figure over its standard error; 0 where that is zero.
     t: float
 
     @property
@@ -33,64 +45,55 @@ class FoldInterval:
 
 
 def fold_errors(result: CrossValidation) -> Array:
-    """Return a method's relative torque error on each of k folds.
+    """Return a method's relative torque error (k,) on each of k folds [%]."""
+    return np.array([fold.relative_error_percent for fold in result.folds])
+
+
+def interval_of(values: Array) -> FoldInterval:
+    """Return the mean of independent values (k,) with its interval."""
+    k = len(values)
+    spread = float(np.std(values, ddof=1)) / math.sqrt(k)
+    return _interval(float(np.mean(values)), spread, k)
+
+
+def error_interval(
+    result: CrossValidation, less: CrossValidation | None = None
+) -> FoldInterval:
+    """Return the error of all folds together with its interval by the jackknife.
 
     Parameters
     ----------
     result : CrossValidation
-        Cross-validation of the method.
-
-    Returns
-    -------
-    (k,) array
-        Errors [%].
-    """
-    return np.array([fold.relative_error_percent for fold in result.folds])
-
-
-def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
-    """Return the confidence interval of a mean by Student's t.
-
-    Parameters
-    ----------
-    values : (k,) array
-        Values that are taken as independent.
-    coverage : float
-        Probability that the interval holds the mean.
+        Cross-validation of a method.
+    less : CrossValidation, optional
+        That of another method on the same folds, whose error is subtracted.
 
     Returns
     -------
     FoldInterval
-        In the unit of the values.
+        [%], of a difference [percentage points].
     """
-    k = len(values)
-    mean = float(np.mean(values))
-    standard_error = float(np.std(values, ddof=1)) / math.sqrt(k)
-    # Student's t; scipy.stats would take half a second to import.
-    quantile = float(scipy.special.stdtrit(k - 1, 0.5 + 0.5 * coverage))
-    half = quantile * standard_error
-    return FoldInterval(
-        mean,
-        lower=mean - half,
-        upper=mean + half,
-        t=mean / standard_error if standard_error else 0.0,
-    )
+    whole, without = _errors_without(result)
+    if less is not None:
+        other, other_without = _errors_without(less)
+        whole -= other
+        without = without - other_without
+    k = len(without)
+    spread = math.sqrt((k - 1) / k * np.sum((without - without.mean()) ** 2))
+    return _interval(whole, spread, k)
 
 
-def difference(one: CrossValidation, other: CrossValidation) -> FoldInterval:
-    """Return the difference of two methods' errors on the same folds, with its
-    interval.
+def _errors_without(result: CrossValidation) -> tuple[float, Array]:
+    """Return the error of all folds together, and of all but each (k,) [%]."""
+    lost = np.array([fold.losses.sum() for fold in result.folds])
+    torque = np.array([fold.torque_squared.sum() for fold in result.folds])
+    without = 100.0 * np.sqrt((lost.sum() - lost) / (torque.sum() - torque))
+    return result.relative_error_percent, without
 
-    Parameters
-    ----------
-    one : CrossValidation
-        The method whose errors are taken.
-    other : CrossValidation
-        The method whose errors are subtracted.
 
-    Returns
-    -------
-    FoldInterval
-        [percentage points].
-    """
-    return interval_of(fold_errors(one) - fold_errors(other))
+def _interval(value: float, spread: float, k: int) -> FoldInterval:
+    """Return value +- t spread with Student's t of k - 1 degrees of freedom, 95 %."""
+    # scipy.stats would take half a second to import.
+    half = float(scipy.special.stdtrit(k - 1, 0.975)) * spread
+    t = value / spread if spread else 0.0
+    return FoldInterval(value, lower=value - half, upper=value + half, t=t)

@@ -4,31 +4,36 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.resampling import CrossValidation
-from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.estimators.estimator import Estimator, Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep
-from sdp_vs_penalty.paper.tables.folds import (
-    FoldInterval,
-    difference,
-    fold_errors,
-    interval_of,
+from sdp_vs_penalty.paper.estimates import REPEATS
+from sdp_vs_penalty.paper.tables.folds import error_interval
+from sdp_vs_penalty.paper.tables.study import (
+    FOLDS,
+    Data,
+    Frozen,
+    Result,
+    Study,
+    worst_violations,
 )
-from sdp_vs_penalty.paper.tables.study import FOLDS, Data, Frozen, Result, Study
 from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.problem.problem import Problem
 
 #: The rows that solve one problem: torque loss, 20 mm, bodies, no prior on anything.
 SDP = "SDP"
 PENALTY = "penalty, one-step"
+#: Ending of the rows of published links, beside which friction is fitted by us.
+PUBLISHED_LINKS = " (published links)"
 
 _JUDGED_BY_FOLDS = (
     f"unseen_error_percent: on {FOLDS} folds by phase of the real run, each estimated"
-    " without a stretch of the motion and all its repetitions; interval_percent: 95 %"
-    " interval of the mean over folds (Student's t); less_sdp: the first row's error"
-    " subtracted fold by fold, with its 95 % interval: zero inside it means that these"
-    " folds do not tell the two apart."
+    " without a stretch of the motion and all its repetitions, of all folds together;"
+    " interval_percent: its 95 % interval by the jackknife over the folds (Student's t);"
+    " less_sdp: the first row's error subtracted, with its 95 % interval: zero inside it"
+    " means that these folds do not tell the two apart, not that they are equal."
 )
 _JUDGED_BY_RUNS = (
     "unseen_error_percent: on the simulated validation runs; there are no folds, and so"
@@ -66,7 +71,7 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
         The name of an estimator, or an estimator with settings of its own.
     """
     published = {
-        f"{column} (published links)": Frozen(links)
+        f"{column}{PUBLISHED_LINKS}": Frozen(links)
         for column, links in study.published_links.items()
     }
     return {
@@ -112,10 +117,9 @@ def routes(study: Study) -> Table:
             "routes",
             judged=_JUDGED_BY_FOLDS if judged else _JUDGED_BY_RUNS,
             trained_on=", on the first 14 s" if judged else "",
-            budget=study.effort.evaluations,
-            fold_budget=study.effort.fold_evaluations,
-            two_step_budget=study.effort.two_step_fold_evaluations,
+            budget=budget_in_words(study.effort.evaluations),
             runs=study.effort.annealing_runs,
+            repeats=REPEATS,
         ),
         _headline(rows, judged),
         digits=3,
@@ -129,56 +133,64 @@ def _row(
     names: Mapping[str, str | Estimator],
     judged: Mapping[str, CrossValidation],
 ) -> Row:
-    """Return a method's row: errors, loss above the optimum, violation, time.
+    """Return a method's row: errors, loss above the optimum, violations, time.
 
     names : methods by row; judged : their cross-validations on the real run, if there
     are any.
     """
     result = study.estimated(names[name], data)
+    is_published = name.endswith(PUBLISHED_LINKS)
+    errors = errors_of(name, judged)
+    if not judged:
+        errors["unseen_error_percent"] = data.errors(result.theta)[1]
     optimum = study.result("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None
-    task = study.task(data)
-    worst = max(task.constraints.worst(result.theta).values())
-    links = link_figures(study.problem, result.theta[task.links])
-    searched = not name.endswith("(published links)")
     return {
         "method": name,
-        **_errors(study, data, name, result, judged),
-        "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
-        "gap": result.certificate.gap,
-        "worst_violation": worst if worst >= ROUNDING else 0.0,
-        "positive_definite_percent": 100.0 * links["positive_mass_matrices"],
-        "seconds": study.seconds(names[name], data) if searched else None,
+        **errors,
+        **figures_of(study.problem, study.task(data), result, optimum),
+        "seconds": None if is_published else study.seconds(names[name], data),
         "data": data.label if data is study.simulated else f"{data.label}, unseen",
     }
 
 
-def _errors(
-    study: Study,
-    data: Data,
-    name: str,
-    result: Result,
-    judged: Mapping[str, CrossValidation],
-) -> Row:
-    """Return a method's error on unseen motion, its interval, and its difference from
-    the SDP's error.
+def figures_of(problem: Problem, task: Task, result: Result, optimum: float) -> Row:
+    """Return what an estimate is, whatever motion it is judged on.
+
+    optimum : certified least loss of any consistent parameters.
     """
-    if name not in judged:
-        error = data.errors(result.theta)[1]
-        return {
-            "unseen_error_percent": error,
-            "interval_percent": None,
-            "less_sdp_points": None,
-            "less_sdp_interval": None,
-        }
-    interval: FoldInterval = interval_of(fold_errors(judged[name]))
-    less = None if name == SDP else difference(judged[name], judged[SDP])
+    of_links, of_friction = worst_violations(task, result.theta)
+    links = link_figures(problem, result.theta[task.links])
     return {
-        "unseen_error_percent": judged[name].relative_error_percent,
-        "interval_percent": interval.in_words,
-        "less_sdp_points": None if less is None else less.mean,
-        "less_sdp_interval": None if less is None else less.in_words,
+        "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
+        "gap": result.certificate.gap,
+        "links_violation": of_links,
+        "friction_violation": of_friction,
+        "positive_definite_percent": 100.0 * links["positive_mass_matrices"],
     }
+
+
+def errors_of(name: str, judged: Mapping[str, CrossValidation]) -> Row:
+    """Return a method's error on unseen motion with its interval, and its difference
+    from the SDP's; without values where nothing was judged."""
+    error = less = None
+    if judged:
+        error = error_interval(judged[name])
+        if name != SDP:
+            less = error_interval(judged[name], judged[SDP])
+    return {
+        "unseen_error_percent": error and error.value,
+        "interval_percent": error and error.in_words,
+        "less_sdp_points": less and less.value,
+        "less_sdp_interval": less and less.in_words,
+    }
+
+
+def budget_in_words(evaluations: int | None) -> str:
+    """Return how many evaluations of the loss a run of annealing has, as text."""
+    if evaluations is None:
+        return "3000 a parameter and weight (the authors' program allows as many)"
+    return str(evaluations)
 
 
 def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
@@ -197,9 +209,9 @@ def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
         return sentence
     default = judged["SDP, default (entropic prior)"]
     squares = judged["least squares"]
-    less = difference(default, squares)
+    less = error_interval(default, squares)
     verdict = "significant" if less.is_significant else "not significant"
     return (
-        f"{sentence} The default SDP less least squares: {less.mean:+.2f} points,"
+        f"{sentence} The default SDP less least squares: {less.value:+.2f} points,"
         f" t = {less.t:.2f} on {len(default.folds)} folds, {verdict}."
     )

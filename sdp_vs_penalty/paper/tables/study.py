@@ -1,8 +1,8 @@
 """What several tables share: the data of a problem and every method's estimate,
 computed once."""
 
+import itertools
 import re
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,6 +15,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.estimation.build_problem import PoseOptions
+from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import (
     CrossValidation,
@@ -33,11 +34,7 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
 )
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.estimators.penalty_paper import (
-    PAPER_BUDGET,
-    PenaltyPaper,
-    PenaltyPaperTwoStep,
-)
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.paper.estimates import (
     Remembered,
     Result,
@@ -57,6 +54,7 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
@@ -72,10 +70,9 @@ class Effort:
     replicates : noisy runs behind Table I's coverage; iterations : of Table II's
     search; duration : of Table V's sinusoids [s]; instants, retrievals : of the
     wrenches, and relaxed retrievals of them; evaluations, annealing_runs : loss
-    evaluations of a run of the paper's method, and its runs; fold_evaluations,
-    two_step_fold_evaluations : of the one run on each fold, in one step and in two;
-    global_evaluations, global_runs : evaluations at each weight of the table of global
-    optima, and its runs.
+    evaluations of a run of the paper's method (None: as many as the authors' program
+    allows), and its runs, of which each fold gets one; global_evaluations, global_runs :
+    evaluations at each weight of the table of global optima, and its runs.
     """
 
     replicates: int
@@ -83,11 +80,9 @@ class Effort:
     duration: float
     instants: int
     retrievals: int
-    evaluations: int
+    evaluations: int | None
     annealing_runs: int
-    fold_evaluations: int
-    two_step_fold_evaluations: int
-    global_evaluations: int
+    global_evaluations: int | None
     global_runs: int
 
 
@@ -97,33 +92,22 @@ QUICK = Effort(
     duration=10.0,
     instants=81,
     retrievals=10,
-    evaluations=PenaltyPaper.evaluations // 3,
+    evaluations=1_000,
     annealing_runs=1,
-    fold_evaluations=PenaltyPaper.evaluations // 3,
-    two_step_fold_evaluations=PenaltyPaper.evaluations // 3,
     global_evaluations=600,
     global_runs=3,
 )
 #: As quick, but annealing once as long as the authors' program allows.
-SINGLE = replace(
-    QUICK,
-    evaluations=PAPER_BUDGET,
-    fold_evaluations=PenaltyPaper.evaluations,
-    two_step_fold_evaluations=PAPER_BUDGET,
-    global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
-    global_runs=1,
-)
+SINGLE = replace(QUICK, evaluations=None, global_evaluations=None, global_runs=1)
 PAPER = Effort(
     replicates=40,
     iterations=150,
     duration=30.0,
     instants=201,
     retrievals=50,
-    evaluations=PAPER_BUDGET,
+    evaluations=None,
     annealing_runs=PenaltyPaper.runs,
-    fold_evaluations=PAPER_BUDGET,
-    two_step_fold_evaluations=PAPER_BUDGET,
-    global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
+    global_evaluations=None,
     global_runs=PenaltyPaper.runs,
 )
 BUDGETS = {"quick": QUICK, "single": SINGLE, "paper": PAPER}
@@ -723,10 +707,7 @@ class Study:
         Estimator
         """
         if isinstance(estimator, PenaltyPaper):
-            evaluations = self.effort.fold_evaluations
-            if isinstance(estimator, PenaltyPaperTwoStep):
-                evaluations = self.effort.two_step_fold_evaluations
-            return replace(estimator, runs=1, evaluations=evaluations)
+            return replace(estimator, runs=1)
         return estimator
 
     @cached_property
@@ -776,13 +757,11 @@ class Study:
         Its details hold the condition number and the relative error.
         """
         box, _ = self.black_box
-        begin = time.process_time()
         options = PoseOptions(seed=self.seed)
         estimate = estimate_parameters(
             self.problem, box, "reverse-engineering", options
         )
-        seconds = time.process_time() - begin
-        return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
+        return Result(estimate.theta, estimate.certificate, estimate.details)
 
 
 def _task(study: Study, data: Data) -> Task:
@@ -807,6 +786,13 @@ def _speed(estimator: Estimator) -> int:
     if isinstance(inner, PenaltyPaper):
         return 0
     return 1 if isinstance(inner, Penalty) else 2
+
+
+def each_judged(
+    workers: Workers, items: Sequence[tuple[Estimator, FoldData]]
+) -> list[Fold]:
+    """Judge estimators on folds in worker processes, in the order of the items."""
+    return list(workers.map(_judged, items))
 
 
 def _judged(estimator_and_fold: tuple[Estimator, FoldData]) -> Fold:
@@ -868,3 +854,34 @@ def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
     losses = rows.joint_losses(theta)
     relative = 100.0 * np.sqrt(losses.sum() / rows.least_squares().tau_squared)
     return losses / rows.joint_rows(), float(relative)
+
+
+def worst_violations(task: Task, theta: Array) -> tuple[float, float]:
+    """Return the largest violation of the demands on links, and of all others.
+
+    A violation belongs to what violates: published links, for instance, do not answer
+    for friction that was fitted beside them.
+
+    Parameters
+    ----------
+    task : Task
+        The demands.
+    theta : (p,) array
+        Parameters of its model.
+
+    Returns
+    -------
+    tuple of float
+        Of the links (masses, centres of mass, inertias), and of friction and offsets,
+        each in its own unit; 0 below rounding.
+    """
+    links = task.model.rigid_indices
+    all_of = task.constraints
+    mine = [bool(np.isin(c.indices, links).all()) for c in all_of.convex]
+    sets = (
+        ConstraintSet(tuple(itertools.compress(all_of.convex, mine)), all_of.nonconvex),
+        ConstraintSet(tuple(itertools.compress(all_of.convex, np.logical_not(mine)))),
+    )
+    worst = [max(part.worst(theta).values(), default=0.0) for part in sets]
+    of_links, of_others = (x if x >= ROUNDING else 0.0 for x in worst)
+    return of_links, of_others

@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.paper.tables.folds import fold_errors, interval_of
+from sdp_vs_penalty.paper.tables.folds import error_interval, interval_of
 from sdp_vs_penalty.paper.tables.study import (
     CUT,
     FOLDS,
@@ -94,7 +94,7 @@ def _unseen_rows(study: Study) -> list[Row]:
                 (result.rmse**2).tolist(),
                 "measured, unseen",
                 result.relative_error_percent,
-                interval_of(fold_errors(result)).in_words,
+                error_interval(result).in_words,
                 result.folds[result.worst - 1].relative_error_percent,
             )
         )

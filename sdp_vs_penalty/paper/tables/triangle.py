@@ -1,0 +1,117 @@
+"""Table "triangle": what the triangle inequalities buy.
+
+Sousa and Cortesao (IJRR 2014) demand of a link that mass and inertia about its centre of
+mass are positive, by the matrix inequality
+
+    [[J, S(h)^T], [S(h), m 1]] >= 0,    h = m c,  S(h) x = h x x,
+
+J the inertia about the link's frame. A body's principal moments also obey D3 <= D1 + D2,
+which the pseudo-inertia contains and this does not (Wensing et al. 2018).
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
+from sdp_vs_penalty.paper.penalised_optimum import PenalisedOptimum, PenalisedProblem
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
+from sdp_vs_penalty.solvers.objective import Objective
+
+#: The standard parameters m, h, J of a link in the 6x6 matrix: their rows and columns.
+_FIRST_MOMENT, _INERTIA = (1, 2, 3), (4, 5, 6, 7, 8, 9)
+
+
+@dataclass(frozen=True)
+class WithoutTriangle(LmiSdpPlain):
+    """The torque SDP with Sousa and Cortesao's matrix in place of the pseudo-inertia."""
+
+    name = "lmi-sdp-without-triangle"
+    description = (
+        "torque SDP with positive masses and inertias, without triangle inequalities"
+    )
+    table_place: ClassVar[int | None] = None
+    solver: str | None = "clarabel"  # our own takes matrices of order four at most
+
+    def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
+        """Return the torque loss, and the demands with the weaker matrix."""
+        objective, constraints = super().posed(task)
+        others = constraints.with_families(lambda family: family != "pseudo-inertia")
+        weaker = [
+            positive_inertia(f"link {k}", link)
+            for k, link in enumerate(task.links, start=1)
+        ]
+        return objective, others.plus(weaker)
+
+
+def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:
+    """Return the constraint [[J, S(h)^T], [S(h), m 1]] >= 0 of a link.
+
+    link : (10,) indices of its standard parameters.
+    """
+    basis = np.zeros((10, 6, 6))
+    basis[0, 3:, 3:] = np.eye(3)
+    for axis, place in enumerate(_FIRST_MOMENT):
+        unit = np.eye(3)[axis]
+        cross = np.cross(np.eye(3), unit)  # row k: e_k x unit, S(unit)^T
+        basis[place, 3:, :3] = cross.T
+        basis[place, :3, 3:] = cross
+    entries = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+    for place, (a, b) in zip(_INERTIA, entries, strict=True):
+        basis[place, a, b] = basis[place, b, a] = 1.0
+    return linear("positive inertia", name, link, basis, np.zeros((6, 6)), "psd")
+
+
+@register_table("triangle", "panda", slow=True)
+def triangle(study: Study) -> Table:
+    """Triangle table: what the triangle inequalities change, by Sousa and Cortesao's matrix beside the pseudo-inertia.
+
+    Parameters
+    ----------
+    study : Study
+        The robot's data sets and every method's estimate, computed on demand.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    methods = {
+        "pseudo-inertia (4x4)": LmiSdpPlain(),
+        "Sousa and Cortesao (6x6)": WithoutTriangle(),
+    }
+    data = study.whole[-1]
+    problem = PenalisedProblem(study.task(data), two_step=False)
+    rows = list[Row]()
+    for name, method in methods.items():
+        result = study.estimated(method, data)
+        loss = study.task(data).data.loss(result.theta)
+        violated = problem.triangle(result.theta)
+        row: Row = {
+            "demand": name,
+            "loss": loss,
+            "gap": result.certificate.gap,
+            "above_percent": 100.0 * (loss / (rows[0]["loss"] if rows else loss) - 1.0),
+            "links_violated": int(np.sum(violated > PenalisedOptimum.tolerance)),
+            "worst_triangle_violation": float(violated.max()),
+            "unseen_error_percent": None,
+            "data": data.label,
+        }
+        if study.run is not None:
+            row["unseen_error_percent"] = study.unseen(method).relative_error_percent
+        rows.append(row)
+    full, weak = rows
+    return Table(
+        f"What the triangle inequalities change, {study.problem.title}",
+        rows,
+        notes("triangle", n=len(study.task(data).links)),
+        f"Without the triangle inequalities the certified optimum is"
+        f" {weak['loss']:.5g} instead of {full['loss']:.5g} ({weak['above_percent']:.2f} %),"
+        f" and {weak['links_violated']} of {len(study.task(data).links)} links violate them.",
+        digits=5,
+    )
