@@ -321,12 +321,16 @@ class Stopping:
     steps: int = 1_000_000
 
 
+#: How the search that takes the place of the authors' ends.
+AS_PUBLISHED = Stopping()
+
+
 def search_locally(
     loss: PenalisedLoss,
     weight: float,
     u: Array,
     budget: int,
-    stopping: Stopping = Stopping(),
+    stopping: Stopping = AS_PUBLISHED,
 ) -> tuple[Array, int]:
     """Minimise by SLSQP from a start, and restart it as long as that helps.
 

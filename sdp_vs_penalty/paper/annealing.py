@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.estimators.penalty_paper import (
+    AS_PUBLISHED,
     EVALUATIONS_A_PARAMETER,
     PenalisedLoss,
     Stopping,
@@ -29,7 +30,7 @@ class SearchPlan:
     #: Whether annealing goes before the local search.
     annealing: bool = True
     #: When a local search without annealing ends.
-    stopping: Stopping = Stopping()
+    stopping: Stopping = AS_PUBLISHED
 
     def budget(self, n_parameters: int) -> int:
         """Return the evaluations at a weight of a search over so many parameters."""

@@ -27,7 +27,7 @@ from sdp_vs_penalty.solvers.objective import Objective
 #: runs of hours are kept beyond changes of other sources.
 ANNEALING_VERSION = 1
 #: Every fit is timed so many times after a first one; the median counts.
-REPEATS = 5
+REPEATS = 3
 
 
 @dataclass(frozen=True)

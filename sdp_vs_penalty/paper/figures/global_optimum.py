@@ -7,7 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.paper.figures import style
 from sdp_vs_penalty.paper.figures.style import legend_below, new_figure
-from sdp_vs_penalty.paper.tables.global_optimum import WEIGHTS, Searched
+from sdp_vs_penalty.paper.tables.global_optimum import Searched
 
 
 def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
@@ -30,7 +30,7 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
     for column, problem in zip(axes.T, searched, strict=True):
         _draw_objective(column[0], problem)
         _draw_violation(column[1], problem)
-        column[0].set_title(f"{problem.label} run, {problem.name}")
+        column[0].set_title(f"{problem.label} run, {problem.name}, {problem.rows} rows")
         for axis in column:
             axis.set_xscale("symlog", linthresh=0.1)
             axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
@@ -56,16 +56,24 @@ def _draw_objective(axis: Any, problem: Searched) -> None:
     base = problem.feasible_loss
     # Values, colour and dashes of each line, by its label.
     lines = {
-        "certified optimum": ([x.value for x in problem.free], style.BLACK, "-"),
-        "certified, box on inertias": (
-            [x.lower for x in problem.boxed],
+        "certified optimum": ([x.lower for x in problem.boxed], style.BLACK, "-"),
+        "certified, without the box on inertias": (
+            [x.value for x in problem.free],
             style.BLUE,
             "--",
         ),
     }
     for label, (values, color, line) in lines.items():
         excess = 100.0 * (np.array(values) / base - 1.0)
-        axis.plot(WEIGHTS, excess, color=color, linestyle=line, label=label)
+        axis.plot(
+            problem.weights,
+            excess,
+            marker=".",
+            markersize=3,
+            color=color,
+            linestyle=line,
+            label=label,
+        )
     # The runs of annealing as dots.
     above = [100.0 * (point.objective / base - 1.0) for point in problem.annealed]
     _dots(axis, problem, above)
@@ -80,16 +88,18 @@ def _draw_violation(axis: Any, problem: Searched) -> None:
     A violation of zero is drawn at 1e-8.
     """
     none = 1e-8  # where "none" is drawn [kg m^2, kg or m]
-    worst = np.maximum([x.worst for x in problem.free], none)
-    axis.plot(WEIGHTS, worst, color=style.BLACK, label="certified optimum")
     boxed = [np.nan if x.best is None else x.best.worst for x in problem.boxed]
-    axis.plot(
-        WEIGHTS,
-        np.maximum(boxed, none),
-        color=style.BLUE,
-        linestyle="--",
-        label="certified, box on inertias",
-    )
+    free = [x.worst for x in problem.free]
+    for values, color, line in ((boxed, style.BLACK, "-"), (free, style.BLUE, "--")):
+        worst = np.maximum(values, none)
+        axis.plot(
+            problem.weights,
+            worst,
+            color=color,
+            linestyle=line,
+            marker=".",
+            markersize=3,
+        )
     _dots(axis, problem, [max(x.worst_violation, none) for x in problem.annealed])
     axis.set_yscale("log")
     ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]

@@ -80,7 +80,7 @@ def _on_all_runs(
     Returns
     -------
     tuple
-        Time (M,) [s], recorded torque (M, n), predicted torque (M, n) by method, and
+        Time (M,) [s], simulated torque (M, n), predicted torque (M, n) by method, and
         the time at which each run begins [s].
     """
     data = study.simulated
@@ -129,7 +129,7 @@ def _draw_unseen(
     torques_of = _on_unseen_folds if is_measured else _on_all_runs
     t, torque, predictions, starts = torques_of(study, methods)
     draw_torques(
-        axes, t, torque, "measured" if is_measured else "recorded", predictions
+        axes, t, torque, "measured" if is_measured else "simulated", predictions
     )
     for axis in axes.flat:
         for start in starts[1:]:

@@ -47,7 +47,7 @@ METHODS = {
 
 @register_table("arms", *RUNS, slow=True)
 def arms(study: Study) -> Table:
-    """Arms table: SDP beside penalty on the UR10e and the TX40, as the table of routes for the Panda.
+    """Arms table: SDP beside penalty on the UR10e and the TX40.
 
     Parameters
     ----------

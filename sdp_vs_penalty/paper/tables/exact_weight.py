@@ -34,7 +34,7 @@ COUNTED = (Counted("noise", False), Counted("none", False), Counted("none", True
 
 @register_table("xi", "panda", slow=True)
 def exact_weights(study: Study) -> Table:
-    """Weight table: from which weight xi on the published one-step penalty is exact, by rows and joint weights of the loss.
+    """Weight table: from which xi the one-step penalty is exact, by rows and joint weights.
 
     Parameters
     ----------

@@ -33,8 +33,10 @@ WEIGHTS = (0.0, 0.1, 10.0, 20.0, 30.0, 40.0, 100.0, 300.0, 1000.0)
 #: Those at which annealing is run: as published, and then on.
 ANNEALED = (*PenaltyPaper.weights, 100.0, 1000.0)
 #: Branch and bound ends at this gap, or after so many relaxations.
-GAP = 1e-3
+GAP = 1e-5
 MOST_CELLS = 40
+#: Further weights, in units of the least exact one, where the optimum becomes consistent.
+NEAR_EXACT = (0.5, 0.8, 0.95, 1.01, 1.1)
 
 
 def is_rounding(loss: float) -> bool:
@@ -54,23 +56,27 @@ def is_rounding(loss: float) -> bool:
 
 @dataclass(frozen=True)
 class Searched:
-    """What a problem is at every weight.
-
-    free : the optimum without the box on inertias; boxed : with it; cvxpy : the former
-    by CVXPY and Clarabel, NaN without them; annealed, multi_start : where each run of
-    annealing, and of the local search alone, ends inside the box, at the weights
-    ANNEALED.
-    """
+    """What a problem is at every weight."""
 
     label: str
     two_step: bool
+    #: Rows of the loss, all joints together.
+    rows: int
+    #: xi, increasing.
+    weights: tuple[float, ...]
+    #: Loss of the best consistent parameters.
     feasible_loss: float
     exact_by_theory: float
     exact_by_bisection: float
-    free: list[PenalisedOptimum]
+    #: The published problem's optimum: inside its box on barycentric inertias.
     boxed: list[BoxedOptimum]
+    #: The optimum without that box.
+    free: list[PenalisedOptimum]
+    #: The same by CVXPY and Clarabel; NaN without them.
     cvxpy: Array
+    #: Where each run of annealing ends inside the box, at the weights ANNEALED.
     annealed: list[SearchedPoint]
+    #: Where the local search alone ends.
     multi_start: list[SearchedPoint]
 
     @property
@@ -123,8 +129,8 @@ def global_optima(study: Study) -> Table:
     searched = study.once(penalised_optima)
     rows = [row for problem in searched for row in _rows(problem)]
     exact = [
-        f"{x.label}, {x.name}: {x.exact_by_theory:.5g} by the largest multiplier,"
-        f" {x.exact_by_bisection:.5g} by bisection"
+        f"{x.label}, {x.name} ({x.rows} rows): {x.exact_by_theory:.5g} by the largest"
+        f" multiplier, {x.exact_by_bisection:.5g} by bisection"
         for x in searched
     ]
     return Table(
@@ -140,7 +146,7 @@ def _searches_in_words(study: Study) -> str:
     """Say how many runs and evaluations the searches of each data set have."""
     return "; ".join(
         f"{data.label}: runs {effort.global_runs}, evaluations a weight"
-        f" {effort.global_evaluations}"
+        f" {effort.global_evaluations or '3000 a parameter'}"
         for data in study.whole
         for effort in [_effort(study, data)]
     )
@@ -186,19 +192,22 @@ def _searched(item: _Item) -> Searched:
     computed before.
     """
     problem = PenalisedProblem(item.task, item.two_step)
-    boxed = BoxedProblem(problem).branch_all(WEIGHTS, GAP, MOST_CELLS)
-    content = (source_version(), *task_content(item.task), item.two_step, WEIGHTS)
-    by_cvxpy = remembered("cvxpy", content, partial(_by_cvxpy, problem))
+    weights = weights_of(problem)
+    boxed = BoxedProblem(problem).branch_all(weights, GAP, MOST_CELLS)
+    content = (source_version(), *task_content(item.task), item.two_step, weights)
+    by_cvxpy = remembered("cvxpy", content, partial(_by_cvxpy, problem, weights))
     annealing = SearchPlan(item.effort.global_runs, item.effort.global_evaluations)
     local = replace(annealing, annealing=False)
     seed = item.task.seed
     return Searched(
         label=item.label,
         two_step=item.two_step,
+        rows=problem.data.rows,
+        weights=weights,
         feasible_loss=problem.feasible.upper,
         exact_by_theory=problem.exact_weight_by_theory,
         exact_by_bisection=problem.exact_weight_by_bisection(),
-        free=problem.solve_all(WEIGHTS),
+        free=problem.solve_all(weights),
         boxed=boxed,
         cvxpy=np.array(by_cvxpy),
         annealed=search_runs(problem.published, seed, ANNEALED, annealing),
@@ -206,10 +215,18 @@ def _searched(item: _Item) -> Searched:
     )
 
 
-def _by_cvxpy(problem: PenalisedProblem) -> list[float]:
+def weights_of(problem: PenalisedProblem) -> tuple[float, ...]:
+    """Return the weights of the table, and those about the least exact one, to three
+    digits."""
+    exact = problem.exact_weight_by_theory
+    near = {float(f"{share * exact:.3g}") for share in NEAR_EXACT}
+    return tuple(sorted({*WEIGHTS, *near}))
+
+
+def _by_cvxpy(problem: PenalisedProblem, weights: Sequence[float]) -> list[float]:
     """Return the relaxation's optimum at each weight by CVXPY, NaN if there is none."""
-    optima = cvxpy_optima(problem, WEIGHTS)
-    return [optima.get(weight, np.nan) for weight in WEIGHTS]
+    optima = cvxpy_optima(problem, weights)
+    return [optima.get(weight, np.nan) for weight in weights]
 
 
 def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
@@ -229,7 +246,7 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
     rows = list[Row]()
     for problem in searched:
         for point in (*problem.annealed, *problem.multi_start):
-            bound = problem.boxed[WEIGHTS.index(point.xi)].lower
+            bound = problem.boxed[problem.weights.index(point.xi)].lower
             rows.append(
                 {
                     "data": problem.label,
@@ -244,31 +261,35 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
 def _rows(problem: Searched) -> list[Row]:
     """Return the table's rows of one problem, one for each weight xi of the penalty.
 
-    A row has the certified optimum without the box on inertias ("optimum"), with it
-    ("box_..."), and the best of the runs of annealing and of local search.
+    A row has the certified optimum of the published problem, with its box on inertias,
+    then that without it ("free_..."), and the best of the runs of annealing and of local
+    search.
     """
     rows = []
     for k, (weight, free, boxed) in enumerate(
-        zip(WEIGHTS, problem.free, problem.boxed, strict=True)
+        zip(problem.weights, problem.free, problem.boxed, strict=True)
     ):
         annealed = lowest(problem.annealed, weight)
         started = lowest(problem.multi_start, weight)
+        best = boxed.best
         rows.append(
             {
                 "data": problem.label,
                 "problem": problem.name,
                 "xi": weight,
-                "optimum": free.value,
-                "lower_bound": free.lower,
-                "gap": free.gap,
-                "cvxpy_optimum": problem.cvxpy[k],
-                "excess_loss_percent": problem.excess_percent(free),
-                "links_violated": free.n_links_violated,
-                "worst_violation": free.worst,
-                "box_optimum": np.nan if boxed.best is None else boxed.best.value,
-                "box_lower_bound": boxed.lower,
-                "box_gap": boxed.gap,
-                "box_cells": boxed.n_cells,
+                "optimum": best and best.value,
+                "lower_bound": boxed.lower,
+                "gap": boxed.gap,
+                "cells": boxed.n_cells,
+                "excess_loss_percent": best and problem.excess_percent(best),
+                "links_violated": best and best.n_links_violated,
+                "worst_violation": best and best.worst,
+                "free_optimum": free.value,
+                "free_lower_bound": free.lower,
+                "free_gap": free.gap,
+                "free_cvxpy": problem.cvxpy[k],
+                "free_excess_loss_percent": problem.excess_percent(free),
+                "free_links_violated": free.n_links_violated,
                 "annealing_best": annealed,
                 "annealing_above_percent": _above(annealed, boxed.lower),
                 "multi_start_best": started,
@@ -294,10 +315,14 @@ def _headline(searched: Sequence[Searched]) -> str:
     sentences = []
     largest = max(PenaltyPaper.weights)
     for problem in searched:
-        free = problem.free[WEIGHTS.index(largest)]
-        excess = problem.excess_percent(free)
+        place = problem.weights.index(largest)
+        boxed, free = problem.boxed[place].best, problem.free[place]
+        assert boxed is not None
         sentences.append(
-            f"{problem.label}, {problem.name} {excess:.3f} %, {free.n_links_violated} links"
+            f"{problem.label}, {problem.name} ({problem.rows} rows)"
+            f" {problem.excess_percent(boxed):.3f} %, {boxed.n_links_violated} links;"
+            f" without the box {problem.excess_percent(free):.3f} %,"
+            f" {free.n_links_violated} links"
         )
     return (
         f"At the paper's largest weight, {largest:g}, the optimum's loss against the"

@@ -33,7 +33,7 @@ Draws = list[dict[str, Any]]
 
 @register_table("monte_carlo", "panda", slow=True)
 def monte_carlo(study: Study) -> Table:
-    """Monte Carlo table: methods on simulated draws, truth known: error on unseen motion, bias, spread, coverage, consistency, time.
+    """Monte Carlo table: methods on simulated draws whose truth is known.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def monte_carlo(study: Study) -> Table:
     """
     is_quick = study.budget == "quick"
     count = QUICK if is_quick else WHOLE
-    plan = [(FAST if is_quick else FULL, count)]
+    plan: list[tuple[tuple[Method, ...], int]] = [(FAST if is_quick else FULL, count)]
     if not is_quick:
         plan += [((method,), LONG) for method in AS_PUBLISHED]
     found = _all_draws(study, plan)
@@ -83,7 +83,7 @@ def _all_draws(
         for number in range(count)
         for setting in SETTINGS
     ]
-    draws.sort(key=lambda draw: -len(draw.methods) < -1)  # the long ones first
+    draws.sort(key=lambda draw: len(draw.methods) > 1)  # annealing first: it is long
     study.progress(f"{len(draws)} draws")
     found: dict[str, dict[str, Draws]] = {setting.name: {} for setting in SETTINGS}
     for draw, results in zip(draws, study.workers.map(drawn, draws), strict=True):

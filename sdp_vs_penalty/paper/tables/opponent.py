@@ -41,7 +41,7 @@ class Opponent:
 
 @register_table("opponent", "panda", slow=True)
 def opponents(study: Study) -> Table:
-    """Opponent table: the two-step penalty as published and at its best, above the certified optimum.
+    """Opponent table: the two-step penalty as published and at its best, certified.
 
     Parameters
     ----------

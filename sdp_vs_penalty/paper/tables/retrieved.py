@@ -68,7 +68,7 @@ class Optimum:
 
 @register_table("p_hat", "panda")
 def retrieved(study: Study) -> Table:
-    """p_hat table: the published links against the certified optimum of the authors' own objective.
+    """p_hat table: the published links against the certified optimum of their own objective.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ CASES = (
 
 @register_table("sensitivity", "panda", slow=True)
 def sensitivity(study: Study) -> Table:
-    """Sensitivity table: SDP, least squares and two steps on unseen motion, by folds, guard, weights, bounds and effects.
+    """Sensitivity table: what folds, guard, weights, bounds and effects decide.
 
     Parameters
     ----------

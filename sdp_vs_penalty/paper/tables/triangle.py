@@ -69,7 +69,7 @@ def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:
 
 @register_table("triangle", "panda", slow=True)
 def triangle(study: Study) -> Table:
-    """Triangle table: what the triangle inequalities change, by Sousa and Cortesao's matrix beside the pseudo-inertia.
+    """Triangle table: what the triangle inequalities change.
 
     Parameters
     ----------
