@@ -19,9 +19,11 @@ from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.paper.figures import save
 from sdp_vs_penalty.paper.figures.global_optimum import draw_global_optima
+from sdp_vs_penalty.paper.figures.retrieved import draw_retrieved
 from sdp_vs_penalty.paper.provenance import write_note
 from sdp_vs_penalty.paper.tables import build_tables
 from sdp_vs_penalty.paper.tables.global_optimum import penalised_optima, search_table
+from sdp_vs_penalty.paper.tables.retrieved import retrieval
 from sdp_vs_penalty.paper.tables.study import BUDGETS, Study
 from sdp_vs_penalty.paper.tables.table import exact_csv
 from sdp_vs_penalty.parallel import Workers
@@ -47,6 +49,11 @@ def draw(study: Study) -> None:
     save(draw_global_optima(searched, TITLE), HERE / "optimum_over_weight")
 
 
+def draw_p_hat(study: Study) -> None:
+    """The published links beside the optimum of the authors' own objective."""
+    save(draw_retrieved(study.once(retrieval)), HERE / "p_hat")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--budget", default="quick", choices=list(BUDGETS))
@@ -62,6 +69,7 @@ def main() -> None:
         make(study, folder)
         if name == "panda":
             draw(study)
+            draw_p_hat(study)
     command = ["results/global/make.py", *sys.argv[1:]]
     write_note(HERE, [command], time.process_time())
 

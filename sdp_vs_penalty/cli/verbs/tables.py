@@ -18,6 +18,7 @@ def verb(
     jobs: int = 0,
     scheduler: str | None = None,
     html: bool = False,
+    quick: bool = False,
 ) -> None:
     """Regenerate the paper's comparison tables.
 
@@ -30,12 +31,15 @@ def verb(
     --problem: Problem: two_link or panda.
     --budget: Effort: quick, single (annealing once as long as in the paper), or paper (ten runs).
     --jobs >=0: Parallel estimates on this computer; 0: one per core.
+    --quick: As --budget quick, the default: monte_carlo draws 20 times and leaves slow methods out.
     --html: A page too, index.html, that shows the tables with the links drawn.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.tables import PAGE, make_tables, makers
     from sdp_vs_penalty.parallel import Workers
 
+    if quick:
+        budget = Budget.quick
     if all_:
         if names or problem:
             raise InputError("--all makes every table", "leave out names and --problem")
