@@ -1,10 +1,10 @@
-"""Make this folder again: python results/global/make.py [--budget single|paper] [--runs N] [--jobs N]
+"""Make this folder again: python results/global/make.py [--searches --budget single --runs 9 --jobs 2]
 
-Needs SDP_VS_PENALTY_DATA for the measured rows, the extra [plot] for the figure and
-[solvers] for the column of CVXPY. Every solve and every step of annealing is kept
-(SDP_VS_PENALTY_CACHE): what was stopped goes on where it was. With --budget single,
---runs says how many long runs of annealing the measured rows get, a minute each. The
-table alone: sdp-vs-penalty tables global.
+Needs SDP_VS_PENALTY_DATA for the measured rows, the extra [plot] for the figures and
+[solvers] for the column of CVXPY. The certified tables take a minute. --searches makes
+annealing_runs.csv anew, which is drawn as it lies here otherwise; with --budget single, --runs
+says how many long runs of annealing the measured rows get, a minute each. Every solve and every
+step of annealing is kept (SDP_VS_PENALTY_CACHE): what was stopped goes on where it was.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
+import pandas
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.files import write_text
@@ -30,23 +31,26 @@ from sdp_vs_penalty.parallel import Workers
 
 HERE = Path(__file__).parent
 FOLDERS = {"panda": HERE, "two_link": HERE / "two_link"}
+RUNS = "annealing_runs.csv"
 TITLE = "Global optimum of the published penalised objective, Panda"
 
 
-def make(study: Study, folder: Path) -> None:
+def make(study: Study, folder: Path, with_searches: bool) -> None:
     """The table of a problem, and every run of its searches."""
     folder.mkdir(exist_ok=True)
     (table,) = build_tables(["global"], study)
     table.write(folder)
-    runs = search_table(study.once(penalised_optima))
-    write_text(folder / "annealing_runs.csv", exact_csv(runs.astype(object)))
+    if with_searches:
+        runs = search_table(study)
+        write_text(folder / RUNS, exact_csv(runs.astype(object)))
 
 
 def draw(study: Study) -> None:
     """Optimum, violation and annealing's runs over the weight."""
     label = "simulated" if study.run is None else "measured"
-    searched = [x for x in study.once(penalised_optima) if x.label == label]
-    save(draw_global_optima(searched, TITLE), HERE / "optimum_over_weight")
+    certified = [x for x in study.once(penalised_optima) if x.label == label]
+    runs = pandas.read_csv(HERE / RUNS)
+    save(draw_global_optima(certified, runs, TITLE), HERE / "optimum_over_weight")
 
 
 def draw_p_hat(study: Study) -> None:
@@ -56,6 +60,7 @@ def draw_p_hat(study: Study) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--searches", action="store_true")
     parser.add_argument("--budget", default="quick", choices=list(BUDGETS))
     parser.add_argument("--runs", type=int)
     parser.add_argument("--jobs", default=1, type=int)
@@ -66,7 +71,7 @@ def main() -> None:
         study = Study(load_problem(name), options.budget, workers=workers)
         if options.runs and study.run is not None:
             study.effort = replace(study.effort, global_runs=options.runs)
-        make(study, folder)
+        make(study, folder, options.searches)
         if name == "panda":
             draw(study)
             draw_p_hat(study)

@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-
 from sdp_vs_penalty.estimators.penalty_paper import (
     AS_PUBLISHED,
     EVALUATIONS_A_PARAMETER,
@@ -127,17 +125,3 @@ def _search(
 def point_fields(point: SearchedPoint) -> dict[str, Any]:
     """Return a point's fields by name, as a row of a table."""
     return {field.name: getattr(point, field.name) for field in fields(point)}
-
-
-def lowest(points: Sequence[SearchedPoint], weight: float) -> float | None:
-    """Return the lowest objective of all runs at a weight; None if none was run there.
-
-    Parameters
-    ----------
-    points : sequence of SearchedPoint
-        Points of all runs.
-    weight : float
-        xi.
-    """
-    objectives = [point.objective for point in points if point.xi == weight]
-    return float(np.min(objectives)) if objectives else None

@@ -16,6 +16,10 @@ from sdp_vs_penalty.version import __version__
 
 #: Packages whose versions decide digits.
 _PACKAGES = ("numpy", "scipy", "pin", "clarabel", "cvxpy")
+#: What is timed is timed on one thread.
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
 #: The note's name in a folder.
 NOTE = "machine.txt"
 
@@ -35,7 +39,12 @@ def make_folder(folder: Path, *commands: Sequence[str]) -> None:
     root = folder.parents[1]
     before = _processor_time()
     for arguments in commands:
-        done = subprocess.run([sys.executable, *arguments], cwd=root, check=False)
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            cwd=root,
+            env=os.environ | ONE_THREAD,
+            check=False,
+        )
         if done.returncode != 0:
             raise SystemExit(done.returncode)
     write_note(folder, commands, _processor_time() - before)

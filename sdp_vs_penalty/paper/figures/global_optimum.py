@@ -4,21 +4,26 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.paper.figures import style
 from sdp_vs_penalty.paper.figures.style import legend_below, new_figure
-from sdp_vs_penalty.paper.tables.global_optimum import Searched
+from sdp_vs_penalty.paper.tables.global_optimum import Certified
 
 
-def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
+def draw_global_optima(
+    searched: Sequence[Certified], runs: pandas.DataFrame, title: str
+) -> Any:
     """Draw objective and worst violation over the penalty's weight.
 
     Lines are certified optima, dots are runs of annealing.
 
     Parameters
     ----------
-    searched : sequence of Searched
+    searched : sequence of Certified
         The problems, one for each column.
+    runs : DataFrame
+        Where every run of a search ends (annealing_runs.csv).
     title : str
         Title of the figure.
 
@@ -28,8 +33,13 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
     """
     figure, axes = new_figure(2, len(searched), 5.2, sharex=True)
     for column, problem in zip(axes.T, searched, strict=True):
-        _draw_objective(column[0], problem)
-        _draw_violation(column[1], problem)
+        annealed = runs[
+            (runs["data"] == problem.label)
+            & (runs["problem"] == problem.name)
+            & (runs["search"] == "annealing")
+        ]
+        _draw_objective(column[0], problem, annealed)
+        _draw_violation(column[1], problem, annealed)
         column[0].set_title(f"{problem.label} run, {problem.name}, {problem.rows} rows")
         for axis in column:
             axis.set_xscale("symlog", linthresh=0.1)
@@ -50,7 +60,7 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
     return figure
 
 
-def _draw_objective(axis: Any, problem: Searched) -> None:
+def _draw_objective(axis: Any, problem: Certified, annealed: pandas.DataFrame) -> None:
     """Draw how far objectives lie above the feasible optimum's loss [%], over the
     penalty's weight: certified optima as lines, runs of annealing as dots."""
     base = problem.feasible_loss
@@ -75,14 +85,13 @@ def _draw_objective(axis: Any, problem: Searched) -> None:
             label=label,
         )
     # The runs of annealing as dots.
-    above = [100.0 * (point.objective / base - 1.0) for point in problem.annealed]
-    _dots(axis, problem, above)
+    _dots(axis, annealed, 100.0 * (annealed["objective"].astype(float) / base - 1.0))
     axis.set_yscale("symlog", linthresh=1.0)
     axis.yaxis.set_major_formatter("{x:g}")
     axis.axhline(0.0, color=style.GREY, linewidth=0.6)
 
 
-def _draw_violation(axis: Any, problem: Searched) -> None:
+def _draw_violation(axis: Any, problem: Certified, annealed: pandas.DataFrame) -> None:
     """Draw the worst violation over the weight, on a logarithmic scale.
 
     A violation of zero is drawn at 1e-8.
@@ -100,22 +109,19 @@ def _draw_violation(axis: Any, problem: Searched) -> None:
             marker=".",
             markersize=3,
         )
-    _dots(axis, problem, [max(x.worst_violation, none) for x in problem.annealed])
+    _dots(axis, annealed, annealed["worst_violation"].astype(float).clip(lower=none))
     axis.set_yscale("log")
     ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]
     axis.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
     axis.set_ylim(0.5 * none, 20.0)
 
 
-def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
-    """Draw a dot for every run of annealing at every weight.
-
-    values : what is drawn, for each point of ``problem.annealed``.
-    """
-    n_runs = max(point.run for point in problem.annealed)
-    n_evaluations = max(point.evaluations for point in problem.annealed)
+def _dots(axis: Any, annealed: pandas.DataFrame, values: pandas.Series) -> None:
+    """Draw a dot for every run of annealing at every weight."""
+    n_runs = annealed["run"].nunique()
+    n_evaluations = annealed["evaluations"].max()
     axis.plot(
-        [point.xi for point in problem.annealed],
+        annealed["xi"],
         values,
         linestyle="",
         marker="o",

@@ -9,11 +9,10 @@ import numpy as np
 import pandas
 
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss, PenaltyPaper
 from sdp_vs_penalty.paper.annealing import (
     SearchedPoint,
     SearchPlan,
-    lowest,
     point_fields,
     search_runs,
 )
@@ -24,7 +23,7 @@ from sdp_vs_penalty.paper.penalised_optimum import (
     PenalisedProblem,
     cvxpy_optima,
 )
-from sdp_vs_penalty.paper.tables.study import QUICK, Data, Effort, Study
+from sdp_vs_penalty.paper.tables.study import QUICK, Study
 from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -55,7 +54,7 @@ def is_rounding(loss: float) -> bool:
 
 
 @dataclass(frozen=True)
-class Searched:
+class Certified:
     """What a problem is at every weight."""
 
     label: str
@@ -74,10 +73,6 @@ class Searched:
     free: list[PenalisedOptimum]
     #: The same by CVXPY and Clarabel; NaN without them.
     cvxpy: Array
-    #: Where each run of annealing ends inside the box, at the weights ANNEALED.
-    annealed: list[SearchedPoint]
-    #: Where the local search alone ends.
-    multi_start: list[SearchedPoint]
 
     @property
     def name(self) -> str:
@@ -100,16 +95,6 @@ class Searched:
         if is_rounding(self.feasible_loss):
             return 0.0
         return 100.0 * (optimum.loss / self.feasible_loss - 1.0)
-
-
-@dataclass(frozen=True)
-class _Item:
-    """What a worker is given."""
-
-    label: str
-    task: Task
-    two_step: bool
-    effort: Effort
 
 
 @register_table("global", slow=True)
@@ -136,90 +121,55 @@ def global_optima(study: Study) -> Table:
     return Table(
         f"Global optimum of the published penalised objective, {study.problem.title}",
         rows,
-        notes("global", searches=_searches_in_words(study), exact="; ".join(exact)),
+        notes("global", exact="; ".join(exact)),
         _headline(searched),
         digits=5,
     )
 
 
-def _searches_in_words(study: Study) -> str:
-    """Say how many runs and evaluations the searches of each data set have."""
-    return "; ".join(
-        f"{data.label}: runs {effort.global_runs}, evaluations a weight"
-        f" {effort.global_evaluations or '3000 a parameter'}"
-        for data in study.whole
-        for effort in [_effort(study, data)]
-    )
-
-
-def penalised_optima(study: Study) -> list[Searched]:
-    """Return certified optima and searches for the one-step and two-step problem.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    list of Searched
-        Both problems for each data set.
-    """
+def penalised_optima(study: Study) -> list[Certified]:
+    """Return certified optima of the one-step and two-step problem of each data set."""
     items = [
-        _Item(data.label, study.task(data), two_step, _effort(study, data))
+        (data.label, study.task(data), two_step)
         for data in study.whole
         for two_step in (False, True)
     ]
     study.progress("the penalised objective's global optima")
-    return list(study.workers.map(_searched, items))
+    return list(study.workers.map(_certified, items))
 
 
-def _effort(study: Study, data: Data) -> Effort:
-    """Return the budget for a data set.
-
-    With "single", only the last data set (the real run, if present) is searched long.
-    """
-    if study.budget == "single" and data is not study.whole[-1]:
-        return QUICK
-    return study.effort
-
-
-def _searched(item: _Item) -> Searched:
-    """Compute everything about one problem: certified optima with and without the box,
-    weights from which the penalty is exact, CVXPY's optima, and both searches.
+def _certified(item: tuple[str, Task, bool]) -> Certified:
+    """Compute everything certified about one problem: optima with and without the box,
+    weights from which the penalty is exact, CVXPY's optima.
 
     A worker process calls this; what takes long is read from the disk if it was
     computed before.
     """
-    problem = PenalisedProblem(item.task, item.two_step)
+    label, task, two_step = item
+    problem = PenalisedProblem(task, two_step)
     weights = weights_of(problem)
-    boxed = BoxedProblem(problem).branch_all(weights, GAP, MOST_CELLS)
-    content = (source_version(), *task_content(item.task), item.two_step, weights)
+    content = (source_version(), *task_content(task), two_step, weights)
     by_cvxpy = remembered("cvxpy", content, partial(_by_cvxpy, problem, weights))
-    annealing = SearchPlan(item.effort.global_runs, item.effort.global_evaluations)
-    local = replace(annealing, annealing=False)
-    seed = item.task.seed
-    return Searched(
-        label=item.label,
-        two_step=item.two_step,
+    return Certified(
+        label=label,
+        two_step=two_step,
         rows=problem.data.rows,
         weights=weights,
         feasible_loss=problem.feasible.upper,
         exact_by_theory=problem.exact_weight_by_theory,
         exact_by_bisection=problem.exact_weight_by_bisection(),
+        boxed=BoxedProblem(problem).branch_all(weights, GAP, MOST_CELLS),
         free=problem.solve_all(weights),
-        boxed=boxed,
         cvxpy=np.array(by_cvxpy),
-        annealed=search_runs(problem.published, seed, ANNEALED, annealing),
-        multi_start=search_runs(problem.published, seed, ANNEALED, local),
     )
 
 
 def weights_of(problem: PenalisedProblem) -> tuple[float, ...]:
     """Return the weights of the table, and those about the least exact one, to three
-    digits."""
+    digits, where it is more than rounding."""
     exact = problem.exact_weight_by_theory
-    near = {float(f"{share * exact:.3g}") for share in NEAR_EXACT}
+    shares = NEAR_EXACT if exact > 1e-3 else ()
+    near = {float(f"{share * exact:.3g}") for share in shares}
     return tuple(sorted({*WEIGHTS, *near}))
 
 
@@ -229,13 +179,11 @@ def _by_cvxpy(problem: PenalisedProblem, weights: Sequence[float]) -> list[float
     return [optima.get(weight, np.nan) for weight in weights]
 
 
-def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
-    """Return every run of both searches at every weight.
+def search_table(study: Study) -> pandas.DataFrame:
+    """Return where every run of annealing, and of the local search alone, ends.
 
-    Parameters
-    ----------
-    searched : sequence of Searched
-        The problems.
+    With the budget "single" only the last data set (the real run, where it is at hand)
+    is searched long.
 
     Returns
     -------
@@ -244,33 +192,57 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
         inside the box [%].
     """
     rows = list[Row]()
-    for problem in searched:
-        for point in (*problem.annealed, *problem.multi_start):
-            bound = problem.boxed[problem.weights.index(point.xi)].lower
-            rows.append(
-                {
-                    "data": problem.label,
-                    "problem": problem.name,
-                    **point_fields(point),
-                    "above_bound_percent": _above(point.objective, bound),
-                }
-            )
+    for data in study.whole:
+        is_short = study.budget == "single" and data is not study.whole[-1]
+        effort = QUICK if is_short else study.effort
+        annealing = SearchPlan(effort.global_runs, effort.global_evaluations)
+        task = study.task(data)
+        items = [
+            (PenalisedProblem(task, two_step).published, task.seed, ANNEALED, plan)
+            for two_step in (False, True)
+            for plan in (annealing, replace(annealing, annealing=False))
+        ]
+        study.progress(f"searches, {data.label}")
+        names = [name for name in ("one-step", "two-step") for _ in range(2)]
+        found = study.workers.map(_runs_of, items)
+        lowest_of = {
+            (x.name, xi): boxed.lower
+            for x in study.once(penalised_optima)
+            if x.label == data.label
+            for xi, boxed in zip(x.weights, x.boxed, strict=True)
+        }
+        rows += [
+            {
+                "data": data.label,
+                "problem": name,
+                **point_fields(point),
+                "above_bound_percent": _above(
+                    point.objective, lowest_of[name, point.xi]
+                ),
+            }
+            for name, points in zip(names, found, strict=True)
+            for point in points
+        ]
     return pandas.DataFrame(rows)
 
 
-def _rows(problem: Searched) -> list[Row]:
+def _runs_of(
+    item: tuple[PenalisedLoss, int, Sequence[float], SearchPlan],
+) -> list[SearchedPoint]:
+    """Search in a worker process, which takes a single argument."""
+    return search_runs(*item)
+
+
+def _rows(problem: Certified) -> list[Row]:
     """Return the table's rows of one problem, one for each weight xi of the penalty.
 
     A row has the certified optimum of the published problem, with its box on inertias,
-    then that without it ("free_..."), and the best of the runs of annealing and of local
-    search.
+    then that without it ("free_...").
     """
     rows = []
     for k, (weight, free, boxed) in enumerate(
         zip(problem.weights, problem.free, problem.boxed, strict=True)
     ):
-        annealed = lowest(problem.annealed, weight)
-        started = lowest(problem.multi_start, weight)
         best = boxed.best
         rows.append(
             {
@@ -290,10 +262,6 @@ def _rows(problem: Searched) -> list[Row]:
                 "free_cvxpy": problem.cvxpy[k],
                 "free_excess_loss_percent": problem.excess_percent(free),
                 "free_links_violated": free.n_links_violated,
-                "annealing_best": annealed,
-                "annealing_above_percent": _above(annealed, boxed.lower),
-                "multi_start_best": started,
-                "multi_start_above_percent": _above(started, boxed.lower),
             }
         )
     return rows
@@ -308,7 +276,7 @@ def _above(value: float | None, lower: float) -> float | None:
     return 100.0 * (value / lower - 1.0)
 
 
-def _headline(searched: Sequence[Searched]) -> str:
+def _headline(searched: Sequence[Certified]) -> str:
     """Return the headline: at the paper's largest weight, for each problem, by how much
     the penalised optimum's loss exceeds the feasible optimum's, and how many links
     cannot exist."""

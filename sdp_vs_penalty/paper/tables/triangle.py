@@ -58,9 +58,9 @@ def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:
     basis[0, 3:, 3:] = np.eye(3)
     for axis, place in enumerate(_FIRST_MOMENT):
         unit = np.eye(3)[axis]
-        cross = np.cross(np.eye(3), unit)  # row k: e_k x unit, S(unit)^T
-        basis[place, 3:, :3] = cross.T
-        basis[place, :3, 3:] = cross
+        cross = np.cross(unit, np.eye(3)).T  # S(unit): column k is unit x e_k
+        basis[place, 3:, :3] = cross
+        basis[place, :3, 3:] = cross.T
     entries = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
     for place, (a, b) in zip(_INERTIA, entries, strict=True):
         basis[place, a, b] = basis[place, b, a] = 1.0
