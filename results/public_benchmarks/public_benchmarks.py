@@ -9,7 +9,10 @@ Needs SDP_VS_PENALTY_DATA. Writes public_benchmarks.csv; naming a part makes its
 import csv
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from sdp_vs_penalty import Estimate, add, compare, diagnose, identify
 from sdp_vs_penalty.files import write_text
@@ -22,9 +25,11 @@ CUT = 6.0
 #: How many findings are added first.
 FIRST = 8
 COUPLED = "transmission_friction:5+6@law=viscous,transmission_friction:5+6@law=coulomb"
-#: kg and N/V: what sets the scale of a log without torque.
-MASS, GAIN = 95.1089, 35.1507
-LATE = "rigid_body,viscous_friction,coulomb_friction,torque_offset,servo_position@d=0.001"
+#: kg: what sets the scale of a log without torque.
+MASS = 95.1089
+LATE = (
+    "rigid_body,viscous_friction,coulomb_friction,torque_offset,servo_position@d=0.001"
+)
 Row = tuple[str, str, float, str]
 
 
@@ -49,23 +54,25 @@ def tx40() -> Iterator[Row]:
 def emps() -> Iterator[Row]:
     """Yield what EMPS's servo says with its force hidden, with its law's delay and without."""
     tracking = measured_runs("emps")["tracking"]
-    silent = tracking.without_torque
+    silent = replace(tracking, tau=np.zeros_like(tracking.tau), torque_logged=False)
     for name, effects in (("delay stated", LATE), ("no delay", None)):
         model = identify(
             "emps", silent, effects=effects, known={"m1": MASS}, check=False
         )
-        for parameter, value in zip(model.parameters, model.theta, strict=True):
-            yield "emps", f"{name}; {parameter}", float(value), ""
+        for parameter, value in zip(model.model.parameters, model.theta, strict=True):
+            if parameter.effect != "rigid_body":
+                about = f"{name}; {parameter.name}"
+                yield "emps", about, float(value), parameter.unit
 
 
 PARTS = {"tx40": tx40, "emps": emps}
 
 if __name__ == "__main__":
     chosen = sys.argv[1:] or list(PARTS)
+    made = [tuple(map(str, row)) for part in chosen for row in PARTS[part]()]
     kept = []
     if OUT.exists():
         kept = [r for r in csv.reader(OUT.open()) if r[0] not in ("part", *chosen)]
-    made = [tuple(map(str, row)) for part in chosen for row in PARTS[part]()]
     lines = [",".join(f'"{x}"' for x in row) for row in (COLUMNS, *kept, *made)]
     write_text(OUT, "\n".join(lines) + "\n")
     print(OUT.read_text())

@@ -85,9 +85,10 @@ def rounded(cell: str) -> str:
 
 
 def interval(cell: str) -> str:
-    """The ends of an interval to two decimals."""
+    """The ends of an interval to two decimals, of a narrow one to two digits."""
     ends = [float(end) for end in cell.split(" to ")] if cell else []
-    return " to ".join(f"{end:+.2f}" for end in ends)
+    is_narrow = max(map(abs, ends), default=1.0) < 0.1
+    return " to ".join(f"{end:+.2g}" if is_narrow else f"{end:+.2f}" for end in ends)
 
 
 def shown_cell(column: str, cell: str) -> str:
