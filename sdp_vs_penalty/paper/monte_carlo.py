@@ -68,8 +68,8 @@ class Setting:
 SETTINGS = (
     Setting("white noise", False, 0.0, False, 1.0, 14.0),
     Setting("coloured noise, encoder steps", True, 1e-4, False, 1.0, 14.0),
-    Setting("and friction of another law", True, 1e-4, True, 1.0, 14.0),
-    Setting("and poor excitation", True, 1e-4, False, 0.3, 7.0),
+    Setting("friction of another law", True, 1e-4, True, 1.0, 14.0),
+    Setting("poor excitation", True, 1e-4, False, 0.3, 7.0),
 )
 
 
