@@ -97,12 +97,12 @@ def retrieved(study: Study) -> Table:
         Rows, notes and headline.
     """
     found = study.once(retrieval)
-    row = partial(_row, found)
+    row_of = partial(_row, found)
     rows = [
-        row("p_hat (published links)", found.p_hat, found.task),
-        row("certified optimum, bounds as published", found.best.theta, found.task)
+        row_of("p_hat (published links)", found.p_hat, found.task),
+        row_of("certified optimum, bounds as published", found.best.theta, found.task)
         | {"lower_bound": found.best.lower, "gap": found.best.gap},
-        row("certified optimum, c5z > -0.35 m", found.wider.theta, found.their_task)
+        row_of("certified optimum, c5z > -0.35 m", found.wider.theta, found.their_task)
         | {"lower_bound": found.wider.lower, "gap": found.wider.gap},
     ]
     for row in rows:
