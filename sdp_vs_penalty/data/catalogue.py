@@ -14,19 +14,15 @@ GITHUB = "https://raw.githubusercontent.com"
 
 @dataclass(frozen=True)
 class RemoteFile(JsonRecord):
-    """One file of a repository.
+    """One file of a repository."""
 
-    Parameters
-    ----------
-    path : its path in the repository
-    sha256 : its SHA-256
-    cached : its name in the cache, where that is another
-    rows : the first and the last row (from 1) with samples, where other rows have none
-    """
-
+    #: Path of the file in the repository.
     path: str
+    #: SHA-256 of its bytes, as hexadecimal digits.
     sha256: str
+    #: Its name in the cache; "" where it is the last part of ``path``.
     cached: str = ""
+    #: First and last row (from 1) with samples; None where all rows have them.
     rows: tuple[int, int] | None = None
 
     @property
@@ -37,19 +33,23 @@ class RemoteFile(JsonRecord):
 
 @dataclass(frozen=True)
 class Dataset(JsonRecord):
-    """Measurements that their authors publish.
+    """Measurements that their authors publish."""
 
-    source : GitHub owner/name; commit : which version; problem : whose robot it is;
-    drive_gains : the authors', motor current to joint torque [N m/A].
-    """
-
+    #: Name by which the commands know the data set.
     name: str
+    #: What was measured on which robot, in one line.
     title: str
+    #: Name of the problem that holds the robot.
     problem: str
+    #: Licence under which the authors publish it.
     licence: str
+    #: Repository at GitHub, "owner/name".
     source: str
+    #: Commit of the repository to which the files belong.
     commit: str
+    #: Files that the data set needs.
     files: tuple[RemoteFile, ...]
+    #: The authors' gain of each joint from motor current to joint torque [N m/A].
     drive_gains: tuple[float, ...] = ()
 
     def address(self, file: RemoteFile, base: str = GITHUB) -> str:
@@ -57,8 +57,6 @@ class Dataset(JsonRecord):
 
         Parameters
         ----------
-        file : RemoteFile
-            One of ``files``.
         base : str
             The address of the server.
 
@@ -104,11 +102,6 @@ def dataset(name: str) -> Dataset:
 def dataset_of_raw_file(path: Path) -> str | None:
     """Find the public data set that has a raw file of this name.
 
-    Parameters
-    ----------
-    path : Path
-        Path of any file.
-
     Returns
     -------
     str | None
@@ -122,11 +115,6 @@ def dataset_of_raw_file(path: Path) -> str | None:
 
 def fetch_remedy(path: Path) -> str | None:
     """Say how to get the converted run of a public data set's raw file.
-
-    Parameters
-    ----------
-    path : Path
-        Path of any file.
 
     Returns
     -------

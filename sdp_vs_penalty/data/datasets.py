@@ -153,8 +153,6 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
 
     Parameters
     ----------
-    chosen : Dataset
-        The data set.
     folder : Path
         Where its files go; those where SDP_VS_PENALTY_DATA points are copied.
     base : str

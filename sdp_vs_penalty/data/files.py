@@ -114,8 +114,6 @@ def as_measurements(
         optionally dq (N, n) [rad, N m, rad/s; m, N, m/s]; a DataFrame or mapping with
         RUN.csv's columns; Measurements; or a sequence of these, one a run. A DataFrame
         is read as its file is: rows with empty cells are left out, t can hold dates.
-    joints : int | None
-        Expected number of joints.
     names : Sequence[str] | None
         Names of the robot's joints in order, for files that name theirs.
     what : str
@@ -123,11 +121,6 @@ def as_measurements(
     usable : bool
         Refuse a run with a clock that does not ascend or numbers that are not finite.
         The data check, which reports such faults itself, sets False.
-
-    Returns
-    -------
-    Measurements
-        All runs, kept apart.
 
     Raises
     ------
@@ -254,11 +247,6 @@ def training_runs(source: Source) -> Source:
     all of its runs are; a Remark says which runs are used. A file or a pattern names its
     runs itself, and stays as it is.
 
-    Parameters
-    ----------
-    source : Source
-        As :func:`as_measurements` takes it.
-
     Returns
     -------
     Source
@@ -337,8 +325,6 @@ def windowed(
 
     Parameters
     ----------
-    full_run : Measurements
-        One or more runs.
     windows : Sequence[tuple[float, float]]
         Start and stop of each window [s after the run's first sample].
 
@@ -386,8 +372,6 @@ def read_run(
     ----------
     path : str | Path
         Path of the file or folder, or of several files joined by plus signs.
-    joints : int | None
-        Expected number of joints.
     names : Sequence[str] | None
         Names of the robot's joints in order, for files that name theirs.
     topic : str | None
@@ -460,12 +444,10 @@ def _require_joints(run: Measurements, names: Sequence[str], path: Path) -> None
 
 
 def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements:
-    """Leave out the channels of joints that the robot holds still.
+    """Leave out the (N, n) channels of joints that the robot holds still.
 
     Parameters
     ----------
-    run : Measurements
-        (N, n) channels.
     names : Sequence[str] | None
         Names of the robot's joints; their attribute ``held`` lists the joints that are
         held.
@@ -554,8 +536,6 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
     ----------
     path : str or Path
         How messages call the run.
-    m : Measurements
-        One run.
     word : str
         How messages call a sample. "row" counts from the header: the first sample is
         row 2.
@@ -649,8 +629,6 @@ def save(measurements: Measurements, path: str | Path) -> None:
 
     Parameters
     ----------
-    measurements : Measurements
-        The run.
     path : str | Path
         Path with the suffix .csv, .npz, .parquet or .mat.
 

@@ -37,8 +37,6 @@ def _as_numbers(name: str, value: Any) -> Array:
     ----------
     name
         Of the channel, for the message.
-    value
-        Rows of numbers.
 
     Raises
     ------
@@ -445,19 +443,15 @@ class Measurements(Shown):
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of an identification, split into training and test.
+    """Runs of an identification, split into training and test."""
 
-    Parameters
-    ----------
-    train : windows to identify from
-    test : windows to judge on; None without a test
-    all_runs : training and test, each run once; a search measures the noise in them
-    judged_recordings : whole recordings, without windows, whose errors are shown
-    """
-
+    #: Windows to identify from.
     train: Measurements
+    #: Windows to judge on; None without a test.
     test: Measurements | None
+    #: Training and test windows, each run once; a search measures the noise in them.
     all_runs: Measurements
+    #: Whole recordings, without windows, whose errors are shown.
     judged_recordings: Measurements
 
     @property
@@ -492,11 +486,6 @@ def without_traces(measured: Measurements) -> Measurements:
 
     No sensor resolves them in any unit; filters that fade out leave them. With
     :data:`LARGEST_VALUE` this keeps squares and quotients of samples within range.
-
-    Parameters
-    ----------
-    measured : Measurements
-        One or more runs.
 
     Returns
     -------

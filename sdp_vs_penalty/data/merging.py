@@ -141,11 +141,6 @@ def interpolation_remark(distances: Sequence[Array]) -> str:
     ----------
     distances : sequence of (K,) arrays
         Of each channel, the times to the nearest sample [s].
-
-    Returns
-    -------
-    str
-        Without a full stop.
     """
     moved = [x for x in distances if len(x) and x.max() > 1e-9]
     if not moved:
@@ -159,13 +154,8 @@ def interpolation_remark(distances: Sequence[Array]) -> str:
 
 
 def half_period(clock: Array) -> float:
-    """Return half of a clock's median step, and a little more so that rounded stamps
-    match.
-
-    Parameters
-    ----------
-    clock : Array
-        (N,) stamps [s].
+    """Return half of the median step of a clock (N,) [s], and a little more so that
+    rounded stamps match.
 
     Returns
     -------
@@ -210,11 +200,6 @@ def merge_columns(
         Column whose rows stay: a torque, where there is one.
     discrete : collection of str
         Columns, such as a counter, that take the nearest value.
-
-    Returns
-    -------
-    MergedColumns
-        Rows and values.
     """
     base = _rows_with_value(clock, columns[leading])
     within = half_period(clock[base])

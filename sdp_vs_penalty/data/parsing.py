@@ -12,13 +12,6 @@ def numbers(option: str, text: str, count: int | None = None) -> list[float]:
         Name of the option, for messages.
     text : str
         Its value: numbers separated by commas.
-    count : int | None
-        Expected number of them.
-
-    Returns
-    -------
-    list[float]
-        The numbers.
 
     Raises
     ------

@@ -42,8 +42,6 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     ----------
     robot : Robot
         The robot, whose joints have ranges.
-    measurements : Measurements
-        One or more runs.
 
     Raises
     ------
@@ -120,13 +118,6 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
     A joint of the arm that stands still has a torque; a broken channel of a joint that
     moves is no idle joint.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    measurements : Measurements
-        One or more runs.
-
     Returns
     -------
     dict[str, float]
@@ -184,11 +175,6 @@ def _place(run: Measurements, k: int) -> str:
 
 def check_torque(run: Measurements) -> None:
     """Refuse torque channels that hold no torque: zeros, or less than any arm needs.
-
-    Parameters
-    ----------
-    run : Measurements
-        One run.
 
     Raises
     ------

@@ -35,12 +35,10 @@ _DROP: int | None = getattr(mmap, "MADV_DONTNEED", None)
 def iter_chunks(
     array: NDArray[Any], overlap: int = 0
 ) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Iterate over an array in consecutive chunks of 32768 rows.
+    """Iterate over an array (N, ...) in consecutive chunks of 32768 rows.
 
     Parameters
     ----------
-    array : NDArray[Any]
-        (N, ...) numbers.
     overlap : int
         Rows of the next chunk that each chunk contains as well.
 
@@ -56,15 +54,10 @@ def iter_chunks(
 
 
 def drop_pages(rows: NDArray[Any]) -> None:
-    """Give the memory of a mapped array's rows back to the system.
+    """Give the memory of consecutive rows (K, ...) of a mapped array back to the system.
 
     The rows stay valid: who reads them again gets them from the file. Nothing happens
     to an array in memory.
-
-    Parameters
-    ----------
-    rows : NDArray[Any]
-        (K, ...) consecutive rows.
     """
     mapped = _map_of(rows)
     if mapped is None or not rows.size or _DROP is None:
@@ -111,18 +104,7 @@ def column_range(array: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def digest(arrays: Iterable[NDArray[Any]]) -> str:
-    """Hash the shapes and numbers of arrays.
-
-    Parameters
-    ----------
-    arrays : Iterable[NDArray[Any]]
-        Arrays of any shape.
-
-    Returns
-    -------
-    str
-        SHA-256 as hexadecimal digits.
-    """
+    """Hash the shapes and numbers of arrays: SHA-256 as hexadecimal digits."""
     hasher = hashlib.sha256()
     for array in arrays:
         hasher.update(repr(array.shape).encode())
@@ -142,13 +124,8 @@ class AppendableArray:
     _file: BinaryIO | None = None
 
     def append(self, rows: NDArray[Any]) -> None:
-        """Append rows; move all of them to a temporary file once they are large.
-
-        Parameters
-        ----------
-        rows : NDArray[Any]
-            (K, ...) numbers.
-        """
+        """Append rows (K, ...); move all of them to a temporary file once they are
+        large."""
         self._pieces.append(rows)
         self._bytes += rows.nbytes
         self._rows += len(rows)
@@ -253,12 +230,7 @@ def _room() -> Iterator[None]:
 
 
 def concatenate_chunks(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
-    """Concatenate chunks; a large result lies in a temporary file.
-
-    Parameters
-    ----------
-    arrays : Iterable[NDArray[Any]]
-        Chunks (N_i, ...).
+    """Concatenate chunks (N_i, ...); a large result lies in a temporary file.
 
     Returns
     -------

@@ -31,11 +31,6 @@ def suffixes(ability: str = "read") -> tuple[str, ...]:
     ----------
     ability : str
         What the format can do: "read" or "write".
-
-    Returns
-    -------
-    tuple[str, ...]
-        Suffixes with their point.
     """
     able = [module for module in formats() if hasattr(module, ability)]
     return tuple(suffix for module in able for suffix in module.SUFFIXES)

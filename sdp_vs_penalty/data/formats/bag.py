@@ -141,24 +141,20 @@ def _stay_inside(path: Path) -> None:
 
 @dataclass
 class _Stream:
-    """Messages of one topic that have the same joints and the same fields filled.
+    """Messages of one topic that have the same joints and the same fields filled."""
 
-    Parameters
-    ----------
-    topic : name of the topic
-    names : names of the joints, in the order of the first message that has them
-    fields : those of position, velocity and effort that have a value for each joint
-    table : appendable table on the disk, to which full parts of rows go
-    rows : rows that are not in the table yet
-    values : (N, 2 + 3 n) all rows: two clocks [s], then position, velocity and effort
-        of each joint, NaN where there is none
-    """
-
+    #: Name of the topic.
     topic: str
+    #: Names of the joints, in the order of the first message that has them.
     names: tuple[str, ...]
+    #: Those of "position", "velocity" and "effort" that have a value for each joint.
     fields: tuple[str, ...]
+    #: Appendable table on the disk, to which full parts of rows go.
     table: AppendableArray = field(default_factory=AppendableArray)
+    #: Rows that are not in the table yet.
     rows: list[list[float]] = field(default_factory=list)
+    #: (N, 2 + 3 n) all rows: two clocks [s], then position, velocity and effort of each
+    #: joint; NaN where there is none.
     values: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def add(self, row: list[float]) -> None:

@@ -32,27 +32,23 @@ _COMPOUNDS = {tuple(text.split()): word for text, word in _TABLE["compounds"].it
 
 @dataclass(frozen=True)
 class Reading:
-    """What the name of a column says.
+    """What the name of a column says."""
 
-    Parameters
-    ----------
-    quantity : t, q, dq, tau, temp or qcmd
-    rank : place of its word in the list of the quantity's words, 0 for the best
-    joint : place of the robot's joint that the name holds, from 0; None without
-    number : the last number in the name; None without
-    other_words : further words in the name, such as "left"
-    unit : the unit at the end of the name, "" without
-    factor : factor to SI
-    words : the words that say the quantity
-    """
-
+    #: Quantity: "t", "q", "dq", "tau", "temp" or "qcmd".
     quantity: str
+    #: Place of the name's word in the list of the quantity's words, 0 for the best.
     rank: int
+    #: Place of the robot's joint that the name holds, from 0; None without.
     joint: int | None
+    #: The last number in the name; None without.
     number: int | None
+    #: Further words in the name, such as "left".
     other_words: tuple[str, ...]
+    #: The unit at the end of the name, "" without.
     unit: str = ""
+    #: Factor to SI.
     factor: float = 1.0
+    #: The words that say the quantity.
     words: tuple[str, ...] = ()
 
 
@@ -151,11 +147,6 @@ def is_no_measurement(name: str) -> bool:
     """Return whether a column holds something that was not measured, such as a target,
     a limit or an error.
 
-    Parameters
-    ----------
-    name : str
-        Name of the column.
-
     Returns
     -------
     bool
@@ -166,11 +157,6 @@ def is_no_measurement(name: str) -> bool:
 
 def is_word_for_joint(words: Sequence[str]) -> bool:
     """Return whether words mean a joint: "joint", "arm axis".
-
-    Parameters
-    ----------
-    words : Sequence[str]
-        Words in small letters.
 
     Returns
     -------
@@ -188,8 +174,6 @@ def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
 
     Parameters
     ----------
-    name : str
-        Name of the column.
     joints : JointNames | None
         The robot's joint names, which the name can contain.
 
@@ -246,11 +230,6 @@ def read_time_by_unit(name: str) -> Reading | None:
     Durations end so too ("delay_ms"): a clock's values rise, which whoever asks has to
     see.
 
-    Parameters
-    ----------
-    name : str
-        Name of the column.
-
     Returns
     -------
     Reading | None
@@ -273,11 +252,6 @@ def read_time_by_unit(name: str) -> Reading | None:
 def read_bare_joint(name: str) -> Reading | None:
     """Read a name that says nothing but a joint's number, "j1" or "AxisAct_A1", as a
     position.
-
-    Parameters
-    ----------
-    name : str
-        Name of the column.
 
     Returns
     -------

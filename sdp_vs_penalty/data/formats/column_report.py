@@ -17,50 +17,41 @@ _N_CELLS = 5
 
 @dataclass(frozen=True)
 class ColumnRow:
-    """One column of a file, and what it is taken for.
+    """One column of a file, and what it is taken for."""
 
-    Parameters
-    ----------
-    name : the column's name in the file
-    meaning : our name (t, q1, tau ...), "" where the column is not used
-    kind : "number", "list" (one value a joint), "stamp", "text" or "empty"
-    factor : factor to SI
-    unit : unit that has this factor, such as "deg"; "" where it is 1
-    first_cells : its first five cells as the file writes them
-    """
-
+    #: The column's name in the file.
     name: str
+    #: Our name (t, q1, tau ...), "" where the column is not used.
     meaning: str
+    #: "number", "list" (one value a joint), "stamp", "text" or "empty".
     kind: str
+    #: Factor to SI.
     factor: float
+    #: Unit that has this factor, such as "deg"; "" where it is 1.
     unit: str
+    #: The column's first five cells as the file writes them.
     first_cells: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class ColumnReport:
-    """What the columns of one file are taken for.
+    """What the columns of one file are taken for."""
 
-    Parameters
-    ----------
-    path : of the file
-    rows : one a column, in the file's order
-    logger : what writes such files, in words; "" where names are ours or unknown
-    sentence : what was taken for what, in which unit and why; "" where nothing was
-        guessed
-    command : the `convert` command that reads the file alike; "" likewise
-    joints : their names, where the file says them
-    missing : groups of (t, q, tau) that no column is
-    problem : why nothing could be chosen; "" otherwise
-    """
-
+    #: Path of the file.
     path: Path
+    #: One report a column, in the file's order.
     rows: tuple[ColumnRow, ...]
+    #: What writes such files, in words; "" where names are ours or unknown.
     logger: str = ""
+    #: What was taken for what, in which unit and why; "" where nothing was guessed.
     sentence: str = ""
+    #: The `convert` command that reads the file alike; "" where nothing was guessed.
     command: str = ""
+    #: Names of the joints, where the file says them.
     joints: tuple[str, ...] = ()
+    #: Those of t, q and tau for which the file has no column.
     missing: tuple[str, ...] = ()
+    #: Why no columns could be chosen; "" where they were.
     problem: str = ""
 
     @property

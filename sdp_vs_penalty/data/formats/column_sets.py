@@ -19,24 +19,20 @@ _LINK_SYMBOLS = {"ql": "q", **dict.fromkeys(_LINK_WORDS, "")}
 
 @dataclass(frozen=True)
 class ColumnSet:
-    """Columns of one quantity that belong together, one for each joint.
+    """Columns of one quantity that belong together, one for each joint."""
 
-    Parameters
-    ----------
-    quantity : q, dq, tau, temp or qcmd
-    rank : place of its word in the list of the quantity's words, 0 for the best
-    style : what tells the joints apart: "joint" (the robot's joint names), "number",
-        "block" (one column holds all joints), "name" (other words)
-    other_words : further words that all its names share
-    columns : the file's names by joint, number or words, in the order of the joints
-    n_words : words of its names that say the quantity
-    """
-
+    #: Quantity: "q", "dq", "tau", "temp" or "qcmd".
     quantity: str
+    #: Place of the set's word in the list of the quantity's words, 0 for the best.
     rank: int
+    #: What tells the joints apart: "joint" (the robot's joint names), "number", "block"
+    #: (one column holds all joints), "name" (other words).
     style: str
+    #: Further words that all its names share.
     other_words: tuple[str, ...]
+    #: The file's names by joint, number or words, in the order of the joints.
     columns: dict[Hashable, str]
+    #: Words of its names that say the quantity.
     n_words: int = 1
 
     @property
@@ -146,8 +142,6 @@ def is_of_motors(columns: ColumnSet, others: Sequence[ColumnSet]) -> bool:
 
     Parameters
     ----------
-    columns : ColumnSet
-        Columns of one quantity.
     others : Sequence[ColumnSet]
         All sets of that quantity, of which those with the same joints count.
 

@@ -59,23 +59,20 @@ _LARGEST_SQUARABLE = 1e100
 
 @dataclass(frozen=True)
 class Choice:
-    """What of a file to take.
+    """What of a file to take."""
 
-    Parameters
-    ----------
-    joints : names of the robot's joints in order, for formats that name theirs
-    topic : of a bag with several
-    rename : {our name: the file's name} of columns or variables, for tables
-    rate : samples a second [Hz], in place of the file's clock
-    scale, options : factors by our names, and further words, of the `convert` command
-        that is running, for the command that repeats it
-    """
-
+    #: Names of the robot's joints in order, for formats that name theirs.
     joints: Sequence[str] | None = None
+    #: Topic of a bag that has several.
     topic: str | None = None
+    #: The file's names of columns or variables by ours, for tables.
     rename: Mapping[str, str] | None = None
+    #: Sampling rate [Hz] in place of the file's clock.
     rate: float | None = None
+    #: Factors by our names of the `convert` command that is running, for the command
+    #: that repeats it.
     scale: Mapping[str, str] | None = None
+    #: Further words of that command.
     options: Sequence[str] = ()
 
 
@@ -85,8 +82,6 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
 
     Parameters
     ----------
-    path : str | Path
-        Path of the file.
     kind : str
         How messages call such a file.
     remedy : str
@@ -97,11 +92,6 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
     Iterator[None]
         A context to read the file in. Each library raises exceptions of its own, so all
         but memory and operating-system errors are turned.
-
-    Raises
-    ------
-    InputError
-        The library fails.
     """
     try:
         yield
@@ -120,36 +110,32 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Header:
-    """Which columns of a file are which channels, and how they become SI units.
+    """Which columns of a file are which channels, and how they become SI units."""
 
-    Parameters
-    ----------
-    path : path of the file
-    groups : the file's columns of each channel group (t, q, dq, tau ...): one a joint,
-        or one block; of t several where a stamp is in parts, no entry without a clock
-    factors : factors to SI by the file's names, where they are not 1
-    what : how messages call the file
-    names : names of all its columns
-    order : place in a block of each of the robot's joints, where the orders differ
-    rate : sampling rate that replaces a clock [Hz]
-    episode : name of the column that counts runs
-    joints : names of the joints, where the file says them
-    recognition : what was guessed; None where names are ours or were chosen
-    choice : what the user asked for
-    remedy : what to do about missing columns of what is no file; empty for a file
-    """
-
+    #: Path of the file.
     path: Path
+    #: The file's columns by channel group (t, q, dq, tau ...): one a joint, or one
+    #: block; several of t where a stamp is in parts; no entry of t without a clock.
     groups: Mapping[str, Sequence[str]]
+    #: Factors to SI by the file's names, where they are not 1.
     factors: Mapping[str, float]
+    #: How messages call the file.
     what: str
+    #: Names of all columns of the file.
     names: Sequence[str] = ()
+    #: Place in a block of each of the robot's joints, where the orders differ.
     order: Sequence[int] | None = None
+    #: Sampling rate that replaces a clock [Hz].
     rate: float | None = None
+    #: Name of the column that counts runs.
     episode: str | None = None
+    #: Names of the joints, where the file says them.
     joints: tuple[str, ...] = ()
+    #: The columns and units that were guessed; None where names are ours or were chosen.
     recognition: Recognition | None = None
+    #: What the user asked for.
     choice: Choice = Choice()
+    #: What to do about missing columns of data in memory; "" for a file.
     remedy: str = ""
 
     @classmethod
@@ -167,10 +153,6 @@ class Header:
 
         Parameters
         ----------
-        path : str or Path
-            Path of the file.
-        names : sequence of str
-            Names of its columns.
         choice : Choice
             The robot's joints, the columns chosen by ``--rename``, and the rate.
         what : str
@@ -507,8 +489,6 @@ def recognise_file(
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     names : Sequence[str]
         Names of its columns, in order.
     joints : Sequence[str] | None
@@ -938,11 +918,6 @@ def _quantity_of(name: str) -> str | None:
 def numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
     """Collect columns that differ by their last number alone.
 
-    Parameters
-    ----------
-    names : Sequence[str]
-        Names of columns.
-
     Returns
     -------
     dict of str to list of str
@@ -961,8 +936,6 @@ def real_numbers(path: str | Path, name: str, array: Any) -> Array:
 
     Parameters
     ----------
-    path : str | Path
-        Path of the file.
     name : str
         Name of the array, for messages.
     array : Any
@@ -1018,16 +991,6 @@ def brief_names(names: Sequence[str]) -> str:
 
     >>> brief_names(["t", "q_0", "q_1", "q_2"])
     'q_0..2, t'
-
-    Parameters
-    ----------
-    names : Sequence[str]
-        Of columns.
-
-    Returns
-    -------
-    str
-        Names separated by commas.
     """
     families = dict[tuple[str, str], list[int]]()
     for name in names:
@@ -1093,11 +1056,6 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
 
 def columns_of(measurements: Measurements) -> dict[str, Array]:
     """List the columns of a run by their names in RUN.csv.
-
-    Parameters
-    ----------
-    measurements : Measurements
-        One run.
 
     Returns
     -------

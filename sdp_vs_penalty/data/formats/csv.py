@@ -53,8 +53,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     choice : Choice
         The robot's joints, the columns chosen by ``--rename``, and the rate.
 
@@ -166,11 +164,6 @@ def read_columns(path: Path) -> dict[str, Array]:
     """Read the columns of a text table that hold numbers, lists of numbers or time
     stamps.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
     Returns
     -------
     dict of str to array
@@ -233,11 +226,6 @@ def inspect(path: Path) -> CellTable:
     """Describe the columns of a text table by its first rows, for the recogniser of
     columns.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
     Returns
     -------
     CellTable
@@ -266,8 +254,6 @@ def write(measurements: Measurements, path: Path) -> None:
 
     Parameters
     ----------
-    measurements : Measurements
-        The run.
     path : Path
         Path of the file to write.
     """
@@ -281,19 +267,7 @@ def write(measurements: Measurements, path: Path) -> None:
 
 
 def numbers(path: Path, width: int) -> Array:
-    """Read a table of numbers that has no header, with commas between the columns.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-    width : int
-        Number of columns.
-
-    Returns
-    -------
-    Array
-        (N, width) numbers.
+    """Read (N, width) numbers that have no header, with commas between the columns.
 
     Raises
     ------

@@ -20,8 +20,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     choice : Choice
         The robot's joints, the columns chosen by ``--rename``, and the rate.
 

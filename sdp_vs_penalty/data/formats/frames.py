@@ -33,20 +33,16 @@ _JUDGED = 20
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of a mapping or data frame.
+    """The columns of a mapping or data frame."""
 
-    Parameters
-    ----------
-    numbers : (N,) numbers or (N, n) blocks by name; dates as seconds since 1970 [s],
-        times of day and durations as seconds [s]
-    stamps : the first cells of the columns that held dates or times, as texts
-    texts : the first cell of each other column, by name
-    is_frame : whether empty cells are NaN, as in a data frame
-    """
-
+    #: (N,) numbers or (N, n) blocks by name; dates in seconds since 1970, times of day
+    #: and durations in seconds.
     numbers: Mapping[str, Array]
+    #: First cells, as texts, of the columns that held dates or times, by name.
     stamps: Mapping[str, list[str]]
+    #: First cell of each column that holds other texts, by name.
     texts: Mapping[str, str]
+    #: Whether empty cells are NaN, as in a data frame.
     is_frame: bool
 
     @property
@@ -59,7 +55,7 @@ class Columns:
 
 
 def columns_in_memory(source: Any) -> Columns | None:
-    """Take the columns of a mapping or data frame.
+    """Take the columns of a mapping or data frame; None for other types.
 
     The index of a data frame is a column too, unless it has no name and counts the
     rows.
@@ -68,11 +64,6 @@ def columns_in_memory(source: Any) -> Columns | None:
     ----------
     source : Any
         What a caller passes as a run.
-
-    Returns
-    -------
-    Columns | None
-        None for other types.
 
     Raises
     ------
@@ -112,8 +103,6 @@ def read_columns_in_memory(columns: Columns, number: int, what: str) -> Measurem
 
     Parameters
     ----------
-    columns : Columns
-        What the caller passed.
     number : int
         Of the run, from 1, among those that the caller passes: its name is "run1".
     what : str

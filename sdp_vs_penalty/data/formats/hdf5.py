@@ -28,8 +28,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     choice : Choice
         The robot's joints, the data sets chosen by ``--rename``, and the rate.
 
@@ -106,11 +104,6 @@ def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
     To be run in a process of its own. Links to other files, and data that lie in them,
     are not followed. Data sets of more than two dimensions, such as pictures, are left
     out.
-
-    Parameters
-    ----------
-    path : str
-        Path of the file.
 
     Yields
     ------

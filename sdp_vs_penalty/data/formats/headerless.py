@@ -28,18 +28,11 @@ def names_without_header(
     ----------
     path : Path
         How messages call the file.
-    width : int
-        Number of columns.
     choice : Choice
         The rate that replaces a clock, and the robot's joints.
     read_columns : callable
         Returns the columns (N,) in their order. Called for the error message alone,
         which proposes a rate.
-
-    Returns
-    -------
-    list of str
-        One name a column.
 
     Raises
     ------

@@ -55,11 +55,6 @@ def unit_of_angles(values: Array) -> tuple[str, str]:
 
     Values beyond two turns (4 pi) are degrees.
 
-    Parameters
-    ----------
-    values : array
-        Angles of any shape.
-
     Returns
     -------
     unit, reason : str
@@ -75,11 +70,6 @@ def unit_of_servo(values: Array) -> tuple[str, str]:
 
     Values within two turns are radians, values beyond 100 are degrees. Between the two
     they may be degrees or per cent of each joint's range, and are taken as they are.
-
-    Parameters
-    ----------
-    values : array
-        Positions of any shape.
 
     Returns
     -------

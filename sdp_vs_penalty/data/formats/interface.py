@@ -25,8 +25,6 @@ class MeasurementFormat(Protocol):
 
         Parameters
         ----------
-        path : Path
-            Path of the file.
         choice : Choice
             The robot's joints, the columns chosen by ``--rename``, the rate, the topic.
 
@@ -49,11 +47,6 @@ class TableFormat(MeasurementFormat, Protocol):
     def inspect(self, path: Path) -> CellTable:
         """Describe the columns by their first values, for the recogniser of columns.
 
-        Parameters
-        ----------
-        path : Path
-            Path of the file.
-
         Returns
         -------
         CellTable
@@ -63,11 +56,6 @@ class TableFormat(MeasurementFormat, Protocol):
 
     def read_columns(self, path: Path) -> dict[str, Array]:
         """Read the columns that are numbers.
-
-        Parameters
-        ----------
-        path : Path
-            Path of the file.
 
         Returns
         -------
@@ -91,8 +79,6 @@ class WritableFormat(MeasurementFormat, Protocol):
 
         Parameters
         ----------
-        measurements : Measurements
-            The run.
         path : Path
             Path of the file to write.
         """

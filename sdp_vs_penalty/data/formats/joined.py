@@ -37,17 +37,13 @@ _TABLES = (*_SUFFIXES, ".npz", ".parquet", ".mat")
 
 @dataclass(frozen=True)
 class FilePart:
-    """The columns of one file of a run.
+    """The columns of one file of a run."""
 
-    Parameters
-    ----------
-    path : of the file
-    table : what its columns hold
-    columns : (N,) or (N, n) by name
-    """
-
+    #: Path of the file.
     path: Path
+    #: Kinds and first cells of its columns.
     table: CellTable
+    #: (N,) numbers or (N, n) blocks of each column, by name.
     columns: Mapping[str, Array]
 
     @property

@@ -38,8 +38,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     choice : Choice
         What of the file to take: joints, columns, rate.
 

@@ -41,17 +41,13 @@ _MOST_CHANNELS = 1000
 
 @dataclass(frozen=True)
 class LongForm:
-    """Layout of a table with a row for each joint, or each channel, and instant.
+    """Layout of a table with a row for each joint, or each channel, and instant."""
 
-    Parameters
-    ----------
-    joint : place, from 0, of the column that names or numbers the row's joint; None
-        without
-    channel : place of the column that names the row's channel; None where each channel
-        has a column of its own
-    """
-
+    #: Place, from 0, of the column that names or numbers the row's joint; None where no
+    #: column does.
     joint: int | None
+    #: Place, from 0, of the column that names the row's channel; None where each channel
+    #: has a column.
     channel: int | None
 
 
@@ -146,8 +142,6 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    table : TextTable
-        Layout of the file.
     form : LongForm
         Columns that say to which joint or channel a row belongs.
     choice : Choice

@@ -24,8 +24,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     choice : Choice
         The robot's joints, the variables chosen by ``--rename``, and the rate.
 
@@ -102,11 +100,6 @@ def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
     """Parse the numeric variables of a .mat file, one at a time.
 
     To be run in a process of its own: one wrong byte in the file can end it.
-
-    Parameters
-    ----------
-    path : str
-        Path of the file.
 
     Yields
     ------
@@ -223,8 +216,6 @@ def write(measurements: Measurements, path: Path) -> None:
 
     Parameters
     ----------
-    measurements : Measurements
-        The run.
     path : Path
         Path of the file to write.
     """

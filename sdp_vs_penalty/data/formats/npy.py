@@ -71,7 +71,7 @@ def run_of_columns(
     Raises
     ------
     InputError
-        Columns that are unknown.
+        Where a column is unknown, or a channel is missing.
     """
     names = list(columns)
     if names[:1] == ["#1"] and not choice.rename:

@@ -39,8 +39,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     choice : Choice
         The robot's joints, the arrays chosen by ``--rename``, and the rate.
 
@@ -248,8 +246,6 @@ def write(measurements: Measurements, path: Path) -> None:
 
     Parameters
     ----------
-    measurements : Measurements
-        The run.
     path : Path
         Path of the file to write.
     """
@@ -260,11 +256,6 @@ def write(measurements: Measurements, path: Path) -> None:
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """Read all arrays of an archive, each of which has to be numeric.
-
-    Parameters
-    ----------
-    path : str | Path
-        Path of the file.
 
     Returns
     -------

@@ -32,8 +32,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     choice : Choice
         What of the file to take: joints, columns, rate.
 
@@ -58,11 +56,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 def inspect(path: Path) -> CellTable:
     """Describe the columns of a Parquet table.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
     Returns
     -------
     CellTable
@@ -74,11 +67,6 @@ def inspect(path: Path) -> CellTable:
 
 def read_columns(path: Path) -> dict[str, Array]:
     """Read the columns of a Parquet table that are no texts.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
 
     Returns
     -------
@@ -210,11 +198,6 @@ def _pieces(path: Path, header: Header, file: Any) -> Iterator[Measurements]:
 def kind_of(kind: Any) -> str:
     """Return what a column of an Arrow type holds.
 
-    Parameters
-    ----------
-    kind : Any
-        Type of the column.
-
     Returns
     -------
     str
@@ -247,8 +230,6 @@ def numbers_of(path: Path, name: str, column: Any) -> Array:
     ----------
     path : Path
         How messages call the file.
-    name : str
-        Name of the column.
     column : Any
         Arrow's column of N cells.
 
@@ -291,8 +272,6 @@ def write(measurements: Measurements, path: Path) -> None:
 
     Parameters
     ----------
-    measurements : Measurements
-        The run.
     path : Path
         Path of the file to write.
     """

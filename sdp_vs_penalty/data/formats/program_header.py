@@ -35,20 +35,16 @@ _LARGEST_MILLISECONDS = 1e12
 
 @dataclass(frozen=True)
 class ProgramHeader:
-    """A table of LabVIEW or TwinCAT, as a plain one: one row of names, and values.
+    """A table of LabVIEW or TwinCAT, as a plain one: one row of names, and values."""
 
-    Parameters
-    ----------
-    rows : the row of names, with units in brackets, and the rows of values
-    delimiter : separator between cells
-    clocks : places, from 0, of the columns of stamps
-    rate : sampling rate [Hz] of a table without stamps, which its header says; None
-        with stamps
-    """
-
+    #: The row of names, with units in brackets, and the rows of values.
     rows: list[Row]
+    #: Separator between cells.
     delimiter: str
+    #: Places, from 0, of the columns of stamps.
     clocks: tuple[int, ...]
+    #: Sampling rate [Hz] of a table without stamps, which its header says; None with
+    #: stamps.
     rate: float | None = None
 
 

@@ -85,26 +85,17 @@ class AmbiguousColumnsError(InputError):
 
 @dataclass(frozen=True)
 class CellTable:
-    """Kinds and first cells of a file's columns, as the recogniser needs them.
+    """Kinds and first cells of a file's columns, as the recogniser needs them."""
 
-    Parameters
-    ----------
-    kinds : "number", "text", "list", "stamp" or "empty", by the column's name
-    cells : the texts of the first cells that are not empty, by the column's name
-    units : units that the file's metadata say, by the column's name
-    """
-
+    #: "number", "text", "list", "stamp" or "empty", by the column's name.
     kinds: Mapping[str, str]
+    #: Texts of the first cells that are not empty, by the column's name.
     cells: Mapping[str, Sequence[str]]
+    #: Units that the file's metadata say, by the column's name.
     units: Mapping[str, str] = field(default_factory=dict)
 
     def values(self, name: str) -> Array:
         """Return the numbers in the first 50 cells of a column that are not empty.
-
-        Parameters
-        ----------
-        name : str
-            Name of the column.
 
         Returns
         -------
@@ -118,32 +109,28 @@ class CellTable:
 
 @dataclass(frozen=True)
 class Recognition:
-    """Which column of a foreign file is which channel, in which unit and why.
+    """Which column of a foreign file is which channel, in which unit and why."""
 
-    Parameters
-    ----------
-    rename : the file's names by ours (t, q1 ..., or q for a block); t is
-        "sec+nanosec" where a stamp is in two parts, "hour+minute+second" of a time of day
-    scale : factors to SI by our names, where they are not 1
-    logger : the program that writes such files, in words
-    units : sentences on the units that are not SI, with the reasons
-    inferred : ANGLE, SERVO or CLOCK by channel group, of units that the first cells suggest
-    joints : names of the joints, where the file says them
-    order : places of the robot's joints within a block, where the orders differ
-    episode : name of the column that counts runs
-    has_other_joints : whether the robot's joints have other names than the file's
-    torque_unit : "A" where the torques are motor currents, by their words
-    """
-
+    #: The file's names by ours (t, q1 ..., or q for a block); that of t is "sec+nanosec"
+    #: where a stamp is in two parts, "hour+minute+second" for a time of day.
     rename: dict[str, str]
+    #: Factors to SI by our names, where they are not 1.
     scale: dict[str, float]
+    #: The program that writes such files, or how the columns were recognised, in words.
     logger: str = "by their words"
+    #: Sentences on the units that are not SI, with the reasons.
     units: tuple[str, ...] = ()
+    #: ANGLE, SERVO or CLOCK by channel group, of units that the first cells suggest.
     inferred: Mapping[str, str] = field(default_factory=dict)
+    #: Names of the joints, where the file says them.
     joints: tuple[str, ...] = ()
+    #: Places of the robot's joints within a block, where the orders differ.
     order: tuple[int, ...] | None = None
+    #: Name of the column that counts runs.
     episode: str | None = None
+    #: Whether the robot's joints have other names than the file's.
     has_other_joints: bool = False
+    #: "A" where the torques are motor currents, by their words.
     torque_unit: str = ""
 
     @property
@@ -191,8 +178,6 @@ class Recognition:
 
         Parameters
         ----------
-        path : Path
-            Path of the file.
         names : Sequence[str]
             Names of the file's columns.
         rate : float | None
@@ -239,21 +224,12 @@ class Recognition:
 
         Parameters
         ----------
-        path : Path
-            Path of the file.
         names : Sequence[str]
             Names of the file's columns.
         rate : float | None
             Sampling rate that replaces the file's clock [Hz].
-        scale, options
-            As :meth:`command` takes them.
         has_file : bool
             False for a data frame, which no command converts.
-
-        Returns
-        -------
-        str
-            One sentence.
         """
         pairs = first_and_last(self.rename)
         columns = ", ".join(f"{ours} = {theirs}" for ours, theirs in pairs)
@@ -301,11 +277,6 @@ def counted_from_zero(names: Sequence[str]) -> bool:
     """Return whether columns with our names count the joints from 0 (q0, tau0) instead
     of 1.
 
-    Parameters
-    ----------
-    names : Sequence[str]
-        Names of the columns.
-
     Returns
     -------
     bool
@@ -317,11 +288,6 @@ def counted_from_zero(names: Sequence[str]) -> bool:
 def has_our_names(names: Sequence[str]) -> bool:
     """Return whether a file has the names of RUN.csv, so that nothing needs to be
     recognised.
-
-    Parameters
-    ----------
-    names : Sequence[str]
-        Names of the columns.
 
     Returns
     -------
@@ -454,8 +420,6 @@ def find_clock(names: Sequence[str], table: CellTable | None = None) -> str | No
 
     Parameters
     ----------
-    names : Sequence[str]
-        Names of the columns.
     table : CellTable | None
         Kinds and first cells of the columns.
 

@@ -41,11 +41,6 @@ def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
         "hour+minute+second".
     names : Sequence[str]
         Names of the file's columns.
-
-    Returns
-    -------
-    tuple[str, ...]
-        One name or several.
     """
     if their_name in names or "+" not in their_name:
         return (their_name,)
@@ -67,11 +62,6 @@ def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
         The file's column names by ours (t, q1, tau1 ...).
     names : Sequence[str]
         Names of the file's columns.
-
-    Returns
-    -------
-    str
-        The option's value.
     """
     groups = dict[str, dict[str, str]]()
     for our_name, their_name in rename.items():

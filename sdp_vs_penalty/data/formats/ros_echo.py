@@ -37,8 +37,6 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the text.
     choice : Choice
         The robot's joints, the fields chosen by ``--rename``, and the rate.
 

@@ -22,8 +22,6 @@ def read(path: Path, choice: Choice, refused: InputError) -> Measurements:
 
     Parameters
     ----------
-    path : Path
-        Path of the text.
     choice : Choice
         The robot's joints, the fields chosen by ``--rename``, and the rate.
     refused : InputError

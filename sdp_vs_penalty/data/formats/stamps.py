@@ -44,11 +44,6 @@ _STAMP = re.compile(
 def is_stamp(text: str) -> bool:
     """Return whether a cell holds a time of day, with or without a date and a zone.
 
-    Parameters
-    ----------
-    text : str
-        Text of one cell.
-
     Returns
     -------
     bool
@@ -59,11 +54,6 @@ def is_stamp(text: str) -> bool:
 
 def has_fraction(text: str) -> bool:
     """Return whether a stamp says more than whole seconds.
-
-    Parameters
-    ----------
-    text : str
-        Text of one cell.
 
     Returns
     -------
@@ -77,11 +67,6 @@ def has_fraction(text: str) -> bool:
 
 def fraction_column(names: Sequence[str]) -> str | None:
     """Find the column that continues stamps of whole seconds: "ms", "Millisecond".
-
-    Parameters
-    ----------
-    names : Sequence[str]
-        Names of the columns.
 
     Returns
     -------
@@ -102,11 +87,6 @@ def fraction_column(names: Sequence[str]) -> str | None:
 def find_two_parts(names: Sequence[str]) -> tuple[str, str] | None:
     """Find the two columns of a stamp that is split into seconds and a fraction of a
     second.
-
-    Parameters
-    ----------
-    names : Sequence[str]
-        Names of the columns.
 
     Returns
     -------

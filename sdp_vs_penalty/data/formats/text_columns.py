@@ -37,8 +37,6 @@ def read_pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]
 
     Parameters
     ----------
-    table : TextTable
-        Layout of the file.
     chosen : Sequence[int]
         Places of the columns, from 0.
 
@@ -282,8 +280,6 @@ def iter_cells(table: TextTable, column: int) -> Iterator[list[str]]:
 
     Parameters
     ----------
-    table : TextTable
-        Layout of the file.
     column : int
         Place of the column, from 0.
 
@@ -307,8 +303,6 @@ def read_cells(
 
     Parameters
     ----------
-    table : TextTable
-        Layout of the file.
     chosen : Sequence[int]
         Places of the columns, from 0.
 
@@ -345,8 +339,6 @@ def parse_with_gaps(
 
     Parameters
     ----------
-    table : TextTable
-        Layout of the file.
     column : int
         Place of the column, from 0.
     numbers : Sequence[int]

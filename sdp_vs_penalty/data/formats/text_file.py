@@ -97,11 +97,6 @@ def open_text(path: Path) -> Iterator[IO[str]]:
 def is_workbook(path: Path) -> bool:
     """Return whether a file is an Excel workbook (.xlsx).
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
     Returns
     -------
     bool
@@ -120,11 +115,6 @@ def is_workbook(path: Path) -> bool:
 def is_packed(path: Path) -> bool:
     """Return whether a file is packed by gzip, bzip2 or xz, or is a workbook.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
     Returns
     -------
     bool
@@ -135,11 +125,6 @@ def is_packed(path: Path) -> bool:
 
 def is_plain_utf_8(path: Path) -> bool:
     """Return whether other libraries can read a file directly: UTF-8, and not packed.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
 
     Returns
     -------
@@ -155,11 +140,6 @@ def largest_text(path: Path) -> int:
     """Return the largest number of characters that a file may have when it is unpacked.
 
     A small packed file could otherwise fill the memory.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
 
     Returns
     -------

@@ -90,42 +90,39 @@ class MarkupError(InputError):
 class TextTable:
     """Layout of a text file: separator, decimal mark, header and columns, by its first
     rows.
-
-    Parameters
-    ----------
-    path : path of the file
-    delimiter : separator between cells; None for any number of blanks
-    decimal : decimal mark, "." or ","
-    quoted : whether cells stand in quotes
-    nested : whether lists in cells hold the separator, without quotes around the list
-    names : names of the columns; "#1", "#2" ... without a header
-    has_header : whether a row names the columns
-    first : number of the first row of values, from 1
-    kinds : "number", "text", "list", "stamp" or "empty", one a column
-    sample : cells of the first rows
-    has_wrapped_cells : whether a quoted cell goes on in the next line
-    header_row : the row of names as the file writes it
-    is_plain_utf_8 : whether the file is UTF-8 and not packed
-    cell_units : unit that follows the numbers in the cells, by the column's place
-    clocks : places of the columns of stamps, where a program writes one for each channel
-    rate : sampling rate [Hz] that a program's header says of a table without stamps
     """
 
+    #: Path of the file.
     path: Path
+    #: Separator between cells; None for any number of blanks.
     delimiter: str | None
+    #: Decimal mark, "." or ",".
     decimal: str
+    #: Whether cells stand in quotes.
     quoted: bool
+    #: Whether lists in cells hold the separator, without quotes around the list.
     nested: bool
+    #: Names of the columns; "#1", "#2" ... without a header.
     names: tuple[str, ...]
+    #: Whether a row names the columns.
     has_header: bool
+    #: Number of the first row of values, from 1.
     first: int
+    #: "number", "text", "list", "stamp" or "empty", one a column.
     kinds: tuple[str, ...]
+    #: Cells of the first rows.
     sample: tuple[tuple[str, ...], ...]
+    #: Whether a quoted cell goes on in the next line.
     has_wrapped_cells: bool = False
+    #: The row of names as the file writes it.
     header_row: str = ""
+    #: Whether the file is UTF-8 and not packed.
     is_plain_utf_8: bool = True
+    #: Unit that follows the numbers in the cells, by the column's place.
     cell_units: Mapping[int, str] = field(default_factory=dict)
+    #: Places of the columns of stamps, where a program writes one for each channel.
     clocks: tuple[int, ...] = ()
+    #: Sampling rate [Hz] of a table without stamps, which a program's header says.
     rate: float | None = None
 
     @property
@@ -238,13 +235,6 @@ def plain_number(text: str, decimal: str = ".") -> str:
     >>> plain_number("1.007,5", decimal=","), plain_number("1,007.5")
     ('1007.5', '1007.5')
 
-    Parameters
-    ----------
-    text : str
-        Text of one cell.
-    decimal : str
-        The table's decimal mark.
-
     Returns
     -------
     str
@@ -264,13 +254,6 @@ def plain_number(text: str, decimal: str = ".") -> str:
 def is_number(text: str, decimal: str = ".") -> bool:
     """Return whether a cell holds a number that NumPy can read, separators of thousands
     aside.
-
-    Parameters
-    ----------
-    text : str
-        Text of one cell.
-    decimal : str
-        The table's decimal mark.
 
     Returns
     -------
@@ -338,11 +321,6 @@ def _split_outside_brackets(line: str, delimiter: str | None) -> list[str]:
 
 def inspect_table(path: Path) -> TextTable:
     """Find the layout of a text file from its first hundred rows.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
 
     Returns
     -------
@@ -655,11 +633,6 @@ def is_comment(line: str) -> bool:
     ----------
     line : str
         Line of a text, without blanks before it.
-
-    Returns
-    -------
-    bool
-        True for a comment.
     """
     is_mark = line.lower().startswith("sep=") or line.strip() == "EOF"
     return is_mark or line.startswith(_COMMENTS)

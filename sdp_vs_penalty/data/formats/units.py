@@ -209,19 +209,15 @@ def unit_of_factor(factor: float, quantity: str) -> str | None:
 
 @dataclass(frozen=True)
 class NamedUnit:
-    """A unit at the end of a column's name.
+    """A unit at the end of a column's name."""
 
-    Parameters
-    ----------
-    quantity : quantity that has this unit
-    text : the unit as the table of units writes it
-    factor : factor to SI
-    remainder : the name without the unit
-    """
-
+    #: Quantity that has this unit.
     quantity: str
+    #: The unit as the table of units writes it.
     text: str
+    #: Factor to SI.
     factor: float
+    #: The column's name without the unit.
     remainder: str
 
 
@@ -229,11 +225,6 @@ def units_of_name(name: str) -> list[NamedUnit]:
     """List the units with which a column's name can end, the longest first.
 
     A joint's number may follow the unit: "pos_deg_3".
-
-    Parameters
-    ----------
-    name : str
-        Name of the column.
 
     Returns
     -------

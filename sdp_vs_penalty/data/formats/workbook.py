@@ -23,8 +23,6 @@ def text_of_workbook(path: Path, changed: int, size: int) -> str:
 
     Parameters
     ----------
-    path : Path
-        Path of the file.
     changed, size : int
         When the file was changed [ns] and its size [bytes]: a changed file is parsed
         anew.
