@@ -81,8 +81,6 @@ def add(
         diagnosis, and wherever the model has a payload or gets one: refitted links
         would absorb it. Findings about a frozen model's own effects are left out;
         identify it again for these.
-    seed : int
-        Of the method.
     progress : callable
         Hears where the computation stands, a short text each time.
     gain_uncertainty : float, optional
@@ -149,18 +147,12 @@ def _read_effects(
 
     Parameters
     ----------
-    estimate
-        The model.
-    effects
-        As :func:`add` takes them.
     frozen
         Whether the model's parameters stay fixed: then constants of its effects do,
         too.
 
     Returns
     -------
-    list of Effect
-        Effects to add.
     list of ShapeEstimate
         Shape constants (such as a Stribeck velocity) of the model's effects to change.
 
@@ -233,16 +225,17 @@ def _without_held(estimate: Estimate, added: Sequence[Effect]) -> list[Effect]:
 
 @dataclass(frozen=True)
 class _Again:
-    """Identifies a model again with other effects, by its own method and constraints.
+    """Identifies a model again with other effects, by its own method and constraints."""
 
-    estimate : the model; runs : filtered; gain_errors (n, e) : a factor of the
-    covariance of the torque channels' gains; seed : of the method.
-    """
-
+    #: The model to identify again.
     estimate: Estimate
+    #: The filtered runs to fit.
     runs: FilteredRuns
+    #: (n, e) factor of the covariance of the torque channels' gains.
     gain_errors: Array
+    #: Seed of the method's random choices.
     seed: int
+    #: Called with a short text at each step.
     progress: Progress
 
     def identified(self, effects: Sequence[Effect]) -> Estimate:
@@ -296,8 +289,6 @@ def _with_noise_of(estimate: Estimate, extended: Estimate) -> Estimate:
 
     Parameters
     ----------
-    estimate
-        The original model.
     extended
         The extended model, which is changed in place and returned.
     """
@@ -314,8 +305,6 @@ def _retunes(
 
     Parameters
     ----------
-    estimate
-        The model.
     new_effects
         The effects as they were written.
     frozen
@@ -370,8 +359,6 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
 
     Parameters
     ----------
-    estimate
-        The model.
     retuned
         Constants with new values, at which they stay fixed.
     """
@@ -408,14 +395,6 @@ def _add_frozen(
 
     Parameters
     ----------
-    estimate
-        The model.
-    new
-        The effects.
-    runs
-        Filtered runs to fit.
-    seed
-        Seed of the method.
     progress
         Called with a text at each step.
     gain_errors
@@ -485,18 +464,19 @@ def _joined_motion(estimate: Estimate, runs: FilteredRuns) -> MotionRecord | Non
 
 @dataclass(frozen=True)
 class _FitBeside:
-    """New effects fitted beside a model whose parameters stay fixed.
+    """New effects fitted beside a model whose parameters stay fixed."""
 
-    model : with the new effects; model_of_new : the new effects alone; task, estimator
-    : what was fitted, and by which method; theta (p,) : parameters of the new effects,
-    in SI units; certificate : of this fit.
-    """
-
+    #: The model with the new effects.
     model: Model
+    #: A model of the new effects alone.
     model_of_new: Model
+    #: The data and constraints of the fit.
     task: Task
+    #: The method of the fit.
     estimator: Estimator
+    #: (p,) parameters of the new effects, in SI units.
     theta: Array
+    #: The certificate of the fit.
     certificate: Certificate
 
 
@@ -515,14 +495,6 @@ def _fit_new_effects(
 
     Parameters
     ----------
-    estimate
-        The model.
-    new
-        The effects.
-    runs
-        Filtered runs to fit.
-    seed
-        Seed of the method.
     progress
         Called with a text at each step.
     """
@@ -565,8 +537,6 @@ def _uncertainty_beside(
         The model that was held fixed.
     fit
         The new effects fitted to its residual torque.
-    runs
-        Filtered runs.
     base
         Base parameters (identifiable combinations) of the new effects.
     gain_errors
@@ -712,8 +682,6 @@ def joint_optimum_of_constants(
         The model with the added effects.
     added
         The added effects; constants that were given are not estimated.
-    runs
-        Filtered runs to fit.
 
     Returns
     -------

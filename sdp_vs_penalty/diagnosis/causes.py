@@ -68,22 +68,26 @@ _TIME_POWERS = (1, 2, 3)
 
 @dataclass(frozen=True)
 class States:
-    """The state at every row: filtered position q, velocity dq, acceleration ddq and
-    measured torque, (M, n) each in SI units, and time t (M,) in s.
+    """The state of motion and the torque at every filtered row."""
 
-    modelled (M, n) : torque of the model; torque_rate (M, n) : its derivative by time;
-    torque_curvature (M, n) : second derivative of the torque that the gears transmit,
-    which is the modelled torque without friction.
-    """
-
+    #: The filtered rows.
     rows: SegmentedRuns
+    #: (M, n) position [rad or m].
     q: Array
+    #: (M, n) velocity [rad/s or m/s].
     dq: Array
+    #: (M, n) acceleration [rad/s^2 or m/s^2].
     ddq: Array
+    #: (M, n) measured torque [N m or N].
     torque: Array
+    #: (M,) time [s].
     t: Array
+    #: (M, n) torque of the model [N m or N].
     modelled: Array
+    #: (M, n) derivative of the model's torque by time [N m/s or N/s].
     torque_rate: Array
+    #: (M, n) second derivative by time of the torque that the gears transmit, which is
+    #: the modelled torque without friction [N m/s^2 or N/s^2].
     torque_curvature: Array
 
     @classmethod
@@ -123,13 +127,13 @@ class States:
 
 @dataclass(frozen=True)
 class JointError:
-    """The torque error (M,) of one joint (from 0), in N m or N.
+    """The torque error of one joint."""
 
-    orders : waves per turn of the joint that stand out of its spectrum.
-    """
-
+    #: Number of the joint, from 0.
     joint: int
+    #: (M,) torque error [N m or N].
     error: Array
+    #: Waves per turn of the joint that stand out of its spectrum.
     orders: Sequence[int]
 
 
@@ -439,22 +443,23 @@ CAUSE_COLUMNS: Mapping[str, Callable[[States, JointError], Array | list[Array]]]
 
 @dataclass(frozen=True)
 class CauseShares:
-    """Shares of a joint's error variance that each cause explains on data left out, by
-    name.
+    """Shares (0 to 1) of a joint's error variance that each cause explains on data left
+    out, by the cause's name."""
 
-    of_error : share of the whole error. beyond_usual : share of the part of the error
-    that neither other parameters of the model nor the usual error would make; only this
-    part tells causes apart, since the model's own columns resemble several causes, and
-    every drive's friction and lag do. refit_share : share of the error's variance that
-    other parameters of the model would remove. usual_share : share of what they leave
-    that usual drives show as well (:mod:`~sdp_vs_penalty.diagnosis.usual_error`).
-    other_joint : what of another joint explains most, such as "velocity of joint 2".
-    """
-
+    #: Share of the whole error, by cause.
     of_error: Mapping[str, float]
+    #: Share, by cause, of the part of the error that neither other parameters of the
+    #: model nor the usual error would make. Only this part tells causes apart, since
+    #: the model's own columns resemble several causes, and every drive's friction and
+    #: lag do.
     beyond_usual: Mapping[str, float]
+    #: Share of the error's variance that other parameters of the model would remove.
     refit_share: float = 0.0
+    #: Share of what a refit leaves that usual drives show as well
+    #: (:mod:`~sdp_vs_penalty.diagnosis.usual_error`).
     usual_share: float = 0.0
+    #: What of another joint explains most, such as "velocity of joint 2"; empty if
+    #: nothing does.
     other_joint: str = ""
 
     @cached_property
@@ -573,16 +578,16 @@ class Refit:
     """Parameters of the model, fitted to the errors of all n joints at once.
 
     All arrays are scaled joint by joint, so that each joint's error has an RMS of 1.
-    scale (n,) : RMS error of each joint [N m or N]; basis (n, M, r) : orthonormal basis
-    of the model's columns over all joints and rows together; remainder (n, M) : errors
-    that no parameters of the model could make.
-
     All joints are fitted together because they share parameters: the columns of one
     joint alone can make any multiple of its torque.
     """
 
+    #: (n,) RMS error of each joint [N m or N].
     scale: Array
+    #: (n, M, r) orthonormal basis of the model's columns over all joints and rows
+    #: together.
     basis: Array
+    #: (n, M) errors that no parameters of the model could make.
     remainder: Array
 
     @classmethod
@@ -610,34 +615,34 @@ class Refit:
 
 
 class ExplainedShares(NamedTuple):
-    """Shares of an error's variance that a cause explains on data left out, 0 to 1.
+    """Shares of an error's variance that a cause explains on data left out, 0 to 1."""
 
-    of_error : of the whole error; beyond_usual : of what neither other parameters of
-    the model nor the usual error would make; best_alternative : the set of the cause's
-    columns, from 0, that explains most of the latter.
-    """
-
+    #: Share of the whole error.
     of_error: float
+    #: Share of what neither other parameters of the model nor the usual error would
+    #: make.
     beyond_usual: float
+    #: The set of the cause's columns, from 0, for which ``beyond_usual`` is largest.
     best_alternative: int
 
 
 @dataclass(frozen=True)
 class SplitError:
-    """One joint's error (M,), and the part of it (M,) that no other parameters of the
-    model could make, over the joint's RMS error.
+    """One joint's error, and the part of it that no other parameters of the model could
+    make."""
 
-    refit, joint (from 0) : what other parameters make of columns; fold (M,) : fold of
-    each row, for shares on data left out; turning (M, k) : columns of usual friction
-    beyond the model; lag (M,) : the error of the lag that the other joints show
-    (:class:`~sdp_vs_penalty.diagnosis.usual_error.UsualError`).
-    """
-
+    #: (M,) error of the joint over its RMS error.
     error: Array
+    #: The fit that shows what other parameters of the model make of columns.
     refit: Refit
+    #: Number of the joint, from 0.
     joint: int
+    #: (M,) fold of each row, for shares on data left out.
     fold: NDArray[np.intp]
+    #: (M, k) columns of usual friction beyond the model.
     turning: Array
+    #: (M,) error that the lag of the other joints would make on this joint
+    #: (:class:`~sdp_vs_penalty.diagnosis.usual_error.UsualError`).
     lag: Array
 
     @property
@@ -735,7 +740,8 @@ class SplitError:
 
 
 def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
-    """Return the share of an error that features predict on data left out, at least 0.
+    """Return the share of an error (M,) that features predict on data left out, at
+    least 0.
 
     For each fold, ridge regression is fitted to the other folds and predicts the fold.
     The share is 1 - (sum of squared prediction errors) / (sum of squared errors). Of
@@ -746,8 +752,6 @@ def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> flo
     ----------
     features
         (M, k) columns of a cause.
-    error
-        (M,) error to explain.
     fold
         (M,) fold of each row.
 

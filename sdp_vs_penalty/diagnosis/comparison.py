@@ -46,14 +46,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Signals:
-    """The filtered signals that are compared: t (M,) in s; position q, velocity dq,
-    measured and modelled torque, (M, n) each in SI units.
-    """
+    """The filtered signals that are compared."""
 
+    #: (M,) time [s].
     t: Array
+    #: (M, n) position [rad or m].
     q: Array
+    #: (M, n) velocity [rad/s or m/s].
     dq: Array
+    #: (M, n) measured torque [N m or N].
     measured: Array
+    #: (M, n) torque of the model [N m or N].
     modelled: Array
 
     @property
@@ -71,34 +74,41 @@ class Signals:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Record):
-    """Errors of one model on measurements, all joints behind the same low-pass.
+    """Errors of one model on measurements, all joints behind the same low-pass."""
 
-    estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured
-    torque) : (n,) each; noise_floor (n,) : of the measurements, or None where it is not
-    known, and noise_source; band_hz : cut-off of the low-pass; signals : the filtered rows;
-    new_motion_share : share of the rows whose motion the model was not trained on (see
-    :mod:`~sdp_vs_penalty.signals.motion`), None where its model.json does not record
-    that; outside : by effect the share of rows outside of its table (a measured curve),
-    where it is held constant; still : how long the arm stood still [s], whose rows are
-    left out; runs : names of the measurements; judged_on : a sentence
-    where the recording is so long that the noise was measured in windows of it.
-    """
-
+    #: Name of the model in the comparison.
     name: str
+    #: The model.
     estimate: Estimate = field(compare=False)
+    #: (n,) RMS error of each joint's torque [N m or N].
     rmse: Array
+    #: (n,) mean squared error of each joint's torque [(N m)^2 or N^2].
     mse: Array
+    #: (n,) 1 - mse / variance of the measured torque.
     r2: Array
     #: (n,) root mean square of the measured torque [N m or N].
     torque_rms: Array
+    #: (n,) noise floor of the measurements [N m or N], None where it is not known.
     noise_floor: Array | None
+    #: Where the noise floor comes from, such as "repetition".
     noise_source: str
+    #: Cut-off frequency of the low-pass [Hz].
     band_hz: float
+    #: The filtered rows that were compared.
     signals: Signals = field(compare=False)
+    #: Names of the measurements.
     runs: tuple[str, ...] = ()
+    #: Share of the rows whose motion the model was not trained on (see
+    #: :mod:`~sdp_vs_penalty.signals.motion`), None where its model.json does not record
+    #: that.
     new_motion_share: float | None = None
+    #: Share of the rows outside of a measured curve's table, where the curve is held
+    #: constant, by effect.
     outside: Mapping[str, float] = field(default_factory=dict)
+    #: A sentence where the recording is so long that the noise was measured in windows
+    #: of it, else None.
     judged_on: str | None = None
+    #: How long the arm stands still [s]; these rows are left out.
     still: float = 0.0
 
     @property
@@ -280,11 +290,6 @@ class Comparison(Record):
         axes
             Axes of matplotlib to draw in; default: new ones.
 
-        Returns
-        -------
-        matplotlib axes
-            What was drawn in.
-
         Raises
         ------
         InputError
@@ -442,11 +447,6 @@ def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> 
         (n,) RMS errors [N m or N] by the model's name.
     floor
         (n,) noise floor [N m or N], or None.
-
-    Returns
-    -------
-    matplotlib axes
-        What was drawn in.
     """
     axes = formatting.axes(axes)
     width = 0.8 / len(errors)
@@ -507,11 +507,6 @@ class Comparisons(list[Comparison]):
         ----------
         axes
             Axes of matplotlib to draw in; default: new ones.
-
-        Returns
-        -------
-        matplotlib axes
-            The axes drawn in.
 
         Raises
         ------
@@ -623,8 +618,6 @@ def compare_filtered(
 
     Parameters
     ----------
-    models
-        Models by name.
     runs
         Filtered runs to judge on.
     noise_from
@@ -671,13 +664,6 @@ def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, st
     measured in the same recordings. It is also used if it comes from repetition and
     these recordings do not repeat, since it is the same arm behind the same filters.
     None if it is not known.
-
-    Parameters
-    ----------
-    first
-        The first model.
-    shown
-        The filtered recordings.
     """
     stored = _kept_noise(first, shown.settings)
     recording = shown.measurements.recording
@@ -695,8 +681,6 @@ def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
 
     Parameters
     ----------
-    model
-        The model.
     settings
         Filters of the recordings that are judged. A floor is that behind filters.
 
@@ -745,12 +729,8 @@ def _compare_one(
 
     Parameters
     ----------
-    name
-        Name of the model.
     model
         The model of joint torque.
-    runs
-        The filtered runs.
     floor
         Noise floor (n,) [N m or N], None if it is not known, and its source.
     """

@@ -42,23 +42,23 @@ from sdp_vs_penalty.signals.standstill import STILL
 
 @dataclass(frozen=True)
 class Conclusion:
-    """The results of all steps, from which a diagnosis is made.
+    """The results of all steps, from which a diagnosis is made."""
 
-    explanation : the model with the findings, in order; left : torque that they leave
-    unexplained; curves : accepted measured curves; ladder : errors on data left out,
-    with one finding added after the other; gain_errors (n, e) : a factor G of the
-    covariance G G' of the torque channels' relative gains; new_motion_share : share (0
-    to 1) of the test run's motion that is new, None if unknown; seed : seed of the
-    random draws of a curve's band; hums : those of the logged torque above the band.
-    """
-
+    #: The model with the findings, in order.
     explanation: Explanation
+    #: Torque that the findings leave unexplained.
     left: Remainder
+    #: The accepted measured curves.
     curves: tuple[Measured, ...]
+    #: Errors on data left out, with one finding added after the other.
     ladder: Ladder
+    #: (n, e) a factor G of the covariance G G' of the torque channels' relative gains.
     gain_errors: Array
+    #: Share (0 to 1) of the test run's motion that is new, None if unknown.
     new_motion_share: float | None
+    #: Seed of the random draws of a curve's band.
     seed: int
+    #: Hums of the logged torque above the band.
     hums: Sequence[Event] = ()
 
     @property
@@ -316,11 +316,6 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], step: Array) -> Fi
     step
         (2, n) RMS errors on data left out [N m or N] with the findings before it, row 0
         without the finding, row 1 with it.
-
-    Returns
-    -------
-    Finding
-        The report.
     """
     term, known, effect = judged.term, judged.size, judged.effect
     size, std = size_of(effect, known.beta, known.covariance)

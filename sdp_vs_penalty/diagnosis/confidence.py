@@ -45,20 +45,21 @@ _CLEAR_ELSEWHERE = 0.05
 
 @dataclass(frozen=True)
 class Judged:
-    """One finding with all that its confidence is judged by.
+    """One finding with all that decides its confidence."""
 
-    search : the model with all findings; left : the torque that all findings leave
-    unexplained; term : the finding; size : its parameters with covariance; errors (2,
-    n) : RMS error of each joint [N m or N] on data left out, row 0 without the finding,
-    row 1 with it, beside the findings before it or beside all others
-    (:meth:`Ladder.errors_that_show`); curves : the measured curves that were accepted.
-    """
-
+    #: The model with all findings.
     search: Search
+    #: The torque that all findings leave unexplained.
     left: Remainder
+    #: The finding.
     term: ScoredEffect
+    #: The finding's parameters with their covariance.
     size: Size
+    #: (2, n) RMS error of each joint [N m or N] on data left out, row 0 without the
+    #: finding, row 1 with it, beside the findings before it or beside all others
+    #: (:meth:`Ladder.errors_that_show`).
     errors: Array
+    #: The measured curves that were accepted.
     curves: Sequence[Measured] = ()
 
     @property

@@ -81,10 +81,6 @@ def diagnose(
 
     Parameters
     ----------
-    model
-        The model.
-    measurements
-        Recordings to search in.
     test
         A recording for errors on data left out; default: folds of the searched ones.
     frozen
@@ -104,11 +100,6 @@ def diagnose(
         What :func:`noise_floor` says of these recordings, where that is known.
     rules
         Optional rules of the search that apply.
-
-    Returns
-    -------
-    Diagnosis
-        Findings and verdict.
     """
     progress("filtering the runs")
     runs = DiagnosisRuns(
@@ -154,11 +145,6 @@ def diagnose_beside_passing(
         The recordings and the model.
     diagnose
         Runs all steps on recordings.
-
-    Returns
-    -------
-    Diagnosis
-        Findings and verdict.
     """
     diagnosis = diagnose(runs)
     passing = found = diagnosis.passing
@@ -215,11 +201,6 @@ def diagnose_runs(
         Relative standard deviation of the torque channels' gains; default: the model's.
     rules
         Optional rules of the search that apply.
-
-    Returns
-    -------
-    Diagnosis
-        Findings and verdict.
     """
     progress("measuring the noise")
     candidates = runs.candidates
@@ -288,23 +269,24 @@ def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:
 @dataclass(frozen=True)
 class DiagnosisRuns:
     """Recordings as a diagnosis needs them: torque at the joints, windows of long ones,
-    filtered.
+    filtered."""
 
-    test : the run for errors on data left out, or None; noise_from : the runs whose
-    repetition shows the noise, or None for those that the measurements were cut from;
-    frozen : whether the
-    model's parameters stay fixed; left_out, left_out_of_test : spans of time that are
-    not searched, and not judged on; progress : hears how many candidates have their
-    columns.
-    """
-
+    #: The model to diagnose.
     model: Estimate
+    #: The recordings to search in.
     measurements: Measurements
+    #: The run for errors on data left out, or None.
     test: Measurements | None
+    #: The runs whose repetition shows the noise, or None for those that the
+    #: measurements were cut from.
     noise_from: Measurements | None = None
+    #: Whether the model's parameters stay fixed.
     frozen: bool = False
+    #: Spans of time that are not searched.
     left_out: tuple[Span, ...] = ()
+    #: Spans of time of the test run that errors leave out.
     left_out_of_test: tuple[Span, ...] = ()
+    #: Called with a text that says how many candidates have their columns.
     progress: Progress = no_progress
 
     def __post_init__(self) -> None:

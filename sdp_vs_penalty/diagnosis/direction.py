@@ -47,8 +47,6 @@ def has_no_direction(search: Search, term: ScoredEffect) -> bool:
     ----------
     search
         The model with all findings.
-    term
-        One of the findings.
     """
     effect = term.form.effect
     if not isinstance(effect, JointResonance):

@@ -54,13 +54,12 @@ TORQUE_IS_OPEN = (
 
 @dataclass(frozen=True)
 class Doubt(JsonRecord):
-    """A reason to doubt a finding or a re-estimated constant.
+    """A reason to doubt a finding or a re-estimated constant."""
 
-    reason : a key of REASONS; cause : the cause that would look like the finding, in
-    words, where that is the reason ("looks_like").
-    """
-
+    #: Key of REASONS.
     reason: str
+    #: The cause that would look like the finding, in words, if the reason is
+    #: "looks_like".
     cause: str = ""
 
     @property

@@ -42,21 +42,21 @@ _PROMISING = 0.5
 
 @dataclass(frozen=True)
 class _Group:
-    """One or several findings that one candidate may replace.
+    """One or several findings that one candidate may replace."""
 
-    terms : the findings; others : all other findings; fit : the fit of the model with
-    the others; deviance_drop : drop of the deviance by the terms; squares : sum of
-    squares of the weighted torque that they explain; freedom : effective number of
-    coefficients and constants; rows_worth_one : number of correlated rows that count as
-    one.
-    """
-
+    #: The findings.
     terms: tuple[ScoredEffect, ...]
+    #: All other findings.
     others: tuple[ScoredEffect, ...]
+    #: The fit of the model with all other findings.
     fit: WhiteFit
+    #: Drop of the deviance that the findings bring.
     deviance_drop: float
+    #: Sum of squares of the weighted torque that the findings explain.
     squares: float
+    #: Effective number of coefficients and constants of the findings.
     freedom: float
+    #: Number of correlated rows that count as one.
     rows_worth_one: float
 
     @property

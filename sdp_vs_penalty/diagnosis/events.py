@@ -53,16 +53,19 @@ _LOBE = 2.5
 
 @dataclass(frozen=True)
 class Event(JsonRecord):
-    """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local"
-    for an isolated disturbance, or "hum"; frequency [Hz] and amplitude [N m or N] : of
-    a hum.
-    """
+    """What happened once in the measurements: an isolated disturbance or a hum."""
 
+    #: Number of the joint, from 1.
     joint: int
+    #: Begin [s] on the clock of the measurements.
     t_start: float
+    #: End [s] on the clock of the measurements.
     t_end: float
+    #: "local" for an isolated disturbance, or "hum".
     what: str = "local"
+    #: Frequency of a hum [Hz], else None.
     frequency: float | None = None
+    #: Amplitude of a hum [N m or N], else None.
     amplitude: float | None = None
 
     def order(self) -> tuple[float, int]:
@@ -79,8 +82,6 @@ def find_events(
 
     Parameters
     ----------
-    data
-        White rows.
     outlier_rows
         (M, n) rows in which the residual is an outlier.
     residual
@@ -120,14 +121,14 @@ def _groups_in_time(
 
     A gap of more than 2 SAME_PHASE seconds between two outlier rows begins a new group.
 
+    ``joint`` counts from 0.
+
     Parameters
     ----------
     data
         White rows (weighted so that the noise is independent with variance 1).
     outlier_rows
         (M,) flags of the outlier rows.
-    joint
-        The joint (from 0).
 
     Returns
     -------
@@ -176,18 +177,16 @@ def _timing_limits(
     How late the torque is the log shows elsewhere: farther than SAME_PHASE seconds from
     the event.
 
+    ``joint`` counts from 0.
+
     Parameters
     ----------
-    data
-        White rows.
     residual
         (M,) residual of the joint [N m or N].
     rates
         (M,) rate of the joint's modelled torque [N m/s or N/s].
     event
         (K,) row numbers of the event, in order.
-    joint
-        The joint (from 0).
 
     Returns
     -------
@@ -266,14 +265,12 @@ def _lone_rows(data: WhiteData, series: Array, joint: int, slow: Mask) -> Mask:
     """Flag the rows (M,) of outlier windows for which no other window in the same state
     of motion has a similar residual.
 
+    ``joint`` counts from 0.
+
     Parameters
     ----------
-    data
-        White rows.
     series
         (M,) residual of the joint.
-    joint
-        The joint (from 0).
     slow
         (M,) flags the rows in which the joint moves slowly or reverses: one of two
         states.
@@ -374,8 +371,6 @@ def find_hums(data: WhiteData, residual: Array) -> list[Event]:
 
     Parameters
     ----------
-    data
-        White rows.
     residual
         (M, n) residual [N m or N].
 
@@ -412,14 +407,11 @@ def find_hums(data: WhiteData, residual: Array) -> list[Event]:
 
 
 def refined_line(t: Array, series: Array, line: float, step: float) -> float:
-    """Return the frequency [Hz] near a spectral line at which a series has most power.
+    """Return the frequency [Hz] near a spectral line at which a series (N,) at times t
+    (N,) [s] has most power.
 
     Parameters
     ----------
-    t
-        (N,) time [s].
-    series
-        (N,) values.
     line
         Frequency of the line [Hz].
     step
@@ -435,17 +427,8 @@ def refined_line(t: Array, series: Array, line: float, step: float) -> float:
 
 
 def line_phasor(t: Array, series: Array, frequency: float) -> complex:
-    """Return amplitude and phase of a sine wave in a series, as a complex number.
-
-    Parameters
-    ----------
-    t
-        (N,) time [s].
-    series
-        (N,) values.
-    frequency
-        Frequency of the wave [Hz].
-    """
+    """Return amplitude and phase of a sine wave of a frequency [Hz] in a series (N,) at
+    times t (N,) [s], as a complex number."""
     if not len(t):
         return 0j
     return complex(2.0 * np.mean(series * np.exp(-2j * np.pi * frequency * t)))
@@ -461,8 +444,6 @@ def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
 
     Parameters
     ----------
-    data
-        White rows.
     residual
         (M, n) residual [N m or N].
 
@@ -497,12 +478,7 @@ def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
 def hann_spectrum(series: Array, rate: float) -> tuple[Array, Array]:
     """Return the power of a series (N,) with a Hann window, and its frequencies [Hz].
 
-    Parameters
-    ----------
-    series
-        (N,) values; their mean is taken out.
-    rate
-        Sampling rate [Hz].
+    The series has a sampling rate [Hz]; its mean is taken out.
     """
     spectrum = np.fft.rfft((series - series.mean()) * np.hanning(len(series)))
     frequency = np.asarray(np.fft.rfftfreq(len(series), 1.0 / rate), float)
@@ -555,14 +531,13 @@ def spectral_lines(
     smooth: float = 1.0,
     highest: float = np.inf,
 ) -> list[float]:
-    """Find frequencies [Hz] at which a periodogram stands out of its surroundings.
+    """Find frequencies [Hz] at which a periodogram, of a sampling rate [Hz], stands out
+    of its surroundings.
 
     Parameters
     ----------
     series
         Records of one channel, each at least 2 s long; their periodograms are summed.
-    rate
-        Sampling rate [Hz].
     tests
         Number of channels tested, for the chance of a false line.
     lowest
@@ -572,11 +547,6 @@ def spectral_lines(
     highest
         Frequency [Hz] above which a filter has made the spectrum fall: a line below it
         is compared with its neighbours below it.
-
-    Returns
-    -------
-    list of float
-        The frequencies.
     """
     length = min((len(s) for s in series), default=0)
     if length < 2.0 * rate:

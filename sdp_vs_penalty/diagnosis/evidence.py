@@ -57,25 +57,27 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A candidate effect that is tried as an addition to a fit.
+    """A candidate as an addition to a fit.
 
     Its columns of torque T (n joints, M rows, k) are weighted, less what the fit
     explains of them. All but the count of independent rows follows from products of
     columns, without T itself.
-
-    form : the candidate. fit : the fit that it is added to. fit_to_beat : the fit that
-    it has to improve on; it is ``fit`` unless the candidate replaces the value of one
-    of the model's shape constants (``fit`` then lacks that effect's column). products :
-    of the k weighted columns with ``fit``. is_visible (k,) : flags of the columns of
-    which the fit leaves more than 0.1 % (ABSORBED); T is zero in the others. prior_std
-    (k,) : prior standard deviations of the k coefficients about zero.
     """
 
+    #: The candidate.
     form: Candidate
+    #: The fit that it has to improve on; it is ``fit`` unless the candidate replaces
+    #: the value of one of the model's shape constants (``fit`` then lacks that effect's
+    #: column).
     fit_to_beat: WhiteFit
+    #: The fit that it is added to.
     fit: WhiteFit
+    #: Products of the k weighted columns with ``fit``.
     products: ColumnProducts
+    #: (k,) flags of the columns of which the fit leaves more than 0.1 % (ABSORBED); T
+    #: is zero in the others.
     is_visible: NDArray[np.bool_]
+    #: (k,) prior standard deviations of the k coefficients about zero.
     prior_std: Array
 
     @property
@@ -389,8 +391,6 @@ class EvidenceScorer(WhiteFitter):
             (n, M) weighted residual r of the fit with the candidate.
         inverse
             (K, K) A^-1, the inverse information matrix.
-        freedom
-            Effective number of coefficients.
         """
         scores = np.einsum("jmk,jm->mk", T, residual)  # (rows, K)
         return rows_worth_one(self.data.clusters, scores, inverse, freedom)

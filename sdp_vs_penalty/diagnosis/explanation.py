@@ -24,14 +24,13 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Explanation:
-    """Findings beside a model with re-estimated shape constants.
+    """Findings beside a model with re-estimated shape constants."""
 
-    first : the model as it was given; constants : candidates that replace the model's
-    own effects, with other constants; search : the findings beside it, in order.
-    """
-
+    #: The model as it was given.
     first: Estimate
+    #: Candidates that replace the model's own effects, with other constants.
     constants: tuple[ScoredEffect, ...]
+    #: The findings beside the model, in order.
     search: Search
 
     @property
@@ -72,8 +71,6 @@ def explain(
         The model before any constant was re-estimated.
     constants
         Candidates that replace the model's own effects, with other constants.
-    findings
-        The effects found.
 
     Returns
     -------
@@ -102,8 +99,6 @@ def explain_in_order(search: Search, first: Estimate) -> Explanation:
 
     Parameters
     ----------
-    search
-        The finished search.
     first
         The model before any constant was re-estimated.
     """
@@ -127,8 +122,6 @@ def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
     ----------
     explanation
         The model with constants and findings.
-    judge
-        The data left out.
     """
     # The given model's constants: those re-estimated are among the effects to choose.
     theta = explanation.estimate.theta
@@ -182,14 +175,14 @@ def without_findings(
 
 @dataclass(frozen=True)
 class Ladder:
-    """Errors on data left out, with one finding after the other.
+    """Errors on data left out, with one finding after the other."""
 
-    offered : numbers of the constants (the first ``n_own``) and of the findings among
-    the effects of ``held_out``.
-    """
-
+    #: Errors on data left out of any selection of effects.
     held_out: HeldOut
+    #: Numbers of the constants (the first ``n_own``) and of the findings among the
+    #: effects of ``held_out``.
     offered: tuple[int, ...]
+    #: Number of re-estimated constants.
     n_own: int
 
     @classmethod
@@ -200,8 +193,6 @@ class Ladder:
 
         Parameters
         ----------
-        explanation
-            The effects that remain.
         held_out
             Errors on data left out of any selection of the judged effects.
         judged

@@ -62,14 +62,13 @@ Rating = Literal["confident", "near-tie", "weak"]
 
 class Rated(JsonRecord):
     """Something that is reported with its confidence: a finding or a re-estimated
-    constant.
-
-    doubts : the reasons for doubt; without any it is confident.
-    """
+    constant."""
 
     derived: ClassVar[tuple[str, ...]] = ("remarks",)
 
+    #: "confident" or "weak".
     confidence: str
+    #: The reasons for doubt; without any it is confident.
     doubts: tuple[Doubt, ...]
 
     @property
@@ -135,20 +134,6 @@ _WIDE = 0.1
 def format_size(size: float, std: float, unit: str) -> str:
     """Write a size with its 95 % interval, as every place shows it.
 
-    Parameters
-    ----------
-    size
-        The size, in ``unit``.
-    std
-        Its standard deviation.
-    unit
-        Unit of both.
-
-    Returns
-    -------
-    str
-        Text.
-
     Examples
     --------
     >>> format_size(3.1234, 0.25, "N m")
@@ -164,49 +149,64 @@ def _amount(size: float, std: float, unit: str) -> str:
 
 @dataclass(frozen=True)
 class Finding(Rated):
-    """One missing effect.
-
-    joints from 1, empty for the whole robot; size : of the effect's parameter (the
-    amplitude where there are several) in ``unit``, with its standard deviation std;
-    std_of_rows : that from the scatter over the log alone, all else being exact;
-    std_of_law : that from the tolerated error of its law, a part of std;
-    size_in_search : the size that the search estimated, where ``size`` is a model's;
-    torque_rms, torque_std : the RMS of its torque in the searched rows, on the joint
-    where it is largest, with its standard deviation, in ``torque_unit``;
-    parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
-    along the ladder; is_shown_beside_all : whether only the errors beside all other
-    findings show it, not those beside the findings before it; physics : of the effect,
-    in a sentence or two; text : how :func:`add` takes the effect; doubts : why the
-    finding is weak, if it is; constants : the shape in words, with units; n_splits,
-    n_splits_showing : splits of one run that were compared, and those that show it.
-    """
+    """One missing effect."""
 
     derived = ("explanation", "rating", "half_width_95", *Rated.derived)
 
+    #: Name of the effect.
     effect: str
+    #: Numbers of the joints, from 1; empty for the whole robot.
     joints: tuple[int, ...]
+    #: Shape constants (such as a Stribeck velocity) by name, in SI units.
     shape: Mapping[str, float]
+    #: Estimate of the effect's parameter, or of the amplitude where there are several,
+    #: in ``unit``.
     size: float
+    #: Unit of the size.
     unit: str
+    #: Standard deviation of the size, in ``unit``.
     std: float
+    #: All parameters of the effect by name, in SI units.
     parameters: Mapping[str, float]
+    #: "confident" or "weak".
     confidence: str
+    #: Effects that fit about as well: names, or texts with joint and constants.
     indistinguishable_from: tuple[str, ...]
+    #: (n,) RMS errors on data left out with the findings before this one [N m or N].
     held_out_rmse_before: Array
+    #: (n,) RMS errors on data left out with this finding as well [N m or N].
     held_out_rmse_after: Array
+    #: The effect's physics, in a sentence or two.
     physics: str
+    #: The effect as :func:`add` takes it.
     text: str
+    #: Evidence of the finding.
     gain: float
+    #: Why the finding is weak, if it is.
     doubts: tuple[Doubt, ...] = ()
+    #: The shape constants in words, with units.
     constants: str = ""
+    #: Number of splits of one run that were compared.
     n_splits: int = 0
+    #: Number of these splits that show the finding.
     n_splits_showing: int = 0
+    #: Standard deviation of the size from the scatter over the log alone, all else
+    #: being exact, in ``unit``.
     std_of_rows: float = 0.0
+    #: Standard deviation of the size from the tolerated error of the effect's law, a
+    #: part of ``std``, in ``unit``.
     std_of_law: float = 0.0
+    #: The size that the search estimated, where ``size`` is a model's.
     size_in_search: float | None = None
+    #: RMS of the effect's torque in the searched rows, on the joint where it is
+    #: largest, in ``torque_unit``.
     torque_rms: float | None = None
+    #: Standard deviation of ``torque_rms``, in ``torque_unit``.
     torque_std: float | None = None
+    #: Unit of the torque on that joint.
     torque_unit: str = ""
+    #: Whether only the errors beside all other findings show this one, not those beside
+    #: the findings before it.
     is_shown_beside_all: bool = False
 
     @property
@@ -483,13 +483,13 @@ class Finding(Rated):
 @dataclass(frozen=True)
 class Invisible(JsonRecord):
     """An effect whose torque the model's own parameters absorb: no such recording shows
-    it.
+    it."""
 
-    joints from 1; absorbed_share : of the squares of its white torque.
-    """
-
+    #: Name of the effect.
     effect: str
+    #: Numbers of the joints, from 1.
     joints: tuple[int, ...]
+    #: Share of the squares of the effect's white torque that the parameters absorb.
     absorbed_share: float
 
 
@@ -503,47 +503,55 @@ class Remaining(JsonRecord):
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Record, JsonRecord):
-    """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the
-    order of adding; noise_floor (n,) of the filtered torque; events : what happened
-    once.
-
-    noise_source : "repetition", else "spectrum" or "residual", and abstention is
-    weaker; unexplained (n,) : repeatable error left, as a share of the noise's
-    variance; held_out_rmse_before, held_out_rmse (n,) : before the first effect and
-    after the last, on the source that held_out_source names: "test" (a test run) or
-    "folds"; band_hz : below which all errors are meant; retuned : shape constants of
-    the model's own effects that should change; curves : what repeats and has no name,
-    as functions of one variable or two; remarks : sentences; frozen : whether the
-    model's parameters were kept, and are kept by :func:`add`; new_motion_share : of the
-    test run's rows, those whose motion is not in the runs that were searched; remains :
-    what repeats and is unknown; torque_units (n,) : of the joints; notices : facts that
-    the model's own parameters hold, such as a load that its file does not know; passing
-    : what acts for a part of the runs only, such as a load that is carried;
-    standstill_left_out : how long the arm stands still in the runs of the errors [s].
-    """
+    """What a model lacks: the missing effects, and what the recordings say of
+    everything else."""
 
     derived = ("format", "facts")
 
+    #: Whether an effect is missing, nothing is, or what is missing is unknown.
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
+    #: The findings in the order in which they are added.
     effects: tuple[Finding, ...]
+    #: (n,) noise floor of the filtered torque [N m or N].
     noise_floor: Array
+    #: Effects that no such recording shows.
     invisible: tuple[Invisible, ...]
+    #: What happened once.
     events: tuple[Event, ...]
+    #: "repetition"; else "spectrum" or "residual", and abstention is weaker.
     noise_source: str
+    #: (n,) repeatable error that is left, as a share of the noise's variance.
     unexplained: Array
+    #: (n,) RMS errors on data left out after the last finding [N m or N].
     held_out_rmse: Array
+    #: Frequency below which all errors are meant [Hz].
     band_hz: float
+    #: Remarks on the diagnosis, a sentence each.
     remarks: tuple[str, ...]
+    #: (n,) RMS errors on data left out before the first finding [N m or N].
     held_out_rmse_before: Array
+    #: Data of the held-out errors: "test" (a test run) or "folds" of the searched runs.
     held_out_source: str
+    #: Whether the model's parameters were kept; :func:`add` keeps them then.
     frozen: bool
+    #: Share of the test run's rows whose motion is not in the runs that were searched;
+    #: None if unknown.
     new_motion_share: float | None = None
+    #: Shape constants of the model's own effects that should change.
     retuned: tuple[Retune, ...] = ()
+    #: What repeats and has no name, as functions of one variable or two.
     curves: tuple[Curve, ...] = ()
+    #: What repeats and is unknown.
     remains: tuple[Remaining, ...] = ()
+    #: (n,) units of the joints' torque.
     torque_units: tuple[str, ...] = ()
+    #: Facts that the model's own parameters hold, such as a load that its file does not
+    #: know.
     notices: tuple[Notice, ...] = ()
+    #: What acts for a part of the runs only, such as a load that is carried.
     passing: tuple[PassingCause, ...] = ()
+    #: How long the arm stands still in the runs of the errors [s]; these rows are left
+    #: out.
     standstill_left_out: float = 0.0
 
     @property
@@ -1099,16 +1107,6 @@ def named_on_joints(findings: Sequence[Finding | Retune]) -> str:
 def load_diagnosis(path: str | Path) -> Diagnosis:
     """Load a diagnosis from a findings.json, as `diagnose --json` writes it.
 
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    Diagnosis
-        The diagnosis.
-
     Raises
     ------
     InputError
@@ -1175,11 +1173,6 @@ def event_lines(
         Whether every event has its line.
     most_lines
         The most lines without ``show_all``.
-
-    Returns
-    -------
-    list of str
-        The lines.
     """
     causes = [cause.sentence for cause in diagnosis.passing]
     events = diagnosis.events_without_cause

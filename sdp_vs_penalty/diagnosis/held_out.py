@@ -52,9 +52,13 @@ class HeldOutSplit:
     effects alone, and the target is the model's residual.
     """
 
+    #: The candidate effects.
     effects: tuple[Effect, ...]
+    #: The rows to fit to.
     train: Regression
+    #: The rows to judge on, one regression a recording.
     tests: tuple[Regression, ...]
+    #: Whether the model is held fixed.
     frozen: bool
 
     def columns_of(self, estimate: Estimate, chosen: Sequence[int]) -> Columns:
@@ -65,8 +69,6 @@ class HeldOutSplit:
 
         Parameters
         ----------
-        estimate : Estimate
-            The model.
         chosen : sequence of int
             Numbers of the effects that are added to it.
 
@@ -85,14 +87,13 @@ class HeldOutSplit:
 
 
 class Columns(NamedTuple):
-    """The effects of a fit, and their columns among those of a split.
+    """The effects of a fit, and their columns among those of a split."""
 
-    own : effects of the model that stay; new : effects that are added to them; kept
-    (p,) : flags of the split's p columns that belong to either.
-    """
-
+    #: Effects of the model that stay.
     own: list[Effect]
+    #: Effects that are added to them.
     new: list[Effect]
+    #: (p,) flags of the split's p columns that belong to either.
     kept: NDArray[np.bool_]
 
     def with_zeros(self, theta: Array) -> Array:
@@ -107,21 +108,24 @@ class Columns(NamedTuple):
 class HeldOut:
     """Errors of a model on data left out, with any selection of candidate effects.
 
-    Effects are numbered in the order of each split's ``effects``. estimate : the model;
-    frozen : whether its parameters stay fixed; splits : the rows to fit to and to judge
-    on; source : "test" (a test run) or "folds" (by the phase of the motion);
-    make_second : computes such errors for folds of the training motion, the second
-    opinion before an effect is removed; None if there is none. The other fields hold
-    what was computed before, by the chosen effects' numbers: sums of squared errors (K,
-    n), and errors (n,).
+    Effects are numbered in the order of each split's ``effects``.
     """
 
+    #: The model.
     estimate: Estimate
+    #: Whether its parameters stay fixed.
     frozen: bool
+    #: The rows to fit to and to judge on.
     splits: Sequence[HeldOutSplit]
+    #: "test" (a test run) or "folds" (by the phase of the motion).
     source: str
+    #: Computes such errors for folds of the training motion, the second opinion before
+    #: an effect is removed; None if there is none.
     make_second: Callable[[], HeldOut] | None = None
+    #: (K, n) sums of squared errors computed before, by the chosen effects' numbers.
     _known_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    #: (n,) errors of least-squares fits computed before, by the chosen effects'
+    #: numbers.
     _least_squares_errors: dict[tuple[int, ...], Array] = field(default_factory=dict)
 
     @cached_property
@@ -231,8 +235,6 @@ class HeldOut:
 
         Parameters
         ----------
-        candidates
-            Numbers of the effects.
         needed
             True: an effect stays only if it lowers the error by MINOR (1 %). False: it
             is dropped only if it raises the error by as much.
@@ -294,11 +296,6 @@ class HeldOut:
         errors without any effect: for the error that has risen by most, the effect whose
         removal lowers it most is dropped, until no removal lowers it. Each effect may
         raise errors that others lower by more: beside them even true effects do.
-
-        Parameters
-        ----------
-        accepted
-            Numbers of the effects.
 
         Returns
         -------
@@ -428,15 +425,14 @@ class _Table:
 
 @dataclass(frozen=True)
 class HeldOutData:
-    """The data that decide whether findings stay: a test run, or folds of training.
+    """The data that decide whether findings stay: a test run, or folds of training."""
 
-    first : the model before the diagnosis; test : filtered rows of a run that was not
-    searched, or None (folds of the searched rows then take its place); frozen : whether
-    the model is held fixed.
-    """
-
+    #: The model before the diagnosis.
     first: Estimate
+    #: Filtered rows of a run that was not searched, or None (folds of the searched rows
+    #: then take its place).
     test: SegmentedRuns | None
+    #: Whether the model is held fixed.
     frozen: bool
 
     def held_out_errors(
@@ -587,8 +583,6 @@ def with_replaced_joints(
     ----------
     effects
         Effects, such as those of a model.
-    new
-        The new effects.
 
     Returns
     -------
@@ -624,15 +618,8 @@ def least_squares_parameters(
     ----------
     estimate
         The model whose robot and gains are used.
-    columns
-        The effects to fit.
     data
         The rows, with the columns of these effects only.
-
-    Returns
-    -------
-    (p,) array
-        Parameters in SI units.
     """
     effects = (*columns.own, *columns.new)
     if not effects:

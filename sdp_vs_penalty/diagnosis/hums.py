@@ -40,8 +40,6 @@ def find_hums_above(measurements: Measurements, cutoff: float) -> list[Event]:
 
     Parameters
     ----------
-    measurements
-        The runs, with torque.
     cutoff
         Upper end [Hz] of the band that the model is judged in.
 
@@ -100,18 +98,10 @@ def _largest_hum(run: Stretch, joint: int, cutoff: float) -> Event | None:
 
 
 def _steady_phasor(t: Array, torque: Array, frequency: float) -> complex | None:
-    """Return amplitude and phase of a line as a complex number [N m or N].
+    """Return amplitude and phase of a line at a frequency [Hz] in a joint's torque (N,)
+    at times t (N,) [s], as a complex number [N m or N].
 
     None if the parts of the run do not agree on it.
-
-    Parameters
-    ----------
-    t
-        (N,) time [s].
-    torque
-        (N,) torque of a joint.
-    frequency
-        Frequency of the line [Hz].
     """
     phasors = np.array(
         [

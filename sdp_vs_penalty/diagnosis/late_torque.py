@@ -34,8 +34,6 @@ def refer_columns_to_current_model(
 
     Parameters
     ----------
-    search
-        A finished search.
     progress
         Called with a short text whenever an effect is added.
 
@@ -155,8 +153,6 @@ def beside_model(
     ----------
     search
         The search; its library of candidates keeps the old columns.
-    estimate
-        The other model.
     thetas
         Parameters of each finding in SI units. Default: those of the search.
 

@@ -24,18 +24,16 @@ Key = tuple[str, int | None]
 
 @dataclass(frozen=True)
 class Candidate:
-    """A candidate of a search: an effect on a joint or robot, with shape constants.
+    """A candidate of a search: an effect on a joint or robot, with shape constants."""
 
-    key : effect name and joint (from 0; None for the whole robot), the same for all
-    values of the shape constants (such as a Stribeck velocity). effect : the effect
-    with one value of each constant. replaces_own_constant : the model has the effect
-    already, and the candidate is another value of its shape constant. Its column
-    replaces the present one; it is reported as a re-estimated constant and not as a
-    missing effect.
-    """
-
+    #: Effect name and joint (from 0; None for the whole robot), the same for all values
+    #: of the shape constants (such as a Stribeck velocity).
     key: Key
+    #: The effect with one value of each constant.
     effect: Effect
+    #: Whether the model has the effect already, and the candidate is another value of
+    #: its shape constant. Its column replaces the present one; it is reported as a
+    #: re-estimated constant and not as a missing effect.
     replaces_own_constant: bool = False
 
     @cached_property
@@ -135,15 +133,14 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """F candidates with k coefficients each that change the torque of the same joints.
+    """F candidates with k coefficients each that change the torque of the same joints."""
 
-    joints : their numbers from 0. forms : the F candidates. whitened_columns (n_joints,
-    M, F k) : their columns on the M rows of each joint, in units of the noise; columns
-    f k to f k + k - 1 belong to candidate f.
-    """
-
+    #: Numbers of the joints, from 0.
     joints: tuple[int, ...]
+    #: The F candidates.
     forms: tuple[Candidate, ...]
+    #: (n_joints, M, F k) columns of the candidates on the M rows of each joint, in
+    #: units of the noise; columns f k to f k + k - 1 belong to candidate f.
     whitened_columns: Array
 
     @cached_property
@@ -206,15 +203,14 @@ class Batch:
 
 @dataclass(frozen=True)
 class Library:
-    """All candidates of a search, in batches.
+    """All candidates of a search, in batches."""
 
-    laws : the number of laws of each candidate, by its key (effect name, joint). Laws
-    are an effect's discrete variants (exponents of Stribeck friction, for example);
-    values of continuous constants do not count. A choice among more laws costs more
-    evidence.
-    """
-
+    #: The candidates in batches.
     batches: tuple[Batch, ...] = ()
+    #: Number of laws of each candidate, by its key (effect name, joint). Laws are an
+    #: effect's discrete variants (exponents of Stribeck friction, for example); values
+    #: of continuous constants do not count. A choice among more laws costs more
+    #: evidence.
     laws: Mapping[Key, int] = field(default_factory=dict)
 
     def with_current_columns(self, data: WhiteData) -> Library:
@@ -304,13 +300,14 @@ def may_join(
 class Nuisance:
     """A small error that a fit tolerates, such as that of an inexact friction law.
 
-    Its coefficients have a prior, so that it can explain a little torque only. text :
-    its name, which identifies it; joint (from 0) : the joint that it acts on; columns
-    (M, k) : white; deviations (k,) : prior standard deviations of the coefficients
-    about zero.
+    Its coefficients have a prior, so that it can explain a little torque only.
     """
 
+    #: Name that identifies the error.
     text: str
+    #: Number of the joint that the error acts on, from 0.
     joint: int
+    #: (M, k) white columns.
     columns: Array
+    #: (k,) prior standard deviations of the coefficients about zero.
     deviations: Array

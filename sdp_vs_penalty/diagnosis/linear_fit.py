@@ -27,24 +27,26 @@ class ScoredEffect:
     """A candidate effect with its score as an addition to a fit.
 
     Two of them are equal only if they are one object.
-
-    form : the candidate; columns : its white columns (noise of variance 1), (M, k) by
-    joint (from 0); drop : the drop of the deviance that it brings; rows_worth_one :
-    number of correlated rows that carry the evidence of one independent row; price :
-    the evidence that its parameters and the choice among candidates cost; freedom :
-    effective number of coefficients, plus shape constants; beta (k,) : coefficients in
-    SI units; squares (n,) : sum of squares of the white torque on each joint that the
-    effect explains and the fit cannot; rivals : candidates that fit about as well.
     """
 
+    #: The candidate.
     form: Candidate
+    #: White columns (M, k) of the candidate (noise of variance 1), by joint (from 0).
     columns: dict[int, Array]
+    #: Drop of the deviance that the candidate brings.
     drop: float = -np.inf
+    #: Number of correlated rows that carry the evidence of one independent row.
     rows_worth_one: float = 1.0
+    #: Evidence that the candidate's parameters and the choice among candidates cost.
     price: float = 0.0
+    #: Effective number of coefficients, plus shape constants.
     freedom: float = 0.0
+    #: (k,) coefficients in SI units.
     beta: Array = field(default_factory=lambda: np.zeros(0))
+    #: (n,) sum of squares of the white torque on each joint that the effect explains
+    #: and the fit cannot.
     squares: Array = field(default_factory=lambda: np.zeros(0))
+    #: Candidates that fit about as well.
     rivals: tuple[ScoredEffect, ...] = ()
 
     @property
@@ -90,14 +92,13 @@ Term = ScoredEffect | Nuisance
 
 @dataclass(frozen=True, eq=False)
 class BasisProducts:
-    """Products of candidates' columns with the model's columns and with the torque.
+    """Products of candidates' columns with the model's columns and with the torque."""
 
-    basis (n joints, M, r) : the model's columns; y (n, M) : white torque; computed :
-    the products computed so far, by batch of candidates.
-    """
-
+    #: (n joints, M, r) the model's columns.
     basis: Array
+    #: (n, M) white torque.
     y: Array
+    #: The products computed so far, by batch of candidates.
     computed: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     @cached_property
@@ -120,55 +121,53 @@ class BasisProducts:
 
 
 class ModelBasis(NamedTuple):
-    """A basis of the model's white columns.
+    """A basis of the model's white columns."""
 
-    columns B (n joints, M, r) : its vectors; gram (n, r, r) : B'B; columns_by_key :
-    which of the r columns belong to the effect with a key (name, joint); all columns
-    without a key of their own are under None.
-    """
-
+    #: (n joints, M, r) the vectors B of the basis.
     columns: Array
+    #: (n, r, r) products B'B.
     gram: Array
+    #: Which of the r columns belong to the effect with a key (name, joint); all columns
+    #: without a key of their own are under None.
     columns_by_key: dict[Key | None, list[int]]
 
 
 class JointTerms(NamedTuple):
-    """The columns of effects that act on one joint.
+    """The columns of effects that act on one joint."""
 
-    numbers (t,) : of these columns among the design's; columns (M, t) : scaled as the
-    design's are.
-    """
-
+    #: (t,) numbers of these columns among the design's.
     numbers: NDArray[np.intp]
+    #: (M, t) the columns, scaled as the design's are.
     columns: Array
 
 
 class BatchProducts(NamedTuple):
     """Products of a batch of F candidates on one joint, of k columns Z each.
 
-    with_design (p, F k) : A'Z; with_torque (F k,) : Z'y; grams (F, k, k) : Z'Z of each
-    candidate. Where the joint tolerates small errors, products are x'P z instead of
-    x'z.
+    Where the joint tolerates small errors, products are x'P z instead of x'z.
     """
 
+    #: (p, F k) products A'Z with the design's columns A.
     with_design: Array
+    #: (F k,) products Z'y with the torque.
     with_torque: Array
+    #: (F, k, k) products Z'Z of each candidate.
     grams: Array
 
 
 @dataclass(frozen=True, eq=False)
 class JointErrors:
-    """The small errors that may be tolerated on one joint: columns N with a prior.
+    """The small errors that may be tolerated on one joint: columns N with a prior."""
 
-    columns (M, m) : N, white; numbers_by_text : which of the m columns belong to a
-    nuisance, by its text; gram (m, m) : N'N + diag(1 / deviations^2); with_design (m, p) : N'A, with
-    the design's columns A; with_torque (m,) : N'y.
-    """
-
+    #: (M, m) white columns N.
     columns: Array
+    #: Which of the m columns belong to a nuisance, by its text.
     numbers_by_text: dict[str, list[int]]
+    #: (m, m) N'N + diag(1 / deviations^2).
     gram: Array
+    #: (m, p) products N'A with the design's columns A.
     with_design: Array
+    #: (m,) products N'y with the torque.
     with_torque: Array
 
 
@@ -180,19 +179,23 @@ class JointProducts:
     The error N a with the prior a ~ N(0, diag(d^2)) is estimated along with any fit:
     minimising |x - N a|^2 + |a / d|^2 over a gives x'P x, with P = 1 - N (N'N + D^-2)^-1
     N'. No fit needs columns for such errors. Without tolerated errors P = 1.
-
-    gram (p, p) : A'P A of the design's columns A; with_torque (p,) : A'P y;
-    torque_squared : y'P y; columns (M, m) : N; root (m, m) : L^-1 with L L' = N'N +
-    D^-2; design_along (m, p) : L^-1 N'A; torque_along (m,) : L^-1 N'y.
     """
 
+    #: (p, p) A'P A of the design's columns A.
     gram: Array
+    #: (p,) A'P y with the torque y.
     with_torque: Array
+    #: The torque's squares y'P y.
     torque_squared: float
+    #: (M, m) columns N of the tolerated errors.
     columns: Array
+    #: (m, m) L^-1 with L L' = N'N + D^-2.
     root: Array
+    #: (m, p) L^-1 N'A.
     design_along: Array
+    #: (m,) L^-1 N'y.
     torque_along: Array
+    #: Products of batches of candidates, computed so far.
     by_batch: dict[Batch, BatchProducts] = field(default_factory=dict)
 
     @cached_property
@@ -221,24 +224,29 @@ class Design:
     The design A (n joints, M, p) has columns of unit length, the model's r first. Most
     effects act on one joint: A is kept as the model's columns and, by joint, those of
     the effects that act there.
-
-    basis_products : the model's columns with their products; terms_by_joint (n) : the
-    effects' columns; errors_by_joint (n) : the tolerated errors; y (n, M) : torque;
-    gram (n, p, p) : A'A; Ay (n, p) : A'y; columns_of_model : numbers of the model's
-    columns, by key of an effect with a shape constant that might be re-estimated, all
-    others under None; columns_by_text : numbers of each effect's columns, by its text;
-    key_of_column : key of the effect that a column belongs to.
     """
 
+    #: The model's columns with their products.
     basis_products: BasisProducts
+    #: The effects' columns on each of the n joints.
     terms_by_joint: Sequence[JointTerms]
+    #: The tolerated errors on each of the n joints.
     errors_by_joint: Sequence[JointErrors]
+    #: (n, M) white torque.
     y: Array
+    #: (n, p, p) products A'A.
     gram: Array
+    #: (n, p) products A'y.
     Ay: Array
+    #: Numbers of the model's columns, by key of an effect with a shape constant that
+    #: might be re-estimated, all others under None.
     columns_of_model: Mapping[Key | None, list[int]]
+    #: Numbers of each effect's columns, by its text.
     columns_by_text: dict[str, list[int]]
+    #: Key of the effect that a column belongs to, by the column's number.
     key_of_column: dict[int, Key]
+    #: Products of a joint's columns computed so far, by the joint and the errors that
+    #: it tolerates.
     _by_tolerated: dict[tuple[int, tuple[str, ...]], JointProducts] = field(
         default_factory=dict
     )
@@ -373,28 +381,31 @@ class WhiteFit:
 
     Inner products of a joint's columns are x'P z, where P leaves what the errors cannot
     make that the joint tolerates (:class:`JointProducts`).
-
-    design : its columns A (n joints, M rows, p) and torque y; products (n) : of each
-    joint's columns; gram (n, p, p) : A'P A of each joint; with_torque (n, p) : A'P y of
-    each joint; columns_kept : which of the p columns take part; level (n,) :
-    standard deviation of each joint's residual, by which its rows are divided; whitener
-    W (p, r) : A W / level is orthonormal; theta (p,) : coefficients; rss (n,) :
-    unweighted squared errors; degrees (n,) : rows less the joint's share of the rank;
-    floor : lowest variance of a joint; fits_without : results computed once, by key of
-    a model's own effect: the fit without it.
     """
 
+    #: The columns A (n joints, M rows, p) and the torque y.
     design: Design
+    #: Products of the columns of each of the n joints.
     products: tuple[JointProducts, ...]
+    #: (n, p, p) A'P A of each joint.
     gram: Array
+    #: (n, p) A'P y of each joint.
     with_torque: Array
+    #: Numbers of those of the p columns that take part.
     columns_kept: tuple[int, ...]
+    #: (p, r) matrix W for which A W / level is orthonormal.
     whitener: Array
+    #: (p,) coefficients.
     theta: Array
+    #: (n,) standard deviation of each joint's residual, by which its rows are divided.
     level: Array
+    #: (n,) unweighted squared errors.
     rss: Array
+    #: (n,) rows less the joint's share of the rank.
     degrees: Array
+    #: Lowest variance that a joint's residual may have.
     floor: float
+    #: Fits without one of the model's own effects computed so far, by the effect's key.
     fits_without: dict[Key, WhiteFit] = field(default_factory=dict)
 
     @property
@@ -520,18 +531,20 @@ class WhiteFit:
 class ColumnProducts:
     """Products of weighted columns Z, which may join a fit, with the fit's columns.
 
-    They give the squared error of the fit with Z without any work in rows. fit : the
-    fit; columns : Z, (M, K) by joint (from 0), divided by the joint's level; along : by
-    joint what the tolerated errors can make of Z, L^-1 N'Z (m, K); with_design : A'P Z
-    (p, K) by joint, with the fit's weighted design A; grams : Z'P Z (K, K) by joint;
-    energy (K,) : squares of the columns, tolerated errors included.
+    They give the squared error of the fit with Z without any work in rows.
     """
 
+    #: The fit that the columns may join.
     fit: WhiteFit
+    #: Columns Z (M, K), divided by the joint's level, by joint (from 0).
     columns: dict[int, Array]
+    #: L^-1 N'Z (m, K), what the tolerated errors can make of Z, by joint.
     along: dict[int, Array]
+    #: A'P Z (p, K) with the fit's weighted design A, by joint.
     with_design: dict[int, Array]
+    #: Z'P Z (K, K), by joint.
     grams: dict[int, Array]
+    #: (K,) squares of the columns, tolerated errors included.
     energy: Array
 
     @classmethod
@@ -609,14 +622,8 @@ class ColumnProducts:
         return np.asarray(left)
 
     def squares_with(self, beta: Array) -> Array:
-        """Return the squares (n,) of T beta on each joint, with T what the fit leaves of
-        Z, in units of the joint's level.
-
-        Parameters
-        ----------
-        beta
-            (K,) coefficients.
-        """
+        """Return the squares (n,) of T beta on each joint for coefficients beta (K,),
+        with T what the fit leaves of Z, in units of the joint's level."""
         fit = self.fit
         # T beta = Z beta - A d on each joint, with the weighted design A.
         d = fit.whitener @ (self.along_fit @ beta)
@@ -627,16 +634,10 @@ class ColumnProducts:
         return np.asarray(np.maximum(squares, 0.0))
 
     def rss_with(self, beta: Array, squares_of_torque: Array) -> Array:
-        """Return the squared errors (n,) of the joints once T beta joins the fit.
+        """Return the squared errors (n,) of the joints once T beta joins the fit, with
+        coefficients beta (K,) and the squares (n,) of T beta (:meth:`squares_with`).
 
         T is what the fit leaves of Z. Errors are not weighted.
-
-        Parameters
-        ----------
-        beta
-            (K,) coefficients.
-        squares_of_torque
-            (n,) squares of T beta (:meth:`squares_with`).
         """
         fit = self.fit
         d = fit.whitener @ (self.along_fit @ beta)
@@ -720,11 +721,6 @@ class WhiteFitter:
         near
             A similar fit. Its columns are used again if they hold all the terms, and
             the iteration begins at its levels (standard deviations of the residuals).
-
-        Returns
-        -------
-        WhiteFit
-            Coefficients, levels and residual.
         """
         design = None if near is None else near.design
         if design is None or not design.holds(terms):
@@ -753,8 +749,6 @@ class WhiteFitter:
 
         Parameters
         ----------
-        fit
-            The fit.
         level
             (n,) standard deviations by which the joints' rows are divided.
         """
@@ -948,20 +942,17 @@ def _errors_on(
     y: Array,
     p: int,
 ) -> JointErrors:
-    """Multiply the errors that are tolerated on a joint with the design's columns.
+    """Multiply the errors that are tolerated on a joint (from 0) with the design's
+    columns and with the joint's torque y (M,).
 
     Parameters
     ----------
-    joint
-        The joint, from 0.
     nuisances
         All tolerated errors; those of other joints are left out.
     model_columns
         (M, r) the model's columns on the joint, the first r of the design.
     terms
         The columns of effects on the joint.
-    y
-        (M,) the joint's torque.
     p
         Number of the design's columns.
     """
@@ -1095,8 +1086,6 @@ def bounded_least_squares(A: Array, Xy: Array, nonnegative: NDArray[np.bool_]) -
     ----------
     A
         (k, k) positive definite matrix, such as X'X.
-    Xy
-        (k,) the products X'y.
     nonnegative
         (k,) flags: which coefficients must be at least zero.
 

@@ -53,32 +53,33 @@ _RIDGE = 1e-9
 
 @dataclass(frozen=True)
 class Notice(JsonRecord):
-    """A fact about the machine that the model's own parameters hold.
+    """A fact about the machine that the model's own parameters hold."""
 
-    kind : "load" or "offset"; joint : from 1; size and std : its estimate and standard
-    deviation in ``unit``; sentence : what it means, for the user.
-    """
-
+    #: "load" or "offset".
     kind: str
+    #: Number of the joint, from 1.
     joint: int
+    #: Estimate of the load or offset, in ``unit``.
     size: float
+    #: Standard deviation of the size, in ``unit``.
     std: float
+    #: Unit of the size.
     unit: str
+    #: What the fact means for the user.
     sentence: str
 
 
 @dataclass(frozen=True)
 class FitWithPriors:
-    """The model's parameters, estimated beside the findings and with priors.
+    """The model's parameters, estimated beside the findings and with priors."""
 
-    theta (p,) : parameters of the model; covariance (p, p) : their covariance, from
-    noise, model errors and priors; nominal (p,) : means of the priors; deviations (p,)
-    : standard deviations of the priors, infinite without one.
-    """
-
+    #: (p,) parameters of the model.
     theta: Array
+    #: (p, p) covariance of the parameters, from noise, model errors and priors.
     covariance: Array
+    #: (p,) means of the priors.
     nominal: Array
+    #: (p,) standard deviations of the priors, infinite without one.
     deviations: Array
 
     @property
@@ -94,8 +95,6 @@ def find_notices(search: Search, estimate: Estimate) -> tuple[Notice, ...]:
     ----------
     search
         The findings beside the model.
-    estimate
-        The model.
 
     Returns
     -------
@@ -123,8 +122,6 @@ def load_beyond_file(rows: ScaledRows, estimate: Estimate) -> Notice | None:
     ----------
     rows
         The rows of the model and the findings.
-    estimate
-        The model.
 
     Returns
     -------
@@ -263,8 +260,6 @@ def offsets_beside_friction(
         The rows of the model and the findings.
     search
         The findings beside the model.
-    estimate
-        The model.
     """
     p = len(estimate.theta)
     fit = fit_with_priors(rows, np.zeros(p), np.full(p, np.inf))
@@ -319,18 +314,19 @@ def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notic
 
 @dataclass(frozen=True)
 class ScaledRows:
-    """White rows of the model and the findings, over each joint's residual.
+    """White rows of the model and the findings, over each joint's residual."""
 
-    columns (n) : of each joint, (M, K), the model's p first; each has length 1 over all
-    joints, so that parameters of all units are compared by the torque that they make;
-    torque (n, M); lengths (K,) : of the columns before; n_parameters : p; clusters :
-    ways to group the rows that err together.
-    """
-
+    #: (M, K) columns of each of the n joints, the model's p first. Each has length 1
+    #: over all joints, so that parameters of all units are compared by the torque that
+    #: they make.
     columns: Sequence[Array]
+    #: (n, M) white torque over each joint's residual.
     torque: Array
+    #: (K,) lengths of the columns before they were scaled.
     lengths: Array
+    #: Number p of the model's parameters.
     n_parameters: int
+    #: Ways to group the rows that err together: labels (M,) of the rows.
     clusters: Sequence[NDArray[np.intp]]
 
     @classmethod

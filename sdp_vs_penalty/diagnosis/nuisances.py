@@ -53,10 +53,6 @@ def law_misfit_columns(
 
     Parameters
     ----------
-    data
-        White rows.
-    effect
-        The effect.
     beta
         (k,) its parameters, in SI units.
 
@@ -101,8 +97,6 @@ class Nuisances:
 
         Parameters
         ----------
-        data
-            White rows.
         bare
             The fit of the model alone.
         rules

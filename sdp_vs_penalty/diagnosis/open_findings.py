@@ -15,8 +15,6 @@ def findings_not_added(diagnosis: Diagnosis, estimate: Estimate) -> list[Finding
     ----------
     diagnosis : Diagnosis
         Of the model, or of one that it grew from.
-    estimate : Estimate
-        The model.
 
     Returns
     -------
@@ -48,8 +46,6 @@ def still_missing(diagnosis: Diagnosis, estimate: Estimate) -> str:
     ----------
     diagnosis
         The diagnosis of this model, or of one that it was extended from.
-    estimate
-        The model.
     """
     if not diagnosis.effects:
         return diagnosis.headline

@@ -68,8 +68,6 @@ def _values_to_try(effect: Effect, joint: int, name: str) -> list[float]:
         The effect of the model.
     joint
         The joint (from 0), whose kind has a grid.
-    name
-        Name of the constant.
     """
     now = effect.shape[name]
     kind = effect.robot.joints[joint].kind
@@ -133,8 +131,6 @@ def with_constants(estimate: Estimate, constants: Sequence[ScoredEffect]) -> Est
 
     Parameters
     ----------
-    estimate
-        The model.
     constants
         Its own effects on single joints, with other constants.
     """
@@ -161,8 +157,6 @@ def constant_std(
     errors
         For each effect the white columns of torque per error of its constants, in units
         of the prior's deviation.
-    s
-        The constant.
 
     Returns
     -------
@@ -199,8 +193,6 @@ def retune(
         The constant with the values before and after.
     std
         Standard deviation of the value, in its unit.
-    robot
-        The robot.
     before
         (n,) errors on data left out with all findings, without the new value.
     after

@@ -25,14 +25,11 @@ _SIZED = 3
 
 @dataclass(frozen=True)
 class Judge:
-    """Scores candidates as additions to one fit.
+    """Scores candidates as additions to one fit."""
 
-    scored : returns a candidate with its evidence, coefficients and explained squares.
-    drop : returns only the drop of the deviance by a candidate, in a quarter of the
-    time.
-    """
-
+    #: Returns a candidate with its evidence, coefficients and explained squares.
     scored: Callable[[Candidate], ScoredEffect]
+    #: Returns only the drop of the deviance by a candidate, in a quarter of the time.
     drop: Callable[[Candidate], float]
 
 
@@ -109,8 +106,6 @@ def _refine_along(judge: Judge, start: ScoredEffect, name: str) -> ScoredEffect:
         Scores a candidate as an addition to a fit.
     start
         The scored candidate from which the constant starts.
-    name
-        The constant's name.
     """
     effect = start.form.effect
     shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
@@ -152,8 +147,6 @@ class _Lattice:
             Scores a candidate as an addition to a fit.
         start
             The scored candidate from which the constant starts, at x = 0.
-        name
-            The constant's name.
         """
         effect = start.form.effect
         joint = effect.joints[0]

@@ -81,15 +81,8 @@ def least_squares_refit(
 
 
 def _compress_rows(columns: Array, target: Array) -> Array:
-    """Compress a least-squares problem of M rows to at most p + 1 rows by a QR
-    decomposition.
-
-    Parameters
-    ----------
-    columns
-        (M, p) regressor.
-    target
-        (M,) right side.
+    """Compress a least-squares problem of M rows, with regressor (M, p) and right side
+    (M,), to at most p + 1 rows by a QR decomposition.
 
     Returns
     -------

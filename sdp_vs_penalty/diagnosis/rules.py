@@ -9,25 +9,24 @@ from dataclasses import dataclass, fields
 
 @dataclass(frozen=True)
 class Rules:
-    """Switches of the optional rules of the search; all are on by default.
+    """Switches of the optional rules of the search; all are on by default."""
 
-    joints_alike : once there are findings, half of the prior odds go to effects that
-    act on another joint already. law_misfits : errors of a finding's law are tolerated
-    beside it. simplest : of candidates that do about as well the simplest one is named.
-    exchange : a finding may be replaced by another effect. coarsening : evidence is
-    limited to what some 3000 rows can tell, since no law is exact. curve_laws : a curve
-    may follow a law of the dictionary. curves_of_two : a curve may depend on two
-    variables. second_veto : certain findings are judged once more on data left out,
-    without the weak ones.
-    """
-
+    #: Once there are findings, half of the prior odds go to effects that act on another
+    #: joint already.
     joints_alike: bool = True
+    #: Errors of a finding's law are tolerated beside it.
     law_misfits: bool = True
+    #: Of candidates that do about as well the simplest one is named.
     simplest: bool = True
+    #: A finding may be replaced by another effect.
     exchange: bool = True
+    #: Evidence is limited to what some 3000 rows can tell, since no law is exact.
     coarsening: bool = True
+    #: A curve may follow a law of the dictionary.
     curve_laws: bool = True
+    #: A curve may depend on two variables.
     curves_of_two: bool = True
+    #: Certain findings are judged once more on data left out, without the weak ones.
     second_veto: bool = True
 
     @classmethod

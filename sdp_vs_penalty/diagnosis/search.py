@@ -90,8 +90,6 @@ class Search:
         ----------
         data
             The log's rows in units of their noise, with the model's columns on them.
-        library
-            All candidates.
         rules
             Which optional rules of the search apply.
         like
@@ -602,8 +600,6 @@ class Search:
             The effect that may be replaced.
         candidates
             The scored candidates, the best first.
-        others
-            All other chosen effects.
 
         Returns
         -------

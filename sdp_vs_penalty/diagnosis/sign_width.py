@@ -36,15 +36,13 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class _WidthInDoubt:
-    """A joint whose findings contradict the width over which its friction turns round.
+    """A joint whose findings contradict the width over which its friction turns round."""
 
-    key : the model's effect that has the width, (name, joint from 0); stand_ins : the
-    findings that stand for another width; with_sign : those whose columns follow the
-    width too.
-    """
-
+    #: The model's effect that has the width, (name, joint from 0).
     key: tuple[str, int]
+    #: The findings that stand for another width.
     stand_ins: tuple[ScoredEffect, ...]
+    #: The other findings whose columns follow the width.
     with_sign: tuple[ScoredEffect, ...]
 
 
@@ -61,8 +59,6 @@ def refer_signs_to_current_model(
 
     Parameters
     ----------
-    search
-        A finished search.
     progress
         Called with a short text whenever an effect is added.
 
@@ -114,8 +110,6 @@ def _width_of_all_signs(search: Search, doubt: _WidthInDoubt) -> ScoredEffect | 
 
     Parameters
     ----------
-    search
-        The search.
     doubt
         The joint, its stand-ins, and the findings whose columns follow the width.
 

@@ -52,33 +52,33 @@ PARTS = 8
 
 @dataclass(frozen=True)
 class TorqueMade:
-    """Root mean square of the torque that a finding makes in the searched rows.
+    """Root mean square of the torque that a finding makes in the searched rows."""
 
-    joint : where it is largest, from 0; rms, std : in N m, on a prismatic joint N.
-    """
-
+    #: Number of the joint where the torque is largest, from 0.
     joint: int
+    #: RMS of the torque [N m or N].
     rms: float
+    #: Standard deviation of the RMS [N m or N].
     std: float
 
 
 @dataclass(frozen=True)
 class Size:
-    """Parameters of an effect with their covariance.
+    """Parameters of an effect with their covariance."""
 
-    beta (k,) : parameters in SI units; covariance (k, k) : their covariance, with the
-    errors of shape constants (such as a Stribeck velocity); covariance_given_constants
-    (k, k) : their covariance if these constants were exact; covariance_of_rows (k, k) :
-    that without the torque in doubt as well, from the scatter over the log alone;
-    covariance_of_law (k, k) : what the tolerated error of the law adds;
-    torque : how much torque they make.
-    """
-
+    #: (k,) parameters in SI units.
     beta: Array
+    #: (k, k) covariance of the parameters, with the errors of shape constants (such as
+    #: a Stribeck velocity).
     covariance: Array
+    #: (k, k) covariance of the parameters if these constants were exact.
     covariance_given_constants: Array
+    #: (k, k) covariance without the torque in doubt as well, from the scatter over the
+    #: log alone.
     covariance_of_rows: Array
+    #: (k, k) covariance that the tolerated error of the law adds.
     covariance_of_law: Array
+    #: How much torque the parameters make.
     torque: TorqueMade
 
     def std_of_law(self, effect: Effect) -> float:
@@ -156,8 +156,6 @@ def size_with_interval(
     ----------
     search
         The findings beside the model.
-    term
-        The finding.
     fit_of_all
         A fit with all findings; its columns are used again.
     torque_in_doubt
@@ -165,11 +163,6 @@ def size_with_interval(
         (:func:`torque_errors`).
     errors_of_constants
         White derivatives of torque by shape constants, by effect.
-
-    Returns
-    -------
-    Size
-        Parameters and covariances.
     """
     k = term.form.n_coefficients
     others = [t for t in search.terms if t != term]
@@ -276,10 +269,6 @@ def torque_made(
 
     Parameters
     ----------
-    rows
-        The searched rows.
-    effect
-        The effect.
     beta
         (k,) its parameters, in SI units.
     covariance
@@ -323,22 +312,9 @@ def _sandwich(inverse: Array, factors: Sequence[Array], gram: Array) -> Array:
 
 
 def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
-    """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'.
-
-    Parameters
-    ----------
-    data
-        White rows with the clusters.
-    T
-        (n joints, rows, K) columns.
-    residual
-        (n, rows) residual r.
-
-    Returns
-    -------
-    (K, clusters) array
-        See :func:`largest_sums_of_scores`.
-    """
+    """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'
+    (:func:`largest_sums_of_scores`), from columns T (n joints, rows, K) and the
+    residual (n, rows)."""
     scores = np.sum(T * residual[:, :, None], axis=0)
     return largest_sums_of_scores(data.clusters, scores)
 
@@ -361,11 +337,6 @@ def largest_sums_of_scores(
         For each way the label (rows,) of each row's cluster, from 0.
     scores
         (rows, K) products of the columns with the residual.
-
-    Returns
-    -------
-    (K, clusters) array
-        The factor.
     """
     n_parameters = scores.shape[1]
     factors = []
@@ -412,8 +383,6 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
 
     Parameters
     ----------
-    data
-        White rows.
     estimate
         The model with its uncertainty.
     gain_errors
@@ -448,12 +417,8 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
 
     Parameters
     ----------
-    effect
-        The effect.
     beta
         (k,) its parameters, in SI units.
-    covariance
-        (k, k) their covariance.
 
     Returns
     -------

@@ -32,8 +32,6 @@ def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
 
     Parameters
     ----------
-    diagnosis
-        The diagnosis.
     model
         A model that was made by adding its findings; one that it lacks stays unchanged.
     """
@@ -51,8 +49,6 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
 
     Parameters
     ----------
-    finding
-        The finding.
     model
         The model, with its covariance.
 
@@ -139,8 +135,6 @@ def std_of_both(size: float, std: float, finding: Finding) -> float:
     ----------
     size
         Size in a model, in the parameter's SI unit.
-    std
-        Its standard deviation there.
     finding
         The finding, with the size of the search, and its scatter over the log.
 
@@ -172,8 +166,6 @@ def effect_of(
     ----------
     finding
         The finding; its joints count from 1.
-    model
-        The model.
 
     Returns
     -------

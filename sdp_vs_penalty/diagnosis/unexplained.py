@@ -31,21 +31,21 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 @dataclass(frozen=True)
 class Remainder:
-    """The torque that the findings leave unexplained.
+    """The torque that the findings leave unexplained."""
 
-    in_sample_excess_variance (n,) : variance of what is left over that of the noise,
-    less one. beyond (n,) : RMS of what is left beyond the noise while the joint slides
-    [N m or N]. joints_above_noise : joints (from 0) whose error this raises by a tenth,
-    so that a curve is looked for. joints_unexplained : those of them on which the noise
-    is known well enough to call it unexplained. residual (M, n) [N m or N] : what is
-    left. outlier_rows (M, n) : rows of events.
-    """
-
+    #: (n,) variance of what is left over that of the noise, less one.
     in_sample_excess_variance: Array
+    #: (n,) RMS of what is left beyond the noise while the joint slides [N m or N].
     beyond: Array
+    #: Joints (from 0) whose error the unexplained torque raises by a tenth, so that a
+    #: curve is looked for.
     joints_above_noise: tuple[int, ...]
+    #: Those of these joints on which the noise is known well enough to call the torque
+    #: unexplained.
     joints_unexplained: tuple[int, ...]
+    #: (M, n) torque that is left [N m or N].
     residual: Array
+    #: (M, n) flags of the rows of events.
     outlier_rows: NDArray[np.bool_]
 
 

@@ -32,13 +32,6 @@ _TURNING_WIDTH = 0.1
 def turning_columns(states: States, joint: int) -> Array:
     """Return columns (M, 6) of friction that turns round over a short travel.
 
-    Parameters
-    ----------
-    states
-        Motion of every row.
-    joint
-        The joint, from 0.
-
     Returns
     -------
     (M, 6) array
@@ -74,18 +67,18 @@ def lag_columns(states: States, joint: int) -> Array:
 
 @dataclass(frozen=True)
 class LagFit:
-    """The least-squares problem of the lag of one joint.
+    """The least-squares problem of the lag of one joint."""
 
-    columns (M, 2) : of its lag, without what a refit of the model makes of them; gram
-    (2, 2), pull (2,) : normal equations of the lag's coefficients [s, s^2], without
-    the joint's turning friction and over the mean square that is left of its error.
-    turning (M, k) : orthonormal basis of that friction; error (M,) : without it.
-    """
-
+    #: (M, 2) columns of the lag, without what a refit of the model makes of them.
     columns: Array
+    #: (2, 2) matrix of the normal equations of the lag's coefficients [s, s^2], without
+    #: the joint's turning friction and over the mean square that is left of its error.
     gram: Array
+    #: (2,) right side of these normal equations.
     pull: Array
+    #: (M, k) orthonormal basis of the turning friction.
     turning: Array
+    #: (M,) error of the joint without the turning friction.
     error: Array
 
     @classmethod
@@ -119,11 +112,6 @@ class LagFit:
 def shared_lags(fits: list[LagFit]) -> list[Array]:
     """Return the error (M,) of each joint's lag, as the other joints show the lag.
 
-    Parameters
-    ----------
-    fits
-        One for each joint.
-
     Returns
     -------
     list of (M,) array
@@ -144,14 +132,12 @@ def shared_lags(fits: list[LagFit]) -> list[Array]:
 
 @dataclass(frozen=True)
 class UsualError:
-    """The usual error of one joint, on the rows that count.
+    """The usual error of one joint, on the rows that count."""
 
-    turning (M, 6) : columns of friction that turns round over a short travel, without
-    what a refit of the model makes of them; lag (M,) : error of the lag that the other
-    joints show, over the joint's RMS error.
-    """
-
+    #: (M, 6) columns of friction that turns round over a short travel, without what a
+    #: refit of the model makes of them.
     turning: Array
+    #: (M,) error of the lag that the other joints show, over the joint's RMS error.
     lag: Array
 
 
@@ -168,11 +154,6 @@ def usual_errors(
         The model's parameters, fitted to the rows that count.
     keep
         (all rows,) flags the M rows that count.
-
-    Returns
-    -------
-    list of UsualError
-        One for each joint.
     """
     turning = []
     fits = []

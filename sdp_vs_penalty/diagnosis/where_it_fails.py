@@ -124,58 +124,67 @@ _ORDER = ("per_revolution", "amplitude", "over_surroundings")
 
 
 class Hum(NamedTuple):
-    """A hum of a joint's torque: its frequency [Hz] and amplitude [N m or N]."""
+    """A hum of a joint's torque."""
 
+    #: Frequency [Hz].
     frequency: float
+    #: Amplitude [N m or N].
     amplitude: float
 
 
 class FailingStretch(NamedTuple):
-    """A stretch of a run, between two instants [s], in which an error is large, with
-    its cause.
-    """
+    """A stretch of a run in which an error is large."""
 
+    #: Name of the run.
     run: str
+    #: Begin [s].
     start: float
+    #: End [s].
     stop: float
+    #: Name of the likeliest cause.
     cause: str
 
 
 @dataclass(frozen=True)
 class JointFailure(JsonRecord):
-    """How the residual of one joint (from 1) behaves.
+    """How the residual of one joint behaves."""
 
-    rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, the share of
-    the residual's variance that repeats; refit_share : share of the variance that other
-    parameters of the model would remove; held_out_shares : by cause, the share of what
-    a refit and the usual error would leave that a function of the cause explains on
-    data left out; causes are ranked by it; shares_of_error : the same of the whole
-    residual; reversal_lift : RMS within 0.15 s of velocity reversals over that
-    elsewhere; orders : waves per revolution, amplitude [N m], and amplitude over its
-    surroundings, the most conspicuous first; stretches : where the error is large, with
-    the cause seen there; hums : above the cut-off of the filters, at most one: the
-    largest; rmse is without them, the shares are with them; torque : RMS measured
-    torque [N m or N], None in older files; usual_share : share of what a refit would
-    leave that usual drives show as well: friction that turns round over a short travel,
-    and a lag that joints share; other_joint : what of another joint explains most, such
-    as "velocity of joint 2"; scatter : of the torque from sample to sample [N m or N],
-    by which joints are compared; None where the log is too slow to show it.
-    """
-
+    #: Number of the joint, from 1.
     joint: int
+    #: RMS of the residual [N m or N], without the hums.
     rmse: float
+    #: Noise floor [N m or N], None if it is not known.
     noise_floor: float | None
+    #: Share of the residual's variance that repeats, 1 - floor^2 / rmse^2; None if the
+    #: noise floor is not known.
     explainable_share: float | None
+    #: By cause, the share of what a refit and the usual error would leave that a
+    #: function of the cause explains on data left out; causes are ranked by it.
     held_out_shares: dict[str, float]
+    #: RMS within 0.15 s of velocity reversals over that elsewhere.
     reversal_lift: float
+    #: Waves per revolution, their amplitude [N m], and the amplitude over its
+    #: surroundings, the most conspicuous first.
     orders: tuple[tuple[int, float, float], ...]
+    #: Stretches where the error is large, with the cause seen there.
     stretches: tuple[FailingStretch, ...] = ()
+    #: By cause, the share of the whole residual that a function of the cause explains
+    #: on data left out.
     shares_of_error: dict[str, float] = field(default_factory=dict)
+    #: Share of the residual's variance that other parameters of the model would remove.
     refit_share: float = 0.0
+    #: The largest hum above the cut-off of the filters, if there is one. ``rmse`` is
+    #: without it, the shares are with it.
     hums: tuple[Hum, ...] = ()
+    #: RMS of the measured torque [N m or N], None in older files.
     torque: float | None = None
+    #: Share of what a refit would leave that usual drives show as well: friction that
+    #: turns round over a short travel, and a lag that joints share.
     usual_share: float = 0.0
+    #: What of another joint explains most, such as "velocity of joint 2".
     other_joint: str = ""
+    #: Scatter of the torque from sample to sample [N m or N], by which joints are
+    #: compared; None where the log is too slow to show it.
     scatter: float | None = None
 
     @property
@@ -316,8 +325,6 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     ----------
     failure
         The error of the joint.
-    unit
-        Unit of its torque.
 
     Returns
     -------
@@ -405,8 +412,6 @@ def _dependence_sentence(causes: CauseShares, named: Sequence[str]) -> str:
 
     Parameters
     ----------
-    causes
-        Shares of the error.
     named
         The likeliest causes with their shares, such as "velocity (40 %)".
     """
@@ -601,29 +606,31 @@ def where_it_fails(
 
 @dataclass(frozen=True)
 class _Judge:
-    """All that joints' failures are judged by.
+    """All that decides how a joint fails."""
 
-    rows : filtered; searched : the recordings; states : motion and torque of every row;
-    folds (M,) : by phase of the motion; keep (M,) : rows that count; repeats : whether
-    repetition shows the noise.
-    """
-
+    #: The model.
     estimate: Estimate
+    #: The filtered rows.
     rows: SegmentedRuns
+    #: The recordings.
     searched: Measurements
+    #: Motion and torque of every row.
     states: States
+    #: (M,) folds of the rows, by phase of the motion.
     folds: NDArray[np.intp]
+    #: (M,) flags of the rows that count.
     keep: NDArray[np.bool_]
+    #: Whether repetition shows the noise.
     repeats: bool
 
     def failure_of(self, j: int, residual: Array, floor: float | None) -> JointFailure:
         """Judge the error of one joint: its size, causes, waves per turn and bad
         stretches.
 
+        ``j`` counts from 0.
+
         Parameters
         ----------
-        j
-            The joint (from 0).
         residual
             (M,) measured minus modelled torque [N m or N].
         floor
@@ -675,8 +682,6 @@ class _Judge:
 
         Parameters
         ----------
-        j
-            The joint.
         series
             Its angle, velocity and residual at the rate of the log, for each segment.
 
@@ -816,10 +821,6 @@ def torque_scatter(
 
     Parameters
     ----------
-    runs
-        The recordings.
-    joint
-        The joint, from 0.
     cutoff
         Cut-off of the filters [Hz].
     hums
@@ -856,14 +857,13 @@ def _window_squares(run: Measurements, joint: int) -> Array:
 
 
 class _FullRate(NamedTuple):
-    """One joint in one segment at the rate of the log, before the filters.
+    """One joint in one segment at the rate of the log, before the filters."""
 
-    angle (N,) : position [rad or m]; velocity (N,) [rad/s or m/s]; residual (N,) :
-    measured minus modelled torque [N m or N].
-    """
-
+    #: (N,) position [rad or m].
     angle: Array
+    #: (N,) velocity [rad/s or m/s].
     velocity: Array
+    #: (N,) measured minus modelled torque [N m or N].
     residual: Array
 
 
@@ -875,14 +875,12 @@ def _full_rate(
 
     Velocity and modelled torque are interpolated linearly from the filtered motion.
 
+    ``joint`` counts from 0.
+
     Parameters
     ----------
-    runs
-        The recordings.
     rows
         The filtered rows of these recordings, with the torque of a model.
-    joint
-        The joint (from 0).
     """
     out = []
     for segment in rows.segments:
@@ -1017,7 +1015,7 @@ def failing_stretches(
 
     Large: its RMS over 2 NEAR (0.3 s) is more than SPECTRUM_NOISE_FACTOR times the
     noise floor, or times the error's own RMS without a floor. Stretches shorter than
-    NEAR are left out.
+    NEAR are left out. ``velocity`` (M,) is the joint's.
 
     Parameters
     ----------
@@ -1025,8 +1023,6 @@ def failing_stretches(
         (M,) error of the joint [N m or N].
     floor
         Its noise floor [N m or N], or None.
-    velocity
-        (M,) of the joint.
     still
         (M,) share of standstill in each filtered row.
     rows
@@ -1058,7 +1054,7 @@ def failing_stretches(
 def _causes_of_rows(
     velocity: Array, still: Array, rows: SegmentedRuns, shares: CauseShares
 ) -> NDArray[np.object_]:
-    """Name for each row the cause that is seen there.
+    """Name for each of M rows the cause that is seen there.
 
     It is the joint's likeliest cause, if that explains CHANGES (5 %) of the error, else
     UNNAMED. Rows of high speed or standstill have that name instead if it explains
@@ -1074,11 +1070,6 @@ def _causes_of_rows(
         The rows with their times.
     shares
         The share of the error that each cause explains.
-
-    Returns
-    -------
-    (M,) object array
-        Names.
     """
     best = next(name for name in shares.ranking if name not in _AT_INSTANTS)
     share_of_best = shares.likelihood[best]

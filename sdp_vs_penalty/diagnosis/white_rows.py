@@ -32,18 +32,11 @@ def diagnosis_rows(
 
     Parameters
     ----------
-    measurements
-        The runs.
     estimate
         The model. Columns of effects that need joint torque or links (a gain, load
         friction) are computed from it.
     settings
         Filters, resolved for these measurements (:meth:`Preprocessing.resolve`).
-
-    Returns
-    -------
-    SegmentedRuns
-        The filtered rows.
 
     Raises
     ------
@@ -72,10 +65,6 @@ def with_estimate(
 
     Parameters
     ----------
-    runs
-        The filtered runs.
-    estimate
-        The model.
     other_effects
         Effects in addition to the model, each with its parameters (k,). Their torque is
         added to the model's, through the gains of the torque channels.
@@ -108,23 +97,24 @@ ConstantErrors = tuple[ShapeSensitivity, dict[int, Array]]
 
 @dataclass(frozen=True)
 class WhiteData:
-    """White rows: weighted so that each joint's noise is independent with variance 1.
+    """White rows: weighted so that each joint's noise is independent with variance 1."""
 
-    rows : the filtered rows before weighting; noise : the noise of each joint; estimate
-    : the model. X (n joints, M rows, p) : white columns of the model's parameters; y
-    (n, M) : white torque. If the model is held fixed (``frozen``), X has no columns and
-    y is the white residual of the model. clusters : labels (M,) of rows that err
-    together, by time and by phase of the motion; count (n,) : number of rows that carry
-    information.
-    """
-
+    #: The filtered rows before weighting.
     rows: SegmentedRuns
+    #: The noise of each joint.
     noise: Noise
+    #: The model.
     estimate: Estimate
+    #: (n joints, M rows, p) white columns of the model's parameters; none if the model
+    #: is held fixed.
     X: Array
+    #: (n, M) white torque; if the model is held fixed, the white residual of the model.
     y: Array
+    #: Labels (M,) of rows that err together, by time and by phase of the motion.
     clusters: tuple[NDArray[np.intp], ...]
+    #: (n,) number of rows that carry information.
     count: Array
+    #: Whether the model is held fixed.
     frozen: bool
 
     @property
@@ -250,8 +240,6 @@ def whiten_rows(
 
     Parameters
     ----------
-    rows
-        Filtered rows.
     estimate
         The model whose columns are whitened too.
     frozen
@@ -300,8 +288,6 @@ def whiten_with_noise(
 
     Parameters
     ----------
-    rows
-        Filtered rows.
     noise
         The noise of each joint.
     estimate
@@ -343,27 +329,19 @@ def whiten_with_noise(
 def white_rows(
     rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
 ) -> tuple[Array, Array]:
-    """Weight columns (n, M, p) and a torque (M, n) so that each joint's noise is white.
+    """Weight columns (n, M, p) and a torque (M, n) so that each joint's noise is white;
+    the white torque is (n, M), the joint first.
 
     White noise is independent from row to row, with variance 1.
 
     Parameters
     ----------
-    rows
-        The filtered rows.
     noise
         The noise of each joint.
     columns
         (n, M, p) columns of torque.
     residual
         (M, n) a torque, or what a model leaves of it [N m or N].
-
-    Returns
-    -------
-    (n, M, p) array
-        White columns.
-    (n, M) array
-        White torque; note that the joint comes first.
     """
     white_columns = np.zeros(columns.shape)
     white_residual = np.zeros(columns.shape[:2])

@@ -24,8 +24,6 @@ def accept_curves(
     ----------
     search
         The findings beside the model.
-    curves
-        The measured curves.
     judge
         The data left out: a test run, or folds. On a fold, a curve has the values that
         the other folds' rows give.

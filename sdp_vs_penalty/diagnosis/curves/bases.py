@@ -39,16 +39,18 @@ _SPLINES_OF_PAIR = 9
 
 @dataclass(frozen=True)
 class Axis:
-    """Cubic B-splines of one variable over the range from low to high, constant
-    outside.
+    """Cubic B-splines of one variable over a range, constant outside of it.
 
-    For the sign of a velocity there are two functions instead: 1 and the sign. count :
-    how many functions.
+    For the sign of a velocity there are two functions instead: 1 and the sign.
     """
 
+    #: The variable of the splines.
     variable: Variable
+    #: Lower end of the range, in the variable's unit.
     low: float
+    #: Upper end of the range, in the variable's unit.
     high: float
+    #: Number of functions.
     count: int
 
     @property
@@ -218,12 +220,10 @@ def list_variables(
     direction, then time, then positions and velocities of other joints and of coupled
     ones.
 
+    ``j`` counts from 0.
+
     Parameters
     ----------
-    j
-        The joint (from 0).
-    robot
-        The robot.
     has_temperature
         Whether the log has temperatures, so that the joint's temperature is a variable.
 
@@ -282,8 +282,6 @@ class Variables:
         ----------
         rows
             Filtered rows of the log.
-        robot
-            The robot.
         """
         self.rows = rows
         self.robot = robot
@@ -362,8 +360,6 @@ class Variables:
 
         Parameters
         ----------
-        basis
-            Names the variables.
         law
             Maps points (N, number of variables) to columns (N, m).
         """
@@ -422,20 +418,23 @@ _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
 
 @dataclass(frozen=True)
 class CurveColumns:
-    """The white columns of a curve's functions on one joint's rows, beside a fit.
+    """The white columns of a curve's k functions on one joint's rows, beside a fit."""
 
-    z (M, k) : the columns, weighted; D (k, k), s (k,) : products with each other and
-    with the residual, beside the fit's columns; raw = z'z; count : number of rows of
-    the joint; v : number of correlated rows that count as one.
-    """
-
+    #: The fit of the model and of effects.
     fit: WhiteFit
+    #: Number of the joint, from 0.
     joint: int
+    #: (M, k) the white columns over the joint's level.
     z: Array
+    #: (k, k) products of the columns with each other, beside the fit's columns.
     D: Array
+    #: (k,) products of the columns with the residual, beside the fit's columns.
     s: Array
+    #: (k, k) products z'z of the columns alone.
     raw: Array
+    #: Degrees of freedom of the joint's residual: its rows less its share of the rank.
     count: float
+    #: Number of correlated rows that count as one.
     v: float
 
     @classmethod
@@ -470,11 +469,6 @@ class CurveColumns:
             True: v is estimated from clusters of rows. False: rows count as
             independent, v = 1. N / COARSENING_ROWS is added in both cases, since no law
             is exact.
-
-        Returns
-        -------
-        CurveColumns
-            Columns and products.
         """
         z = white / fit.level[joint]
         products = ColumnProducts.of(fit, {joint: z})
@@ -538,7 +532,8 @@ class CurveColumns:
         return np.asarray(deviance_drop / self.v - price - selection)
 
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
-        """Fit the curve's coefficients F times, each time without the rows of one fold.
+        """Fit the curve's coefficients (F, k), F times, each time without the rows of
+        one fold.
 
         The fit's own columns Q are fitted again on the same rows, together with the
         curve's columns z, and errors are tolerated as in the fit: the normal equations
@@ -552,11 +547,6 @@ class CurveColumns:
             (M,) the fold of each row.
         P
             (k, k) penalty of the curve's coefficients.
-
-        Returns
-        -------
-        (F, k) array
-            Coefficients of the curve.
         """
         fit = self.fit
         Q = fit.basis  # (n, M, r) in the rows of each of n joints
@@ -585,16 +575,17 @@ class CurveColumns:
 
 @dataclass(frozen=True)
 class SplineFit:
-    """A spline curve of one joint, fitted beside the model.
+    """A spline curve of one joint, fitted beside the model."""
 
-    raw (M, k) : its columns, not white; P (k, k) : penalty with the roughness chosen; J
-    : evidence.
-    """
-
+    #: The splines.
     basis: Basis
+    #: (M, k) filtered columns of the splines, not white.
     raw: Array
+    #: The white columns and their products.
     columns: CurveColumns
+    #: (k, k) penalty of the coefficients, with the roughness that was chosen.
     P: Array
+    #: Evidence of the curve.
     J: float
 
     @property
@@ -646,8 +637,6 @@ def fit_spline(
 
     Parameters
     ----------
-    basis
-        The k splines.
     raw
         (M, k) their filtered columns, not whitened.
     columns
@@ -709,8 +698,6 @@ def confidence_band(
         Seed of the random draws.
     level
         Share of curves within the band.
-    draws
-        Number of drawn curves.
     """
     rng = np.random.default_rng(seed)
     A = fit.columns.D + fit.P

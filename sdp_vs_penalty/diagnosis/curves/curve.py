@@ -18,30 +18,36 @@ CURVE = MeasuredCurve.name
 
 @dataclass(frozen=True)
 class Curve(JsonRecord):
-    """The missing torque of a joint (from 1) as a measured function of one or two
-    variables.
+    """The missing torque of a joint as a measured function of one or two variables.
 
-    of : names of the variables. x (P,) or (P, 2) : their values where measurements lie.
-    torque, lower, upper (P,) : the curve and its simultaneous 95 % band [N m or N]; it
-    is the law, or without one the part of the spline that the model's own columns
-    cannot make. explained_share : share of the joint's squared error beyond the noise
-    that the curve removes on data left out. formula : the simplest law within the band,
-    or None. held_out_rmse_before, held_out_rmse_after : error of the joint on data left
-    out [N m or N]. filled_x, filled_torque : values of the law between the ends of x
-    where nothing was measured.
+    The curve is the law that it follows; without one it is the part of the spline that
+    the model's own columns cannot make.
     """
 
+    #: Number of the joint, from 1.
     joint: int
+    #: Names of the variables.
     of: tuple[str, ...]
+    #: (P,) or (P, 2) values of the variables where measurements lie.
     x: Array
+    #: (P,) torque of the curve [N m or N].
     torque: Array
+    #: (P,) lower end of the simultaneous 95 % band [N m or N].
     lower: Array
+    #: (P,) upper end of the simultaneous 95 % band [N m or N].
     upper: Array
+    #: Share of the joint's squared error beyond the noise that the curve removes on
+    #: data left out.
     explained_share: float
+    #: The simplest law within the band, in words, or None.
     formula: str | None
+    #: RMS error of the joint on data left out, without the curve [N m or N].
     held_out_rmse_before: float
+    #: RMS error of the joint on data left out, with the curve [N m or N].
     held_out_rmse_after: float
+    #: Values of the variables between the ends of ``x`` where nothing was measured.
     filled_x: Array = field(default_factory=lambda: np.zeros(0))
+    #: Torque of the law at ``filled_x`` [N m or N].
     filled_torque: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
@@ -133,12 +139,10 @@ def table_effect(
     and number of points "xn". The values are "v1", "v2" ... (measured) and "w1" ...
     (from a formula).
 
+    ``joint`` counts from 0.
+
     Parameters
     ----------
-    robot
-        The robot.
-    joint
-        The joint (from 0).
     of
         Names of the variables, such as "q1".
     points

@@ -53,16 +53,14 @@ _OF_A_PAIR = "{x}", "|{x}|", "sign({x})", "{x}^2"
 @dataclass(frozen=True)
 class Law:
     """A law of the dictionary: a sum of terms with free amplitudes and non-linear
-    constants.
+    constants."""
 
-    terms(variables, constants) returns its m columns. reads : how each term reads
-    behind its amplitude, with {x}, {y} for the variables and {b}, {c} for the
-    constants; a wave's sine and cosine read as one term with {phase}. starts :
-    constants that a fit begins with; it stays within their range.
-    """
-
+    #: Maps values of the variables and the constants to the law's m columns.
     terms: Callable[[Array, Array], Sequence[Array]]
+    #: Text of each term behind its amplitude, with {x}, {y} for the variables and {b},
+    #: {c} for the constants; a wave's sine and cosine read as one term with {phase}.
     reads: tuple[str, ...]
+    #: Constants that a fit begins with; the fit stays within their range.
     starts: Sequence[tuple[float, ...]] = ((),)
 
     @cached_property
@@ -72,7 +70,8 @@ class Law:
         return starts.min(axis=0), starts.max(axis=0)
 
     def columns(self, points: Array, constants: Array) -> Array:
-        """Return the law's m terms, each with amplitude 1, at P points.
+        """Return the law's m terms (P, m) or (P, S, m) [no unit], each with amplitude
+        1, at P points.
 
         Overflow gives infinity without a warning: such constants are left out later.
 
@@ -82,11 +81,6 @@ class Law:
             (P, number of variables) values of the variables.
         constants
             (c,) non-linear constants, or (c, S) for S sets of them at once.
-
-        Returns
-        -------
-        (P, m) or (P, S, m) array
-            The terms [no unit].
         """
         # (v, P), or (v, P, 1) against (c, S): broadcast to P points times S sets.
         x = points.T if constants.ndim == 1 else points.T[:, :, None]
@@ -105,8 +99,6 @@ class Law:
         amplitudes
             (m,) amplitudes of the terms. Those of sine and cosine, a and b, are written
             as one sine with amplitude sqrt(a^2 + b^2) and phase atan2(b, a).
-        constants
-            (c,) non-linear constants.
         """
         # Texts of terms, such as "tanh({x} / {b})", have these places to fill.
         words = dict(zip("xy", names, strict=False))
@@ -324,12 +316,8 @@ def _wave(
         Maps variables (v, P) and constants (c,) to the phase [rad].
     reads
         Text of the phase, such as "{b} {x}".
-    starts
-        Constants to begin with.
     factor
         Function of the variables that multiplies the wave; default: 1.
-    other_factor
-        Text of the factor.
     """
 
     def terms(p: Array, b: Array) -> list[Array]:
@@ -369,16 +357,17 @@ def _waves(axis: Axis, count: int) -> Array:
 
 @dataclass(frozen=True)
 class LawFit:
-    """A law fitted to a curve: amplitudes (m,), constants (c,).
+    """A law fitted to a curve."""
 
-    chi2 : drop of the weighted squared error; columns : those on the rows, if it was
-    fitted there.
-    """
-
+    #: The law.
     law: Law
+    #: (m,) amplitudes of the law's terms.
     amplitudes: Array
+    #: (c,) non-linear constants.
     constants: Array
+    #: Drop of the weighted squared error.
     chi2: float
+    #: The law's columns on the rows, None if it was not fitted there.
     columns: CurveColumns | None = None
 
     @property
@@ -404,8 +393,6 @@ def recognise_law(
 
     Parameters
     ----------
-    f
-        The spline curve.
     on_rows
         Maps a law and its constants (c,) to its columns on the rows of the log.
     looked
@@ -459,17 +446,11 @@ def recognise_law(
 
 @lru_cache(maxsize=64)
 def _points_and_inverse(basis: Basis) -> tuple[Array, Array]:
-    """Return grid points of a basis, and the matrix from values there to spline
+    """Return P grid points of a basis (P, v) over its v variables, and the
+    pseudo-inverse (k, P) of the splines there, which maps values to spline
     coefficients.
 
     For a pair of variables every second point along each is used, for speed.
-
-    Returns
-    -------
-    (P, v) array
-        Points over v variables.
-    (k, P) array
-        Pseudo-inverse of the splines at these points.
     """
     is_pair = len(basis.axes) > 1
     along_axes = []
@@ -487,8 +468,6 @@ def _coefficients_in_splines(basis: Basis, law: Law, constants: Array) -> Array:
 
     Parameters
     ----------
-    basis
-        The splines.
     law
         The law, such as a tanh(x / b).
     constants
@@ -528,8 +507,8 @@ def _laws_with_starts(basis: Basis) -> list[tuple[Law, Array]]:
 
 
 def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
-    """Return the normal equations of a law's amplitudes, C D C' and C s, for S sets of
-    constants.
+    """Return the normal equations of a law's amplitudes, C D C' (S, m, m) and C s (S,
+    m), for S sets of constants.
 
     Where a law overflows they are not finite, and :func:`_solve_amplitudes` ignores the
     set.
@@ -541,13 +520,6 @@ def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
     f
         The splines on the rows: D (k, k) are their products with each other, s (k,)
         those with the residual.
-
-    Returns
-    -------
-    (S, m, m) array
-        Matrices.
-    (S, m) array
-        Right sides.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
@@ -560,8 +532,6 @@ def law_in_words(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
 
     Parameters
     ----------
-    law
-        The fitted law.
     f
         The curve that follows it, which knows joint and variables.
     torque_units

@@ -46,23 +46,26 @@ _Rated = tuple[float, SplineFit, LawFit | None]
 @dataclass(frozen=True)
 class Measured:
     """A curve that was measured on one joint, as an effect that can be judged and
-    added.
+    added."""
 
-    fitted : the spline; law : the law that it follows, or None; table : the effect;
-    by_fold : for each fold the effect with values from the other folds' rows; variables
-    : values of the variables on the rows; replaced : the findings that it replaces; J :
-    evidence; before : error of its joint on data left out without it [N m or N]; errors
-    (n,) : of all joints with it, once it is accepted.
-    """
-
+    #: The spline curve.
     fitted: SplineFit
+    #: The law that the curve follows, or None.
     law: LawFit | None
+    #: The curve as an effect.
     table: MeasuredCurve
+    #: For each fold the curve with values from the other folds' rows.
     by_fold: tuple[MeasuredCurve, ...]
+    #: Values of the variables on the rows.
     variables: Variables
+    #: The findings that the curve replaces.
     replaced: tuple[ScoredEffect, ...]
+    #: Evidence of the curve.
     J: float
+    #: RMS error of the joint on data left out, without the curve [N m or N].
     before: float = np.nan
+    #: (n,) RMS errors of all joints on data left out, with the curve [N m or N]; empty
+    #: before it is accepted.
     errors: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -207,8 +210,6 @@ def is_curve_preferred(
 
     Parameters
     ----------
-    worth
-        Evidence of the findings.
     own_terms
         The findings of the joint.
     curve_alone
@@ -233,14 +234,14 @@ def _best_curve(
 ) -> _Rated | None:
     """Measure the best curve of a joint beside some findings.
 
+    ``joint`` counts from 0.
+
     Parameters
     ----------
     search
         The search with its rows and scorer.
     terms
         The findings that stay in the model.
-    joint
-        The joint (from 0).
     variables
         Values of the variables on the rows.
 
@@ -343,8 +344,6 @@ class _Measuring:
 
         Parameters
         ----------
-        basis
-            The k splines.
         raw
             (M, k) filtered splines, without the gain of the torque channel.
         robust
@@ -396,8 +395,6 @@ class _Measuring:
         -------
         float
             Evidence of the law, or of the spline if it follows none.
-        LawFit or None
-            The law.
         """
 
         def on_rows(law: Law, constants: Array) -> CurveColumns:
@@ -427,8 +424,6 @@ def _tabulate(
     ----------
     search
         The findings beside the model.
-    f
-        The spline curve.
     law
         The law that the curve follows, or None.
     variables

@@ -33,41 +33,44 @@ _IN_WORDS = {
 
 @dataclass(frozen=True)
 class Span(JsonRecord):
-    """A span of time of one run: begin and end [s] on its clock, and the run's name.
+    """A span of time of one run."""
 
-    The name is empty where there is one run only.
-    """
-
+    #: Name of the run; empty where there is one run only.
     run: str
+    #: Begin [s] on the run's clock.
     t_start: float
+    #: End [s] on the run's clock.
     t_end: float
 
 
 @dataclass(frozen=True)
 class PassingCause(JsonRecord):
-    """What acts for a part of the runs only.
+    """What acts for a part of the runs only."""
 
-    kind : "load" (carried by the last link), "force" (constant in the world),
-    "torque" (constant, on one joint) or "friction" (a change of dry friction on one
-    joint); place : the link or joint, from 1; size, std,
-    unit : mass [kg], force [N], or torque with its standard deviation; a negative mass
-    is that of a load that is missing. parameters : of a load mass [kg] and first
-    moments [kg m] in the link's frame, of a force its components [N] in the world, of a
-    torque itself; point (3,) [m] : where a force acts, in the link's frame; spans : when
-    it acts; share : of the error in these spans that it explains; evidence : as of
-    findings; rivals : laws that explain about as much, such as "force:3".
-    """
-
+    #: "load" (carried by the last link), "force" (constant in the world), "torque"
+    #: (constant, on one joint) or "friction" (a change of dry friction on one joint).
     kind: str
+    #: Number of the link or joint, from 1.
     place: int
+    #: Mass [kg], force [N], or torque [N m or N], in ``unit``; a negative mass is that
+    #: of a load that is missing.
     size: float
+    #: Standard deviation of the size, in ``unit``.
     std: float
+    #: Unit of the size.
     unit: str
+    #: Of a load its mass [kg] and first moments [kg m] in the link's frame, of a force
+    #: its components [N] in the world, of a torque the torque itself.
     parameters: tuple[float, ...]
+    #: (3,) where a force acts, in the link's frame [m].
     point: tuple[float, ...]
+    #: The spans of time in which the cause acts.
     spans: tuple[Span, ...]
+    #: Share of the error in these spans that the cause explains.
     share: float
+    #: Evidence of the cause, as of findings.
     evidence: float
+    #: Laws that explain about as much, such as "force:3".
     rivals: tuple[str, ...] = ()
 
     @property
@@ -172,8 +175,6 @@ def without_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:
 
     Parameters
     ----------
-    runs
-        The runs.
     spans
         Spans, each with the name of its run; without a name of any run.
 

@@ -93,17 +93,17 @@ class DryFriction(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """What a cause may be: its filtered columns, and how many numbers describe it.
+    """What a cause may be: its filtered columns, and how many numbers describe it."""
 
-    kind : "load", "force", "torque", "friction" or WANDERING; place : link or joint
-    from 1; effect : whose columns they are; columns (n, M, k) : torque per unit of the
-    parameters [N m or N]; freedom : number of free numbers, at most k.
-    """
-
+    #: "load", "force", "torque", "friction" or WANDERING.
     kind: str
+    #: Number of the link or joint, from 1.
     place: int
+    #: The effect whose columns these are.
     effect: Effect
+    #: (n, M, k) torque per unit of the parameters [N m or N].
     columns: Array
+    #: Number of free parameters, at most k.
     freedom: int
 
     @property

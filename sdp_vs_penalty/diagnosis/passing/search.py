@@ -279,19 +279,12 @@ def passing_causes(
 
     Parameters
     ----------
-    search
-        The finished search.
     terms
         Its effects whose torque is certain. Weak ones may stand in for what is looked
         for: they are left out unless they have more evidence than it.
     is_suspected
         Whether events, unexplained torque or an unknown noise let something be
         suspected. False: only a load is looked for at first.
-
-    Returns
-    -------
-    tuple of PassingCause
-        None or one.
     """
     passing = PassingSearch(search, terms)
     found = passing.best(is_suspected)

@@ -25,18 +25,19 @@ _AT_A_TIME = 500
 
 @dataclass(frozen=True, eq=False)
 class CellProducts:
-    """Products of a law's weighted columns Z with a fit, summed over each cell of time.
-
-    grams (C, k, k) : Z'Z; along_fit (C, r, k) : Q'Z, with the fit's r orthonormal
-    columns; with_residual (C, k) : Z'r. C is the number of cells.
+    """Products of a law's weighted columns Z with a fit, summed over each of C cells of
+    time.
 
     For the spans x (C,) of 0 and 1 the columns x Z have the Gram matrix G = sum_c x_c
     Z_c'Z_c. The fit leaves G - S'S of it, with S = sum_c x_c Q_c'Z_c. With b = sum_c
     x_c Z_c'r the squared error falls by b'(G - S'S)^-1 b.
     """
 
+    #: (C, k, k) products Z'Z.
     grams: Array
+    #: (C, r, k) products Q'Z with the fit's r orthonormal columns.
     along_fit: Array
+    #: (C, k) products Z'r with the residual.
     with_residual: Array
 
     @classmethod
@@ -69,12 +70,11 @@ class CellProducts:
         return np.asarray(np.linalg.solve(regular(gram, own), right))
 
     def falls(self, x: Array, pairs: NDArray[np.intp]) -> Array:
-        """Return by how much the squared error falls (P,) with x inverted in a span.
+        """Return by how much the squared error falls (P,) with the spans x (C,)
+        inverted between two cells.
 
         Parameters
         ----------
-        x
-            (C,) the spans before.
         pairs
             (P, 2) first cell of each inverted span, and the first one behind it.
         """
@@ -112,12 +112,11 @@ def regular(left: Array, gram: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of time, in order: which of the M rows belong to each, and to which run.
+    """Cells of time, in order: which of the M rows belong to each, and to which run."""
 
-    label (M,) : the cell of each row; run (C,) : the run of each cell.
-    """
-
+    #: (M,) the cell of each row.
     label: NDArray[np.intp]
+    #: (C,) the run of each cell.
     run: NDArray[np.intp]
 
     @classmethod
@@ -185,10 +184,6 @@ def find_spans(
 
     Parameters
     ----------
-    products
-        Of the law's columns.
-    cells
-        The C cells.
     start
         (C,) the spans at first, of 0 and 1.
     price

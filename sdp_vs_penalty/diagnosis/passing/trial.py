@@ -32,27 +32,35 @@ _CHANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A law with its spans, fitted beside the model and its effects.
+    """A law with its spans, fitted beside the model and its effects."""
 
-    law; cells and x (C,) : where it acts; fit : the fit with it; beta (k,) : its
-    parameters [SI]; covariance (k, k); drop, worth, price : of the evidence, as
-    :class:`ScoredEffect` has them; share : of the error in its spans that it explains;
-    over_elsewhere, chance : see :class:`Standing`; point (3,) [m] : at which a force
-    acts.
-    """
-
+    #: The law.
     law: Law
+    #: The cells of time.
     cells: Cells
+    #: (C,) flags of the cells in which the law acts, 0 or 1.
     x: Array
+    #: The fit with the law.
     fit: WhiteFit
+    #: (k,) parameters of the law [SI].
     beta: Array
+    #: (k, k) covariance of the parameters.
     covariance: Array
+    #: Drop of the deviance that the law brings.
     drop: float
+    #: Number of correlated rows that carry the evidence of one independent row.
     worth: float
+    #: Evidence that the law's parameters and its choice cost.
     price: float
+    #: Share of the error in its spans that the law explains.
     share: float
+    #: Mean square of the error in the spans, over the largest one elsewhere
+    #: (:class:`Standing`).
     over_elsewhere: float
+    #: Probability that cells with large errors lie together by chance as they do
+    #: (:class:`Standing`).
     chance: float
+    #: (3,) point at which a force acts, in the link's frame [m].
     point: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
@@ -147,14 +155,13 @@ def explained_share(before: Array, after: Array, acts: NDArray[np.bool_]) -> flo
 
 @dataclass(frozen=True)
 class Standing:
-    """How the error in the spans of a cause stands beside the error elsewhere.
+    """How the error in the spans of a cause stands beside the error elsewhere."""
 
-    over_elsewhere : mean square of the error in the spans, over the largest one that
-    the model makes elsewhere in any cell of time; chance : that the cells with errors
-    above that one lie together as they do, if cells err independently.
-    """
-
+    #: Mean square of the error in the spans, over the largest one that the model makes
+    #: elsewhere in any cell of time.
     over_elsewhere: float
+    #: Probability that the cells with errors above that one lie together as they do, if
+    #: cells err independently.
     chance: float
 
 
@@ -175,8 +182,6 @@ def standing(before: Array, after: Array, cells: Cells, x: Array) -> Standing:
     ----------
     before, after
         (n, M) weighted residual without and with the cause.
-    cells
-        C cells of time.
     x
         (C,) the share of each cell in which the cause acts.
     """
