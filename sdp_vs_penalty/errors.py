@@ -178,6 +178,10 @@ class RepairableError(InputError):
         )
 
 
+class Terminated(KeyboardInterrupt):
+    """The system asks this process to end (SIGTERM)."""
+
+
 class Remark(UserWarning):
     """What the user should know of the data and need not act on; the command line
     prints it."""

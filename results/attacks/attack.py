@@ -249,9 +249,13 @@ def attack_all(
 
 def main() -> None:
     """Attack as the command line says; exit code 1 where an attack fails."""
-    from attacks import files, surroundings
+    from attacks import files, surroundings, typed
 
-    tables = {"files": files.KINDS, "surroundings": surroundings.KINDS}
+    tables = {
+        "files": files.KINDS,
+        "surroundings": surroundings.KINDS,
+        "typed": typed.KINDS,
+    }
     parser = argparse.ArgumentParser(description="Attack the command line.")
     parser.add_argument("--number", type=int, default=400)
     parser.add_argument("--seed", type=int, default=1)

@@ -29,7 +29,7 @@ def free_name(path: str | Path) -> Path:
         file.stem.removeprefix(stem) for file in path.parent.glob(f"*{path.suffix}")
     ]
     numbers = [int(ending) for ending in endings if ending.isdecimal()]
-    return path.with_name(f"{stem}{max(numbers, default=1) + 1}{path.suffix}")
+    return path.with_name(f"{stem}{max([1, *numbers]) + 1}{path.suffix}")
 
 
 def say_what_follows(

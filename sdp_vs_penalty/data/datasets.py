@@ -20,7 +20,13 @@ from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.files import LARGEST_RUN, problems_folder, read_bytes, write_bytes
+from sdp_vs_penalty.files import (
+    LARGEST_RUN,
+    problems_folder,
+    read_bytes,
+    require_writable,
+    write_bytes,
+)
 from sdp_vs_penalty.robot.joint import Transmission, parse_transmission
 
 #: Names a folder with the files that need not be downloaded again, one folder a data
@@ -66,6 +72,7 @@ def fetch(
     """
     chosen = dataset(name)
     root = cache_folder() if folder is None else Path(folder)
+    require_writable(root / name, may_be_folder=True)
     download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
     for path, rows in ((root / name / file.name, file.rows) for file in chosen.files):
         if rows is not None:

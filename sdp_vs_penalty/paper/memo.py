@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.files import write_text, writing
 from sdp_vs_penalty.robot.arrays import Array
@@ -59,9 +61,10 @@ def remembered(
         return json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
         result = _plain(compute())
-    folder.mkdir(parents=True, exist_ok=True)
-    # Not forced onto the disk: what a power cut damages is computed again.
-    write_text(path, json.dumps(result), lasting=False)
+    # Not forced onto the disk: what a power cut damages is computed again, and so is
+    # what cannot be kept.
+    with suppress(InputError):
+        write_text(path, json.dumps(result), lasting=False)
     return result
 
 
@@ -94,8 +97,7 @@ def remembered_arrays(
             return {name: held[name] for name in held.files}
     except (OSError, ValueError, EOFError, BadZipFile):
         arrays = dict(compute())
-    folder.mkdir(parents=True, exist_ok=True)
-    with writing(path, lasting=False) as file:
+    with suppress(InputError), writing(path, lasting=False) as file:
         np.savez(file, **cast(Any, arrays))
     return arrays
 

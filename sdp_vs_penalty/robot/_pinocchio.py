@@ -9,6 +9,8 @@ from sdp_vs_penalty.errors import InputError
 try:
     import pinocchio
 except ImportError as error:
+    if "failed to map segment" in str(error):  # a limit of memory
+        raise MemoryError(str(error)) from error
     what = f"Pinocchio cannot be imported ({error})"
     remedy = (
         "run `pip install 'pin>=4,<5'` (PyPI's `pinocchio` is another package;"

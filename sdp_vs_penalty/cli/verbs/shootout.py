@@ -1,13 +1,9 @@
-import os
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.parsing import numbers
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Terminated
 
 
 def verb(
@@ -82,29 +78,29 @@ def verb(
     )
     absent = dict[str, str]()
     left_out = list[tuple[str, str, str]]()
-    is_stopped = False
-    with console.progress("proving intervals") as say, _terminated_as_interrupted():
+    stopped: KeyboardInterrupt | None = None  # by Ctrl-C, or by SIGTERM
+    with console.progress("proving intervals") as say:
         try:
             outcome = runner.run(setup, say)
             absent = outcome.absent
             left_out = outcome.not_applicable
             for note in outcome.notes:
                 console.warn(note)
-        except KeyboardInterrupt:
-            is_stopped = True
+        except KeyboardInterrupt as ending:
+            stopped = ending
     results = runner.Results(out)
     n_runs = len(results.runs)
-    if is_stopped and not n_runs:
-        raise KeyboardInterrupt
+    if stopped is not None and not n_runs:
+        raise stopped
     if absent:
         console.warn(f"left out (summary.md says why): {', '.join(absent)}")
     _write(out, results, absent, left_out)
-    if is_stopped:
+    if stopped is not None:
         console.warn(
             f"stopped after {n_runs} runs, which the summary is of; the same command"
             " goes on"
         )
-        raise SystemExit(130)
+        raise SystemExit(143 if isinstance(stopped, Terminated) else 130)
 
 
 def _write(
@@ -125,23 +121,6 @@ def _write(
         console.say(sentence)
     for path in (results.path, *written):
         console.written(path)
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, while this runs."""
-    process = os.getpid()
-
-    def interrupt(number: int, frame: Any) -> None:
-        if os.getpid() != process:  # a worker, forked meanwhile: its parent ends it
-            os._exit(1)
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _export(folder: Path, words: list[str] | None) -> None:
