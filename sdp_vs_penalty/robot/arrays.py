@@ -28,30 +28,13 @@ def nonzero_or_one(size: ArrayLike) -> Any:
 
 
 def at_least_tiny(x: ArrayLike) -> Any:
-    """Raise values to the smallest normal number, to take a logarithm or to divide.
-
-    Parameters
-    ----------
-    x : array
-        Values.
-
-    Returns
-    -------
-    array
-        Positive values.
-    """
+    """Raise values to the smallest normal number, to take a logarithm or to divide."""
     return np.maximum(x, np.finfo(float).tiny)
 
 
 def as_slice(indices: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     """Return consecutive indices (k,) as a slice, which is copied several times as
-    fast; others, and none, as they are.
-
-    Parameters
-    ----------
-    indices : (k,) array
-        Places along an axis.
-    """
+    fast; others, and none, as they are."""
     if not len(indices) or np.any(np.diff(indices) != 1):
         return indices
     return slice(int(indices[0]), int(indices[-1]) + 1)
@@ -86,8 +69,6 @@ def check_finite(what: str, value: Array, shape: tuple[int, ...]) -> None:
     ----------
     what : str
         Name of the array, for the error's sentence.
-    value : array
-        The array.
     shape : tuple of int
         The shape that it must have.
 
@@ -116,11 +97,6 @@ def wrong_shape(
         The shape that it must have; a letter stands for any number of rows.
     row : str
         What a row of it is, such as "sample".
-
-    Returns
-    -------
-    InputError
-        The error.
     """
     count, *others = expected
     problem = f"{what} has shape {shape}"

@@ -22,17 +22,17 @@ _LARGEST_EXCESS = 1.0 / float(np.finfo(float).eps)
 @dataclass(frozen=True)
 class Body(JsonRecord):
     """{x : sum_k (axes[:, k] . (x - centre))^2 / half_axes[k]^2 <= 1} in the link frame
-    [m].
+    [m]."""
 
-    centre (3,), half_axes (3,), axes (3, 3) : orthonormal columns; source : one of
-    :data:`SOURCES`; volume : of the link's geometry itself [m^3], None where there is
-    none. Raises InputError for half axes that are not positive, or another source.
-    """
-
+    #: (3,) centre [m].
     centre: Array
+    #: (3,) half axes [m], all positive.
     half_axes: Array
+    #: (3, 3) orthonormal columns, the directions of the half axes.
     axes: Array
+    #: What the body is known from, one of :data:`SOURCES`.
     source: str
+    #: Volume of the link's geometry itself [m^3]; None where there is none.
     volume: float | None = None
 
     def __post_init__(self) -> None:
@@ -82,11 +82,6 @@ def around(
         Length that is then added to the half axes [m].
     volume : float, optional
         Volume of the link's geometry [m^3].
-
-    Returns
-    -------
-    Body
-        Contains all points.
 
     Notes
     -----
@@ -155,17 +150,7 @@ def balls(centres: ArrayLike, radius: float) -> Array:
     """Return the extreme points of balls along the coordinate axes, in place of the
     balls.
 
-    Parameters
-    ----------
-    centres : (k, 3) array
-        Centres [m].
-    radius : float
-        Radius [m].
-
-    Returns
-    -------
-    (6 k, 3) array
-        Points [m].
+    Of k centres (k, 3) [m] and a radius [m] there are (6 k, 3) points [m].
     """
     axes = np.eye(3)
     ends = radius * np.concatenate([axes, -axes])
@@ -180,11 +165,6 @@ def directions(count: int = 400) -> Array:
     ----------
     count : int
         Number of vectors. The default finds the extremes of a cloud to 1 % of its size.
-
-    Returns
-    -------
-    (count, 3) array
-        Unit vectors.
     """
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count

@@ -30,15 +30,8 @@ def cone_margin(cone: str, values: Array) -> Array:
 
     Parameters
     ----------
-    cone : str
-        "psd", "soc" or "nonnegative".
     values : array
         One point, or a batch (g, ...) of them.
-
-    Returns
-    -------
-    array
-        One margin a point.
 
     Examples
     --------
@@ -53,7 +46,8 @@ def cone_margin(cone: str, values: Array) -> Array:
 
 
 def cone_depths(cone: str, values: Array, terms: Array) -> Array:
-    """Return margins of points in cones relative to the summed terms, free of units.
+    """Return margins (g,) of points in cones relative to the summed terms, free of
+    units.
 
     A matrix F is judged as D F D with D = diag(terms)^-1/2. Rounding errors in F are then of
     the size of eps, whatever cancelled in the sum. A depth above :func:`safe_depth` is a
@@ -61,17 +55,10 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
 
     Parameters
     ----------
-    cone : str
-        "psd", "soc" or "nonnegative".
     values : (g, ...) array
         The points F(theta) of g equal cones.
     terms : (g, ...) array
         |F_0| + sum |theta_i F_i|, entry by entry.
-
-    Returns
-    -------
-    (g,) array
-        Depths.
     """
     if cone == "psd":
         size = np.sqrt(nonzero_or_one(np.diagonal(terms, axis1=1, axis2=2)))
@@ -85,11 +72,6 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
 def safe_depth(size: int) -> float:
     """Return the largest depth that rounding can make of a violated cone.
 
-    Parameters
-    ----------
-    size : int
-        Order of the cone.
-
     Returns
     -------
     float
@@ -99,23 +81,13 @@ def safe_depth(size: int) -> float:
 
 
 def smallest_eigenvalue(values: Array) -> Array:
-    """Return the smallest eigenvalue of symmetric matrices, its sign right in any
-    units.
+    """Return the smallest eigenvalue of symmetric matrices (..., d, d), its sign right
+    in any units.
 
     A link's matrix holds its mass in one corner and, in kilometres, moments of 1e-9 in the
     others: rounding errors of the size of the corner would decide on the sign. The sign is
     therefore that of T F T with unit diagonal (Sylvester's law of inertia). T holds powers
     of two, which do not round.
-
-    Parameters
-    ----------
-    values : (..., d, d) array
-        Symmetric matrices.
-
-    Returns
-    -------
-    (...) array
-        Smallest eigenvalues.
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
     diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
@@ -134,8 +106,6 @@ def project(cone: str, value: Array) -> Array:
 
     Parameters
     ----------
-    cone : str
-        "psd", "soc" or "nonnegative".
     value : array
         One point, or a batch (g, ...) of them.
 
@@ -167,12 +137,8 @@ def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, 
 
     Parameters
     ----------
-    cone : str
-        "psd", "soc" or "nonnegative".
     values : (g, ...) array
         M, the points of g equal cones.
-    directions : (g, entries, p) array
-        A.
 
     Returns
     -------
@@ -281,18 +247,19 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
 @dataclass(frozen=True, eq=False)
 class Constraint:
     """F_0 + sum_i theta[indices[i]] F_i in a cone; a key of what belongs to it, equal
-    to itself only.
+    to itself only."""
 
-    family : what kind of demand it is ("pseudo-inertia", "mass", ...); name : of whom ("link 3").
-    cone : "psd" (constant (d, d), coefficients (k, d, d)), "soc" or "nonnegative" (constant (d,),
-        coefficients (k, d)); a second-order cone's first entry is its axis.
-    """
-
+    #: Kind of the demand ("pseudo-inertia", "mass", ...).
     family: str
+    #: What the demand is on ("link 3").
     name: str
+    #: "psd", "soc" or "nonnegative"; a second-order cone's first entry is its axis.
     cone: str
+    #: (k,) places of its parameters in theta.
     indices: NDArray[np.intp]
+    #: F_0, (d, d) for "psd", else (d,).
     constant: Array
+    #: F_i of each parameter, (k, d, d) for "psd", else (k, d).
     coefficients: Array
 
     def value(self, theta: ArrayLike) -> Array:
@@ -392,11 +359,17 @@ class BarycentricBound:
     family "trace".
     """
 
+    #: Name of the link.
     name: str
-    indices: NDArray[np.intp]  # (10,) of the link in theta
-    entry: int  # 0..5 in our order
+    #: (10,) places of the link's parameters in theta.
+    indices: NDArray[np.intp]
+    #: Entry of the inertia, 0..5 for Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    entry: int
+    #: Lower bound of the entry [kg m^2].
     lower: float
+    #: Upper bound of the entry [kg m^2].
     upper: float
+    #: Kind of the demand.
     family: str = "barycentric inertia"
 
     def margin(self, theta: ArrayLike) -> float:
@@ -423,7 +396,9 @@ class BarycentricBound:
 class ConstraintSet:
     """All demands on theta: convex ones, and those only some methods can take."""
 
+    #: Convex demands, which every method takes.
     convex: tuple[Constraint, ...]
+    #: Demands that are not convex, which only some methods can take.
     nonconvex: tuple[BarycentricBound, ...] = ()
 
     def worst(self, theta: ArrayLike) -> dict[str, float]:
@@ -520,11 +495,6 @@ class ConstraintSet:
         ----------
         theta : (p,) array
             All parameters of the model.
-
-        Returns
-        -------
-        float
-            Depth, free of units.
         """
         return min(self.depths(theta), default=np.inf)
 
@@ -535,11 +505,6 @@ class ConstraintSet:
         ----------
         keep : callable
             Whether to keep a family, by its name.
-
-        Returns
-        -------
-        ConstraintSet
-            The subset.
         """
         return ConstraintSet(
             tuple(c for c in self.convex if keep(c.family)),
@@ -554,11 +519,6 @@ class ConstraintSet:
         ----------
         values : mapping of int to float
             Known parameters [SI] by their index in theta.
-
-        Returns
-        -------
-        ConstraintSet
-            The constraints.
         """
         if not values:
             return self
@@ -602,18 +562,7 @@ class ConstraintSet:
         return np.concatenate([np.zeros(0), *(x.ravel() for x in values)])
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
-        """Return these constraints with further convex ones.
-
-        Parameters
-        ----------
-        more : sequence of Constraint
-            Constraints to append.
-
-        Returns
-        -------
-        ConstraintSet
-            The union.
-        """
+        """Return these constraints with further convex ones."""
         return ConstraintSet(self.convex + tuple(more), self.nonconvex)
 
     @cached_property
@@ -630,17 +579,18 @@ class ConstraintSet:
 
 @dataclass(frozen=True)
 class ConeGroup:
-    """Equal cones of as many parameters: ``places`` (g,) among the constraints that
-    they are of.
+    """Coefficients of g :class:`Constraint` of one cone, size and number of
+    parameters."""
 
-    indices (g, k), constant (g, ...), coefficients (g, k, ...) : of each what
-    :class:`Constraint` has.
-    """
-
+    #: "psd", "soc" or "nonnegative".
     cone: str
+    #: (g,) places of these constraints among all.
     places: NDArray[np.intp]
+    #: (g, k) places of each constraint's parameters in theta.
     indices: NDArray[np.intp]
+    #: (g, ...) F_0 of each constraint.
     constant: Array
+    #: (g, k, ...) F_i of each constraint.
     coefficients: Array
 
     @cached_property
@@ -653,17 +603,12 @@ class ConeGroup:
         return out.reshape(-1, out.shape[2])
 
     def values(self, theta: Array) -> Array:
-        """Return the points F(theta) of all constraints of the group.
+        """Return the points F(theta) (g, ...) of all constraints of the group.
 
         Parameters
         ----------
         theta : (p,) array
             All parameters of the model.
-
-        Returns
-        -------
-        (g, ...) array
-            One point a constraint.
         """
         flat = self.matrix @ theta[: self.matrix.shape[1]]
         return self.constant + flat.reshape(self.constant.shape)
@@ -671,11 +616,6 @@ class ConeGroup:
 
 def group_cones(constraints: Sequence[Constraint]) -> list[ConeGroup]:
     """Group constraints of equal cone and size, so that they are evaluated together.
-
-    Parameters
-    ----------
-    constraints : sequence of Constraint
-        The constraints.
 
     Returns
     -------
@@ -706,26 +646,20 @@ class StackedCones:
     """The numbers of constraints end to end, group by group: F (e,) = constant + sum
     over z of value[z] theta[column[z]] at row[z]."""
 
+    #: Groups of equal cones, in the order of the rows.
     groups: tuple[ConeGroup, ...]
+    #: (e,) constant part of F.
     constant: Array
+    #: (z,) row of F of each nonzero coefficient.
     row: NDArray[np.intp]
+    #: (z,) place in theta of each nonzero coefficient.
     column: NDArray[np.intp]
+    #: (z,) nonzero coefficients.
     value: Array
 
     @classmethod
     def from_groups(cls, groups: Sequence[ConeGroup]) -> StackedCones:
-        """Stack the coefficients of all groups into one sparse map.
-
-        Parameters
-        ----------
-        groups : sequence of ConeGroup
-            The groups.
-
-        Returns
-        -------
-        StackedCones
-            The stack.
-        """
+        """Stack the coefficients of all groups into one sparse map."""
         start = 0  # number of the group's first entry
         no_places = np.zeros(0, np.intp)
         rows = [no_places]
@@ -778,8 +712,6 @@ class StackedCones:
         Returns
         -------
         (m,) array
-            Margin of each constraint.
-        (m,) array
             Size of its largest summed term, with which rounding is compared.
         """
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
@@ -799,8 +731,6 @@ class StackedCones:
         ----------
         flat : (e,) array
             Multipliers y, one for each entry of F.
-        p : int
-            Number of parameters.
 
         Returns
         -------
@@ -811,11 +741,6 @@ class StackedCones:
 
     def split(self, flat: Any) -> list[Any]:
         """Split a stacked vector into one array a group; the arrays are views.
-
-        Parameters
-        ----------
-        flat : (e,) array
-            Vector over all entries.
 
         Returns
         -------
@@ -833,11 +758,6 @@ class StackedCones:
     def each(self, flat: Array) -> list[Array]:
         """Split a stacked vector into one array a constraint, in the order of the
         constraints.
-
-        Parameters
-        ----------
-        flat : (e,) array
-            Vector over all entries.
 
         Returns
         -------
@@ -861,8 +781,6 @@ def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constr
 
     Parameters
     ----------
-    name : str
-        Name of the link.
     indices : (10,) array of int
         Places of the link's parameters in theta.
     radius : float
@@ -905,11 +823,6 @@ def density_in_ellipsoid(
     quadric : (4, 4) array
         Q, as :attr:`Body.quadric` has it.
 
-    Returns
-    -------
-    Constraint
-        A linear constraint.
-
     References
     ----------
     Wensing, Kim, Slotine, RA-L 2018, equation 20.
@@ -928,7 +841,8 @@ def linear(
     constant: ArrayLike,
     cone: str = "nonnegative",
 ) -> Constraint:
-    """Return the constraint that constant + coefficients^T theta lies in a cone.
+    """Return the constraint that constant (d,) + coefficients (k, d)^T theta lies in a
+    cone.
 
     Parameters
     ----------
@@ -936,18 +850,9 @@ def linear(
         Family of the constraint and name of what it is about.
     indices : (k,) array of int
         Places of the parameters in theta.
-    coefficients : (k, d) array
-        A column an entry.
-    constant : (d,) array
-        Constant part.
     cone : str
         "nonnegative" (entry by entry), "soc" with the entries (s, u) of |u| <= s, or "psd"
         with a matrix's entries.
-
-    Returns
-    -------
-    Constraint
-        The constraint.
     """
     places = np.asarray(indices, np.intp)
     return Constraint(

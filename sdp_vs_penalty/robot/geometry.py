@@ -33,10 +33,11 @@ from sdp_vs_penalty.robot.urdf import (
 
 @dataclass(frozen=True)
 class Geometry:
-    """points (k, 3) whose convex hull holds a link's shapes, in its frame [m]; volume
-    of them [m^3]."""
+    """Shapes of a link."""
 
+    #: (k, 3) points in the link's frame [m], whose convex hull holds the shapes.
     points: Array
+    #: Volume of the shapes [m^3].
     volume: float
 
 
@@ -47,8 +48,6 @@ def link_geometry(
 
     Parameters
     ----------
-    path : path
-        A URDF file.
     held : mapping or None
         Positions [rad, m] of joints that count as fixed.
 
@@ -82,8 +81,6 @@ def link_surfaces(
 
     Parameters
     ----------
-    path : path
-        A URDF file.
     held : mapping or None
         Positions [rad, m] of joints that count as fixed.
 
@@ -136,8 +133,6 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
 
     Parameters
     ----------
-    urdf : str or Path
-        The file.
     n : int
         Number of joints of the robot.
 
@@ -397,8 +392,6 @@ def mesh_file(path: Path, filename: str) -> Path | None:
 
     Parameters
     ----------
-    path : Path
-        The robot's file.
     filename : str
         The mesh, as that file names it.
     """
@@ -425,11 +418,6 @@ def _places(path: Path, filename: str) -> Iterator[Path]:
 
 def package_folders(path: Path) -> Iterator[Path]:
     """Yield the folders in which packages of ROS may lie that a robot's file names.
-
-    Parameters
-    ----------
-    path : Path
-        The robot's file.
 
     Yields
     ------

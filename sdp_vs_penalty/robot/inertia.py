@@ -117,12 +117,7 @@ def pseudo_inertia(theta: ArrayLike) -> Array:
 
 
 def from_pseudo_inertia(matrix: ArrayLike) -> Array:
-    """Return the standard parameters of pseudo-inertia matrices.
-
-    Parameters
-    ----------
-    matrix : (..., 4, 4) array
-        Symmetric pseudo-inertias.
+    """Return the standard parameters of symmetric pseudo-inertia matrices (..., 4, 4).
 
     Returns
     -------
@@ -136,17 +131,12 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
 
 
 def inertia_matrix(entries: ArrayLike) -> Array:
-    """Return the symmetric inertia matrices of six entries.
+    """Return the symmetric inertia matrices (..., 3, 3) [kg m^2] of six entries.
 
     Parameters
     ----------
     entries : (..., 6) array
         Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
-
-    Returns
-    -------
-    (..., 3, 3) array
-        Inertia matrices [kg m^2].
     """
     e = np.asarray(entries, float)
     out = np.empty((*e.shape[:-1], 3, 3))
@@ -156,12 +146,7 @@ def inertia_matrix(entries: ArrayLike) -> Array:
 
 
 def inertia_entries(matrix: ArrayLike) -> Array:
-    """Return the six entries of symmetric inertia matrices.
-
-    Parameters
-    ----------
-    matrix : (..., 3, 3) array
-        Inertia matrices [kg m^2].
+    """Return the six entries of symmetric inertia matrices (..., 3, 3) [kg m^2].
 
     Returns
     -------
@@ -233,11 +218,6 @@ def transform(placement: ArrayLike) -> Array:
     ----------
     placement : (4, 4) array
         X = A_X_B, the pose of B in A.
-
-    Returns
-    -------
-    (10, 10) array
-        The linear map.
     """
     x = np.asarray(placement, float)
     return from_pseudo_inertia(x @ PSEUDO_INERTIA_BASIS @ x.T).T
@@ -251,11 +231,6 @@ def consistency_margin(theta: ArrayLike) -> Array:
     ----------
     theta : (..., 10) array
         Standard parameters about the link frame [kg, kg m, kg m^2].
-
-    Returns
-    -------
-    (...) array
-        Smallest eigenvalues.
     """
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
@@ -298,7 +273,8 @@ def why_impossible(theta: ArrayLike) -> str:
 
 
 def thickness(theta: ArrayLike) -> Array:
-    """Return the largest radius r with Sigma_c >= m r^2 1; negative if inconsistent.
+    """Return the largest radius r [m] with Sigma_c >= m r^2 1; negative where the link
+    is inconsistent.
 
     Sigma_c is the second moment about the centre of mass: a link whose mass lies on a
     line or in a plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
@@ -307,18 +283,13 @@ def thickness(theta: ArrayLike) -> Array:
     ----------
     theta : (..., 10) array
         Standard parameters about the link frame [kg, kg m, kg m^2].
-
-    Returns
-    -------
-    (...) array
-        r [m].
     """
     smallest = np.linalg.eigvalsh(second_moment(theta))[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
 
 
 def gyration(theta: ArrayLike) -> Array:
-    """Return the radius of gyration sqrt(tr(Sigma_c) / m) about the centre of mass.
+    """Return the radius of gyration sqrt(tr(Sigma_c) / m) [m] about the centre of mass.
 
     It is zero for a point mass and for no mass, half the distance of two equal masses,
     and sqrt(3/5) R for a uniform ball of radius R.
@@ -327,18 +298,13 @@ def gyration(theta: ArrayLike) -> Array:
     ----------
     theta : (..., 10) array
         Standard parameters about the link frame [kg, kg m, kg m^2].
-
-    Returns
-    -------
-    (...) array
-        Radius [m].
     """
     squared = np.trace(second_moment(theta), axis1=-2, axis2=-1)
     return np.sqrt(np.maximum(squared, 0.0))
 
 
 def gyration_about_joint(theta: ArrayLike, smallest_mass: float = 1e-12) -> Array:
-    """Return the radius of gyration sqrt(tr(I) / 2 m) about the frame's origin.
+    """Return the radius of gyration sqrt(tr(I) / 2 m) [m] about the frame's origin.
 
     The trace of an inertia is twice the second moment of the mass. The radius is zero
     where the trace is not positive.
@@ -349,11 +315,6 @@ def gyration_about_joint(theta: ArrayLike, smallest_mass: float = 1e-12) -> Arra
         Standard parameters about the link frame [kg, kg m, kg m^2].
     smallest_mass : float
         Mass [kg] that lighter links are taken to have.
-
-    Returns
-    -------
-    (...) array
-        Radius [m].
     """
     theta = np.asarray(theta, float)
     moment = np.trace(inertia_matrix(theta[..., 4:]), axis1=-2, axis2=-1) / 2.0
@@ -443,8 +404,8 @@ def least_density(theta: ArrayLike) -> Array:
 def nearest_inertia(
     about_com: Array, mass: float = 0.0, thinnest: float | None = None
 ) -> Array:
-    """Return the consistent inertia that is nearest to a symmetric matrix (Frobenius
-    norm).
+    """Return the consistent inertia that is nearest to a symmetric matrix (3, 3)
+    [kg m^2] by the Frobenius norm.
 
     Consistent inertias are I = tr(S) 1 - S with the second moment of the mass S >= 0.
     They are invariant to rotation, so the projection keeps the principal axes and acts
@@ -453,18 +414,11 @@ def nearest_inertia(
 
     Parameters
     ----------
-    about_com : (3, 3) array
-        Symmetric matrix [kg m^2].
     mass : float
         Mass [kg]. With a positive one the result is strictly consistent.
     thinnest : float, optional
         Root mean square distance of the mass from any plane, at least [m]; default: 0,
         and a millimetre where a moment would be zero, which simulators refuse.
-
-    Returns
-    -------
-    (3, 3) array
-        [kg m^2].
     """
     from scipy.optimize import nnls  # takes a while to import
 

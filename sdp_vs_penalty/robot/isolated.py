@@ -41,14 +41,19 @@ _Messages = Generator[tuple[dict[str, Any], Arrays], None, None]
 
 @dataclass(frozen=True)
 class _Limits:
-    """What a parser may take: seconds of silence; CPU seconds, and more of them by a
-    MiB of the file; open files; bytes of one head and of one array."""
+    """Limits of what a parser takes."""
 
+    #: Silence [s].
     silence: float = 20.0
+    #: CPU time of a file of no size [s].
     cpu: float = 2.0
+    #: CPU time more for a MiB of the file [s].
     cpu_by_mib: float = 2.0
+    #: Number of open files.
     open_files: int = 64
+    #: Size of the head of one message [bytes].
     head: int = 2**20
+    #: Size of one array [bytes].
     array: int = 2**34
 
 
@@ -88,15 +93,8 @@ def parse_isolated(
         Size that limits memory and time in place of the file's, if the parser reads
         other files too.
 
-    Yields
-    ------
-    dict
-        Arrays by name.
-
     Raises
     ------
-    InputError
-        Raised by the parser.
     ParserEndedError
         A signal or a limit ended the child, or the parser raised anything else.
     MemoryError

@@ -22,25 +22,29 @@ from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 @dataclass(frozen=True)
 class Joint(JsonRecordSkippingNone):
-    """One moving joint and the link that it carries.
+    """One moving joint and the link that it carries."""
 
-    placement : (4, 4) pose of the joint frame in the parent's joint frame (the base: -1) at q = 0.
-    axis : (3,) unit vector of motion in the joint frame.
-    link_frame : (4, 4) pose of the link frame in the joint frame; the link's inertial parameters
-        are about the link frame (identity for URDF and modified DH, Tz(d) Tx(a) Rx(alpha) for
-        standard DH, whose frames sit at the far end of a link).
-    lower, upper : range [rad or m]; velocity : limit [rad/s or m/s]; effort : limit [N m or N].
-    """
-
+    #: Name of the joint.
     name: str
-    kind: str  # "revolute" | "prismatic"
+    #: "revolute" or "prismatic".
+    kind: str
+    #: Index of the joint that carries it; -1 for the base.
     parent: int
+    #: (4, 4) pose of the joint frame in the parent's joint frame at q = 0.
     placement: Array
+    #: (3,) unit vector of motion in the joint frame.
     axis: Array
+    #: (4, 4) pose of the link frame in the joint frame; the link's inertial parameters
+    #: are about the link frame (identity for URDF and modified DH, Tz(d) Tx(a)
+    #: Rx(alpha) for standard DH, whose frames sit at the far end of a link).
     link_frame: Array
+    #: Lower end of the range [rad or m].
     lower: float = -np.inf
+    #: Upper end of the range [rad or m].
     upper: float = np.inf
+    #: Limit of the velocity [rad/s or m/s].
     velocity: float = np.inf
+    #: Limit of the torque or force [N m or N].
     effort: float = np.inf
 
     def __post_init__(self) -> None:
@@ -81,11 +85,6 @@ def check_pose(where: str, pose: Array) -> None:
         Where the matrix stands, for the error's sentence.
     pose : (4, 4) array
         Homogeneous matrix, translation in metres.
-
-    Raises
-    ------
-    InputError
-        It is no pose.
     """
     rotation = pose[:3, :3]
     tolerance = 1e-6
@@ -111,15 +110,18 @@ class Mechanism(JsonRecord):
     """Joints that follow others: q_tree = matrix q + offset, so that tau = matrix^T
     tau_tree.
 
-    tree : every moving joint (L), depth first; matrix (L, n), offset (L,) : of mimic
-    joints and of closed chains whose loop is cut (a parallelogram's bars turn as its
-    driven joints do); massless : places in the tree of links that are declared to have
-    no mass, and get no parameters.
+    Mimic joints follow, and those of closed chains whose loop is cut (a parallelogram's
+    bars turn as its driven joints do).
     """
 
+    #: Every moving joint (L), depth first.
     tree: tuple[Joint, ...]
+    #: (L, n) motion of each joint of the tree per motion of each driven joint.
     matrix: Array
+    #: (L,) position of each joint of the tree [rad or m] at q = 0.
     offset: Array
+    #: Places in the tree of links that are declared to have no mass, and get no
+    #: parameters.
     massless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -137,14 +139,13 @@ class Mechanism(JsonRecord):
 @dataclass(frozen=True)
 class HeldJoint(JsonRecord):
     """A joint that does not move, and is none of the robot's any more: what it carried
-    belongs to its parent.
+    belongs to its parent."""
 
-    name : as the robot's file has it; value : where it stands [rad, m]; place : its
-    column in a log of all driven joints, from 0.
-    """
-
+    #: Name of the joint in the robot's file.
     name: str
+    #: Position at which it stands [rad or m].
     value: float
+    #: Its column in a log of all driven joints, from 0.
     place: int
 
 
@@ -178,8 +179,6 @@ def resolve_mimic_joints(
 
     Parameters
     ----------
-    tree : sequence of Joint
-        All joints.
     followers : dict
         (leader, ratio, offset) of each mimic joint, by its name.
     massless : sequence of int
@@ -348,29 +347,25 @@ _TERM = re.compile(
 
 
 class ChannelMatrices(NamedTuple):
-    """Matrices of a transmission (q: joints' positions, tau_m: motors' torques).
+    """Matrices of a transmission, with joint positions q and motor torques tau_m."""
 
-    from_joint_positions : (n, n) S, position channels = S q + offset
-    from_motor_torques : (n, n) T, torque channels = T tau_m
-    """
-
+    #: (n, n) S in position channels = S q + offset.
     from_joint_positions: Array
+    #: (n, n) T in torque channels = T tau_m.
     from_motor_torques: Array
 
 
 @dataclass(frozen=True)
 class Transmission(JsonRecord):
-    """q_m = matrix q + offset, tau = matrix^T tau_m.
+    """q_m = matrix q + offset, tau = matrix^T tau_m."""
 
-    matrix : (n, n), a row a motor, in motor units per joint unit; offset : (n,) [rad,
-    m]; positions, torques : n words each, "motor" or "joint": the side on which logs
-    have that channel. Raises InputError where the joints do not follow from the motors,
-    or a word is neither.
-    """
-
+    #: (n, n) motor units per joint unit, a row a motor.
     matrix: Array
+    #: (n,) positions of the motors at q = 0 [rad, m].
     offset: Array
+    #: n words, "motor" or "joint": the side on which logs have each position.
     positions: tuple[str, ...]
+    #: n words, "motor" or "joint": the side on which logs have each torque.
     torques: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -413,12 +408,10 @@ class Transmission(JsonRecord):
         )
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
-        """Return joint positions from logged motor or joint channels.
+        """Return joint positions from logged motor or joint channels (N, n).
 
         Parameters
         ----------
-        channels : (N, n) array
-            Logged positions, or velocities.
         rates : bool
             Whether the channels are velocities; offsets are left out then.
 
@@ -496,13 +489,6 @@ def parse_transmission(
 
 def parse_formula(text: str, n: int) -> Array:
     """Parse a linear formula of joint positions, such as "32 q5 + 32 q6 - 0.1".
-
-    Parameters
-    ----------
-    text : str
-        The formula.
-    n : int
-        Number of joints.
 
     Returns
     -------

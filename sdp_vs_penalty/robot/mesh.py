@@ -30,12 +30,13 @@ _GLTF_PARTS = "asset", "scene", "scenes", "nodes", "meshes", "accessors", "buffe
 
 @dataclass(frozen=True)
 class Mesh:
-    """vertices (k, 3) [m]; triangles (m, 3), three rows of vertices each, none where
-    they were not asked for; volume that they enclose [m^3], meaningless where the
-    surface is open."""
+    """A surface of triangles."""
 
+    #: (k, 3) vertices [m].
     vertices: Array
+    #: (m, 3) rows of three vertices each; none where they were not asked for.
     triangles: Array
+    #: Volume that they enclose [m^3]; meaningless where the surface is open.
     volume: float
 
 

@@ -80,23 +80,19 @@ _AFFINE_BIAS = 1
 
 @dataclass(frozen=True)
 class MujocoModel:
-    """What MuJoCo's compiler makes of a file.
+    """What MuJoCo's compiler makes of a file."""
 
-    Parameters
-    ----------
-    path : of the file
-    name : of the model; "" without
-    gravity : (3,) [m/s^2]
-    joint_names : of all joints in MuJoCo's order
-    equalities : what each of them couples, in words
-    arrays : by the names that MuJoCo's manual gives to fields of mjModel
-    """
-
+    #: Path of the file.
     path: Path
+    #: Name of the model; "" where it has none.
     name: str
+    #: (3,) gravity in the world frame [m/s^2].
     gravity: tuple[float, float, float]
+    #: Names of all joints in MuJoCo's order.
     joint_names: tuple[str, ...]
+    #: What each equality of the model couples, in words.
     equalities: tuple[str, ...]
+    #: Arrays of the model by the names of MuJoCo's fields of mjModel.
     arrays: Arrays
 
     def row(self, field: str, index: int) -> Array:
@@ -140,8 +136,6 @@ def load_mjcf(
 
     Returns
     -------
-    robot : Robot
-        Joints depth first.
     links : (links, 10) array
         Standard parameters about the link frames.
     values : dict

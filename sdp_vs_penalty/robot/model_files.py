@@ -20,11 +20,6 @@ _FORMATS = {b"mujoco": "mjcf", b"sdf": "sdf", b"robot": "urdf"}
 def format_of(content: bytes) -> str:
     """Return the format of a robot's file by its elements; comments do not count.
 
-    Parameters
-    ----------
-    content : bytes
-        Of an XML file.
-
     Returns
     -------
     str
@@ -38,18 +33,8 @@ def format_of(content: bytes) -> str:
 
 
 def unexpanded(path: Path) -> InputError:
-    """Return the error of a xacro file that is not expanded, with the command for it.
-
-    Parameters
-    ----------
-    path : Path
-        Of the xacro file.
-
-    Returns
-    -------
-    InputError
-        To be raised.
-    """
+    """Return the error of a xacro file that is not expanded, with the command that
+    expands it."""
     out = path.with_suffix("") if path.suffix == ".xacro" else path
     out = out.with_name(f"{out.stem}_expanded.urdf")
     remedy = (
@@ -62,16 +47,6 @@ def unexpanded(path: Path) -> InputError:
 
 def described_robot(name: str) -> Path:
     """Return the file of a robot of the package robot_descriptions, downloaded once.
-
-    Parameters
-    ----------
-    name : str
-        Such as "panda_description".
-
-    Returns
-    -------
-    Path
-        The URDF.
 
     Raises
     ------

@@ -48,24 +48,31 @@ _LIGHTEST = 1e-3
 
 @dataclass(frozen=True)
 class LinkSizes:
-    """name; mass [kg]; com : distance of the centre of mass from the link frame [m];
-    inertia : largest principal moment about the centre of mass [kg m^2]."""
+    """Sizes of a link, by which its units are judged."""
 
+    #: Name of the link.
     name: str
+    #: Mass [kg].
     mass: float
+    #: Distance of the centre of mass from the link frame [m].
     com: float
+    #: Largest principal moment about the centre of mass [kg m^2].
     inertia: float
 
 
 @dataclass(frozen=True)
 class OddUnit:
-    """quantity : lengths, masses, centres of mass or inertias; factor : by which they
-    are too large in the likeliest unit, None if no unit fits; links : which; what, remedy : in words."""
+    """A quantity of a robot's links that is in another unit than SI."""
 
+    #: "lengths", "masses", "centres of mass" or "inertias".
     quantity: str
+    #: Factor by which they are too large in the likeliest unit; None if no unit fits.
     factor: float | None
+    #: Names of the links that have it.
     links: tuple[str, ...]
+    #: What is wrong, in words.
     what: str
+    #: What to do, in words.
     remedy: str
 
 
@@ -74,8 +81,6 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
 
     Parameters
     ----------
-    links : sequence of LinkSizes
-        Links of one robot.
     longest : float
         Largest distance between joints [m].
 
@@ -116,11 +121,6 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
 
 def limits_in_degrees(joints: Sequence[Joint]) -> str:
     """Say that the limits of a robot's revolute joints are in degrees.
-
-    Parameters
-    ----------
-    joints : sequence of Joint
-        The joints.
 
     Returns
     -------

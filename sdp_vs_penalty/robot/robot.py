@@ -42,18 +42,22 @@ class Robot(JsonRecordSkippingNone):
 
     Depth first: what a joint carries follows it without a gap. Pinocchio's composite
     rigid body algorithm takes subtrees as index ranges and is silently wrong on any
-    other order. mechanism : where joints follow others, ``joints`` are those that move
-    by themselves, a joint's parent counts in ``tree``, and there are more links than
-    joints: ``links`` of them. transmission : how the motors turn with the joints, where
-    that is known; held : joints that stand still and count no more. Raises InputError
-    for joints in another order.
+    other order. Where joints follow others, ``joints`` are those that move by
+    themselves, a joint's parent counts in ``tree``, and there are more links than
+    joints: ``links`` of them.
     """
 
+    #: Name of the robot.
     name: str
+    #: Joints (n) that move by themselves.
     joints: tuple[Joint, ...]
+    #: (3,) gravity in the base frame [m/s^2].
     gravity: tuple[float, ...] = STANDARD_GRAVITY
+    #: How the motors turn with the joints; None where that is not known.
     transmission: Transmission | None = None
+    #: How further joints follow ``joints``; None where none do.
     mechanism: Mechanism | None = None
+    #: Joints that stand still and count no more.
     held: tuple[HeldJoint, ...] = ()
 
     def __post_init__(self) -> None:
@@ -280,19 +284,13 @@ class Robot(JsonRecordSkippingNone):
         return tuple(links_by_driven_joint)
 
     def random_configurations(self, count: int, seed: int) -> Array:
-        """Return random configurations, uniform in the range of :func:`joint_limits`.
+        """Return random configurations (count, n) [rad, m], uniform in the range of
+        :func:`joint_limits`.
 
         Parameters
         ----------
-        count : int
-            Number of configurations.
         seed : int
             Seed of the random numbers.
-
-        Returns
-        -------
-        (count, n) array
-            Joint positions [rad, m].
         """
         low, high, _ = joint_limits(self)
         return np.random.default_rng(seed).uniform(low, high, (count, self.n))
@@ -364,8 +362,6 @@ class Robot(JsonRecordSkippingNone):
 
         Parameters
         ----------
-        name : str
-            Name of the robot.
         a, alpha, d : sequence of float
             Lengths [m], twists [rad] and offsets [m], one a joint.
         convention : str
@@ -375,16 +371,6 @@ class Robot(JsonRecordSkippingNone):
             Gravity in the base frame [m/s^2].
         limits : sequence of mappings
             Further fields of each :class:`Joint`.
-
-        Returns
-        -------
-        Robot
-            The chain.
-
-        Raises
-        ------
-        InputError
-            For another convention.
         """
         if convention not in ("modified", "standard"):
             raise InputError(
@@ -542,11 +528,6 @@ class Robot(JsonRecordSkippingNone):
             Viscous friction [N m s/rad, N s/m].
         friction : (n,) array
             Dry friction [N m, N].
-
-        Returns
-        -------
-        pinocchio.Model
-            The model.
         """
         pin, model = self._pin, self._model.copy()
         rows = np.asarray(links, float).reshape(self.links, 10)
@@ -561,19 +542,13 @@ class Robot(JsonRecordSkippingNone):
     def inverse_dynamics(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
-        """Return the joint torques of rigid links, by recursive Newton-Euler.
+        """Return the joint torques (N, n) [N m, N] of rigid links with the standard
+        parameters theta (10 links,), by recursive Newton-Euler.
 
         Parameters
         ----------
-        theta : (10 links,) array
-            Standard parameters.
         q, dq, ddq : (N, n) array
             Joint positions, velocities and accelerations.
-
-        Returns
-        -------
-        (N, n) array
-            Torques [N m, N].
         """
         model = self._with_inertias(theta)
         rnea = self._pin.rnea
@@ -584,13 +559,11 @@ class Robot(JsonRecordSkippingNone):
     def inverse_dynamics_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """Return derivatives of the joint torques by position, velocity and
-        acceleration.
+        """Return derivatives of the joint torques of links with the standard parameters
+        theta (10 links,) by position, velocity and acceleration.
 
         Parameters
         ----------
-        theta : (10 links,) array
-            Standard parameters.
         q, dq, ddq : (N, n) array
             Joint positions, velocities and accelerations.
 
@@ -626,15 +599,14 @@ class Robot(JsonRecordSkippingNone):
     def placement_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
-        """Return derivatives of the joint torques by the placement of each joint.
+        """Return derivatives of the joint torques of links with the standard parameters
+        theta (10 links,) by the placement of each joint.
 
         Six virtual joints at rest (three prismatic, three revolute) stand before each
         joint; Pinocchio's derivatives by their positions are the result.
 
         Parameters
         ----------
-        theta : (10 links,) array
-            Standard parameters.
         q, dq, ddq : (N, n) array
             Joint positions, velocities and accelerations.
 
@@ -685,12 +657,11 @@ class Robot(JsonRecordSkippingNone):
         return self._projected(out).reshape(len(out), self.n, len(rows), 6)
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
-        """Return the Jacobians of a joint frame, in world axes.
+        """Return the Jacobians of a joint frame at joint positions (N, n), in world
+        axes.
 
         Parameters
         ----------
-        q : (N, n) array
-            Joint positions.
         link : int
             Index of the joint in the tree.
 
@@ -714,34 +685,18 @@ class Robot(JsonRecordSkippingNone):
         return out if self.mechanism is None else out @ self.mechanism.matrix
 
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:
-        """Return the joint-space inertia matrices M(q).
-
-        Parameters
-        ----------
-        theta : (10 links,) array
-            Standard parameters.
-        q : (N, n) array
-            Joint positions.
-
-        Returns
-        -------
-        (N, n, n) array
-            Inertia matrices.
-        """
+        """Return the joint-space inertia matrices M(q) (N, n, n) at joint positions
+        (N, n), of the standard parameters (10 links,)."""
         q = np.atleast_2d(np.asarray(q, float))
         return self.mass_and_bias(theta)(q, np.zeros_like(q))[0]
 
     def mass_and_bias(
         self, theta: ArrayLike
     ) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """Return a function that evaluates M(q) and C(q, dq) dq + g(q) of given links.
+        """Return a function that evaluates M(q) and C(q, dq) dq + g(q) of links with
+        the standard parameters theta (10 links,).
 
         Computed by the composite rigid body and the recursive Newton-Euler algorithm.
-
-        Parameters
-        ----------
-        theta : (10 links,) array
-            Standard parameters.
 
         Returns
         -------
@@ -797,11 +752,6 @@ def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ..
     held : mapping
         Positions [rad, m] by joint.
 
-    Returns
-    -------
-    tuple of int
-        Indices, from 0.
-
     Raises
     ------
     InputError
@@ -820,11 +770,6 @@ def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
 
     Where a robot states none: half a turn or half a metre to each side, and 2 rad/s or
     0.5 m/s.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
 
     Returns
     -------

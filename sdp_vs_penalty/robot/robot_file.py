@@ -38,6 +38,7 @@ _N_BYTES = 2**24
 class RobotFile:
     """What a robot's file states."""
 
+    #: The robot's joints and gravity.
     robot: Robot
     #: (links, 10) standard parameters about the link frames; zeros where it has none.
     links: Array
@@ -58,8 +59,6 @@ def load_robot(
 
     Parameters
     ----------
-    path : path
-        The file.
     gravity : (3,) sequence of float, optional
         Gravity in the base frame [m/s^2]; default: an MJCF file's, else 9.81 downwards.
     held : mapping of str to float, optional
@@ -93,11 +92,6 @@ def load_robot(
 def as_urdf(path: Path) -> Iterator[Path]:
     """Turn a xacro or SDF file into a URDF for the length of a block; other files stay
     as they are.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
 
     Yields
     ------
@@ -173,8 +167,6 @@ def expanded_text(path: str, folders: list[str]) -> Iterator[Arrays]:
 
     Parameters
     ----------
-    path : str
-        The xacro file.
     folders : list of str
         Where packages of ROS may lie that "$(find NAME)" names.
     """

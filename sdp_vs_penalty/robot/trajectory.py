@@ -32,18 +32,19 @@ from sdp_vs_penalty.robot.robot import Robot, joint_limits
 
 @dataclass(frozen=True)
 class FourierTrajectory:
-    """a, b : (n, L) amplitudes of velocity [rad/s]; q_0 : (n,) centre of the series
-    [rad].
+    """A Fourier series of each joint, with blends from and to rest."""
 
-    frequency : w [rad/s]; blend : t_b [s]; duration : of the whole motion, both blends
-    included [s]. Raises InputError where the blends do not fit into the duration.
-    """
-
+    #: (n, L) amplitudes of the velocity's cosines [rad/s].
     a: Array
+    #: (n, L) amplitudes of the velocity's sines [rad/s].
     b: Array
+    #: (n,) centre of the series [rad].
     q_0: Array
+    #: Fundamental frequency w [rad/s].
     frequency: float
+    #: Duration t_b of each blend [s].
     blend: float
+    #: Duration of the whole motion, both blends included [s].
     duration: float
 
     def __post_init__(self) -> None:
@@ -61,18 +62,13 @@ class FourierTrajectory:
             )
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return positions, velocities and accelerations of the trajectory.
+        """Return positions, velocities and accelerations at instants t (N,) [s].
 
         The first ``blend`` seconds speed up from rest to the first velocity v of the
         series, dq = v (1 - cos(w t)) / 2 with w = pi / blend; the last ones slow down
         likewise. The Fourier series runs in between. Before and after, the robot is at
         rest. The acceleration jumps where a blend meets the series, as in the authors'
         generator.
-
-        Parameters
-        ----------
-        t : (N,) array
-            Instants [s].
 
         Returns
         -------
@@ -139,26 +135,14 @@ def random_trajectory(
 
     Amplitudes are uniform in [-1, 1] and then scaled joint by joint to fill at most 80 % of
     the range and 60 % of the velocity limit. The centre is random where the motion fits.
+    ``duration`` is in [s], the fundamental ``frequency`` in [rad/s].
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
     seed : int
         Seed of the random numbers.
-    duration : float
-        Duration [s].
-    harmonics : int
-        Number of harmonics.
-    frequency : float
-        Fundamental frequency [rad/s].
     blend : float
         Duration of the blends from and to rest [s].
-
-    Returns
-    -------
-    FourierTrajectory
-        The trajectory.
     """
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-1.0, 1.0, (2, robot.n, harmonics))
@@ -186,11 +170,13 @@ def random_trajectory(
 
 @dataclass(frozen=True)
 class PointTrajectory:
-    """points (W, n) [rad or m], moves (W - 1,) [s] between them, pauses (W,) [s] at
-    each."""
+    """Moves between points, with a pause at each."""
 
+    #: (W, n) positions of the points [rad or m].
     points: Array
+    #: (W - 1,) durations of the moves between them [s].
     moves: Array
+    #: (W,) durations of the pauses at the points [s].
     pauses: Array
 
     @cached_property
@@ -205,16 +191,11 @@ class PointTrajectory:
         return float(self.moves.sum() + self.pauses.sum())
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return positions, velocities and accelerations at given instants.
+        """Return positions, velocities and accelerations at instants t (N,) [s].
 
         A move from p over d in T seconds is q = p + d (35 x^4 - 84 x^5 + 70 x^6 - 20
         x^7), with x = t / T from 0 to 1: velocity, acceleration and jerk are zero at
         both ends. Between moves (pauses) the robot stands still.
-
-        Parameters
-        ----------
-        t : (N,) array
-            Instants [s].
 
         Returns
         -------
@@ -239,20 +220,8 @@ class PointTrajectory:
 def shortest_moves(
     points: Array, velocity: Array, acceleration: Array, jerk: Array
 ) -> Array:
-    """Return the shortest durations of moves between points, within limits.
-
-    Parameters
-    ----------
-    points : (W, n) array
-        Positions [rad, m].
-    velocity, acceleration, jerk : (n,) array
-        Limits of each joint.
-
-    Returns
-    -------
-    (W - 1,) array
-        Durations [s].
-    """
+    """Return the shortest durations (W - 1,) [s] of moves between points (W, n) [rad,
+    m], within the limits (n,) of velocity, acceleration and jerk."""
     d = np.abs(np.diff(points, axis=0))
     # Largest velocity c_1 d / T, acceleration c_2 d / T^2 and jerk c_3 d / T^3 of a move
     # over d in T seconds, by the smooth step of PointTrajectory: c_k and the limit.
@@ -265,20 +234,8 @@ def shortest_moves(
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
-    """Return a ROS message trajectory_msgs/JointTrajectory as JSON (which is YAML too).
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the joints.
-    trajectory : PointTrajectory
-        The trajectory.
-
-    Returns
-    -------
-    str
-        The message.
-    """
+    """Return the ROS message trajectory_msgs/JointTrajectory as JSON, which is YAML
+    too."""
     rate = 50.0  # Hz
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
     fields = ("positions", "velocities", "accelerations")

@@ -64,13 +64,7 @@ Parts = list[tuple[Any, Array]]
 
 @contextmanager
 def errors_located_in(path: str | Path) -> Iterator[None]:
-    """Put a file's name before every error of the block.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    """
+    """Put a file's name before every error of the block."""
     try:
         yield
     except InputError as error:
@@ -82,8 +76,6 @@ def numbers_of(text: str, count: int) -> Array:
 
     Parameters
     ----------
-    text : str
-        An attribute's text.
     count : int
         How many numbers it must hold.
 
@@ -131,11 +123,6 @@ def pose_of(element: Any) -> Array:
     element : XML element
         A <joint>, <inertial> or <collision>.
 
-    Returns
-    -------
-    (4, 4) array
-        Homogeneous matrix.
-
     Raises
     ------
     InputError
@@ -161,11 +148,6 @@ def rotation_of_rpy(angles: Sequence[float] | Array) -> Array:
     ----------
     angles : (3,) sequence
         Roll, pitch and yaw [rad].
-
-    Returns
-    -------
-    (3, 3) array
-        R.
     """
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
     return np.array(
@@ -178,21 +160,11 @@ def rotation_of_rpy(angles: Sequence[float] | Array) -> Array:
 
 
 def rpy_of(rotation: Array) -> Array:
-    """Return roll, pitch and yaw of R = Rz(yaw) Ry(pitch) Rx(roll).
+    """Return roll, pitch and yaw (3,) [rad] of R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3).
 
     They reproduce R up to rounding, also at a pitch of 90 degrees, where roll and yaw
     turn about the same axis: the roll is computed after yaw and pitch are undone, so
     that it makes up for the rounding of the yaw.
-
-    Parameters
-    ----------
-    rotation : (3, 3)
-        R.
-
-    Returns
-    -------
-    (3,)
-        [rad].
     """
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
@@ -203,11 +175,6 @@ def rpy_of(rotation: Array) -> Array:
 
 def read_inertial(link: Any) -> Array:
     """Read the standard parameters of a <link> element, about the link frame.
-
-    Parameters
-    ----------
-    link : XML element
-        The link.
 
     Returns
     -------
@@ -253,8 +220,6 @@ def load_urdf(
 
     Parameters
     ----------
-    path : path
-        The file.
     gravity : (3,) sequence
         Gravity in the base frame [m/s^2].
     held : mapping or None
@@ -319,8 +284,6 @@ def placed_links(
 
     Parameters
     ----------
-    path : path
-        A URDF file.
     held : mapping or None
         Positions [rad, m] of joints that count as fixed.
 
@@ -345,11 +308,6 @@ def placed_links(
 def couplings_left_out(root: Any) -> str:
     """Say what couples links of a URDF beside its tree of joints, and is not read:
     constraints and loops of its extensions.
-
-    Parameters
-    ----------
-    root : XML element
-        The <robot> element.
 
     Returns
     -------
@@ -397,16 +355,6 @@ def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
 
 def parse_urdf(path: str | Path) -> Any:
     """Parse an XML file safely: no entities are expanded, no other file is read.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    XML element
-        The element.
 
     Raises
     ------
@@ -602,15 +550,8 @@ def joint_motion(joint: Joint, value: float) -> Array:
 
     Parameters
     ----------
-    joint : Joint
-        The joint.
     value : float
         Position of the joint [rad, m].
-
-    Returns
-    -------
-    (4, 4) array
-        Homogeneous matrix.
     """
     out = np.eye(4)
     if joint.kind == "prismatic":
