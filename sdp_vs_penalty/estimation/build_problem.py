@@ -60,36 +60,24 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 @dataclass(frozen=True)
 class PoseOptions:
     """What a user may choose of the posing, as :func:`sdp_vs_penalty.identify` takes
-    it.
+    it."""
 
-    Parameters
-    ----------
-    effects : str, names or Effects, optional
-        Default: the problem's.
-    preprocessing : Preprocessing, optional
-        Filter settings; default: the problem's.
-    weighting : {"noise", "none"}
-        Of the joints' rows.
-    gain_uncertainty : float or (n, e) array
-        Relative standard deviation of the torque channels' gains, or a factor of their
-        covariance.
-    known_loads : sequence of (run, mass)
-        Runs with a known load [kg].
-    seed : int
-        Of everything random.
-    known : mapping of str to float
-        Parameters of known value. Without torque they set the scale.
-    instruments : {"command", "none"}, optional
-        Default: "command" where no torque was logged.
-    """
-
+    #: Effects of the model; None: the problem's.
     effects: str | Sequence[str | Effect] | None = None
+    #: Filter settings; None: the problem's.
     preprocessing: Preprocessing | None = None
+    #: Weight of the joints' rows: "noise" or "none".
     weighting: str = "noise"
+    #: Relative standard deviation of the torque channels' gains, or an (n, e) factor of
+    #: their covariance.
     gain_uncertainty: float | Array = 0.0
+    #: Runs with a known load, each with its mass [kg].
     known_loads: Sequence[tuple[Source, float]] = ()
+    #: Seed of everything random.
     seed: int = 0
+    #: Values of known parameters by name. Without torque they set the scale.
     known: Mapping[str, float] = field(default_factory=dict)
+    #: "command" or "none"; None: "command" where no torque was logged.
     instruments: str | None = None
 
     def recipe(self) -> dict[str, Any]:
@@ -127,24 +115,25 @@ class PoseOptions:
 
 @dataclass(frozen=True)
 class EstimationProblem:
-    """An optimisation problem, and what made it.
+    """An optimisation problem, and what made it."""
 
-    problem : with the gains that known loads determined; measurements, runs : the log,
-    and behind its filters, as the columns of task.model are made of it (None: a black
-    box, which needs none); regression : it in these columns; task : what every
-    estimator minimises; gain_errors (n, e) : factor of the covariance of the gains'
-    relative errors; details : shapes and gains, plain JSON, and where the rows are made
-    with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
-    problem follows, with the scale that known loads gave a log without torque.
-    """
-
+    #: The problem, with the gains that known loads determined.
     problem: Problem
+    #: The log as the columns of task.model are made of it.
     measurements: Measurements | BlackBox
+    #: The same log behind its filters; None for a black box, which needs none.
     runs: FilteredRuns | None
+    #: The log, compressed in the columns of task.model.
     regression: Regression
+    #: What every estimator minimises.
     task: Task
+    #: How the joints' rows are weighted: "noise" or "none".
     weighting: str
+    #: (n, e) factor of the covariance of the gains' relative errors.
     gain_errors: Array | None = None
+    #: Shapes and gains as plain JSON; where the rows are made with a servo's law, also
+    #: the "recipe" (:meth:`PoseOptions.recipe`) from which the same problem follows,
+    #: with the scale that known loads gave a log without torque.
     details: dict[str, Any] = field(default_factory=dict)
 
 
@@ -160,10 +149,6 @@ def build_problem(
 
     Parameters
     ----------
-    problem : str, Path or Problem
-        As in :func:`sdp_vs_penalty.identify`.
-    measurements : path, arrays, Measurements, FilteredRuns or BlackBox
-        As in :func:`sdp_vs_penalty.identify`.
     options : PoseOptions, optional
         Effects, filters, weighting and further choices.
     progress : callable
@@ -260,13 +245,17 @@ def pose_filtered(
 
 @dataclass(frozen=True)
 class _PosedLog:
-    """A log whose shape constants, gains and servos are known; fields as of
-    :class:`EstimationProblem`."""
+    """A log whose shape constants, gains and servos are known."""
 
+    #: The problem, with the gains that known loads determined.
     problem: Problem
+    #: The model in which all remaining parameters are linear.
     model: Model
+    #: The filtered log, with instruments where they are used.
     runs: FilteredRuns
+    #: (n, e) factor of the covariance of the gains' relative errors.
     gain_errors: Array
+    #: Shapes, gains, servo and recipe, as plain JSON.
     details: dict[str, Any]
 
 
@@ -393,8 +382,6 @@ def with_known(model: Model, known: Mapping[str, float]) -> Model:
 
     Parameters
     ----------
-    model : Model
-        The model.
     known : mapping of str to float
         Values by name, in the units of the parameters.
 
@@ -430,20 +417,6 @@ def in_columns(
     Blocks are stretches of time. Without torque the residual is the model's error,
     which repeats with the motion: blocks then are phases of the motion, over all its
     periods.
-
-    Parameters
-    ----------
-    runs : FilteredRuns
-        Runs behind their filters.
-    model : Model
-        Model whose columns are used.
-    workers : Workers
-        Processes that compress the runs.
-
-    Returns
-    -------
-    Regression
-        Compressed rows.
     """
     if runs.measurements.torque_logged:
         return compress(runs, model, workers=workers)
@@ -453,20 +426,14 @@ def in_columns(
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:
-    """Return a covariance factor of the relative errors of the torque channels' gains.
+    """Return an (n, n) or (n, e) covariance factor of the relative errors of the torque
+    channels' gains.
 
     Parameters
     ----------
     uncertainty : float or (n, e) array
         Relative standard deviation of each gain, independent of the others; or the
         factor.
-    joints : int
-        Number n of joints.
-
-    Returns
-    -------
-    (n, n) or (n, e) array
-        The factor.
 
     Raises
     ------
@@ -482,18 +449,7 @@ def independent_gains(uncertainty: float | Array, joints: int) -> Array:
 
 
 def logged(data: Measurements | FilteredRuns) -> Measurements:
-    """Return the measurements of a log with or without filters.
-
-    Parameters
-    ----------
-    data : Measurements or FilteredRuns
-        The log.
-
-    Returns
-    -------
-    Measurements
-        The unfiltered log.
-    """
+    """Return the measurements of a log with or without filters."""
     return data.measurements if isinstance(data, FilteredRuns) else data
 
 
@@ -506,17 +462,8 @@ def load_and_check(
 
     Parameters
     ----------
-    problem : Problem
-        Problem with the robot.
-    measurements : path, arrays, Measurements, FilteredRuns or BlackBox
-        The measurements.
     what : str
         Name of the argument in messages.
-
-    Returns
-    -------
-    Measurements, FilteredRuns or BlackBox
-        Read and checked.
 
     Raises
     ------
@@ -547,19 +494,8 @@ def read_and_filter(
 
     Parameters
     ----------
-    problem : Problem
-        Problem with the robot.
-    measurements : path, arrays, Measurements, FilteredRuns or BlackBox
-        The measurements.
-    settings : Preprocessing, optional
-        Filters; default: the problem's.
     what : str
         Name of the argument in messages.
-
-    Returns
-    -------
-    FilteredRuns or BlackBox
-        Input of :func:`pose_filtered`.
 
     Raises
     ------
@@ -581,18 +517,11 @@ def filter_runs(
 
     Parameters
     ----------
-    problem : Problem
-        Problem with default filters.
     data : Measurements or FilteredRuns
         The log; filtered runs keep their filters.
     settings : Preprocessing, optional
         Filters; default: the problem's. A log without torque gets the cut-off of
         :func:`servo_filters`.
-
-    Returns
-    -------
-    FilteredRuns
-        The filtered log.
     """
     if isinstance(data, FilteredRuns):
         return data
@@ -639,19 +568,12 @@ def with_reference(
     ----------
     problem : Problem
         Robot, bounds and nominal links.
-    model : Model
-        Model with all effects.
     compressed : callable
         Returns the training data in the columns of a model.
     weighting : {"noise", "none"}
         Weight the joints' rows by their noise, or equally.
     progress : callable
         Receives a line of text at each pass.
-
-    Returns
-    -------
-    Model
-        With its reference.
     """
     if not model.needs_reference:
         return model

@@ -14,13 +14,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 def payload_parameters(estimate: Estimate) -> tuple[int, Array] | None:
     """Return the index of a payload's mass in theta, and its (10,) standard parameters
-    about the last link's frame [kg, kg m, kg m^2]; None for a model without one.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    """
+    about the last link's frame [kg, kg m, kg m^2]; None for a model without one."""
     for effect, indices in estimate.model.parts:
         if effect.simulator_field == "payload":
             return int(indices[0]), estimate.theta[indices]
@@ -29,11 +23,6 @@ def payload_parameters(estimate: Estimate) -> tuple[int, Array] | None:
 
 def payload_in_words(estimate: Estimate) -> str:
     """Say the mass of a model's payload, with its interval, and where it is.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
 
     Returns
     -------
@@ -56,11 +45,6 @@ def doubts_of_payload(estimate: Estimate) -> list[str]:
 
     A mass that the data do not determine, or whose 95 % interval holds zero, shows no
     load. Then there is the density (:func:`doubts_of_bodies`).
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
 
     Returns
     -------
@@ -92,11 +76,6 @@ def doubts_of_bodies(estimate: Estimate) -> list[str]:
 
     A body that would have to be denser than any material is one whose inertia the torque
     does not show: it is consistent, and thinner than it can be.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
 
     Returns
     -------

@@ -13,32 +13,37 @@ from sdp_vs_penalty.robot.constraint import BarycentricBound
 
 @dataclass(frozen=True, repr=False)
 class Certificate(Shown, JsonRecord):
-    """violations : worst violation of each family, in its own units (kg, kg m, kg m^2,
-    ...).
+    """What is verified of an estimate: violations of its constraints, and its distance
+    to the optimum. A field is None where it does not apply."""
 
-    loss : the sum of squared (weighted) torque errors of the estimate; upper : the
-    objective of the nearest feasible point towards the interior; lower : a lower bound
-    on the optimum of the convex problem; gap : (upper - lower) / max(loss, 1e-12
-    |tau|^2); positive_mass_matrices : share of 10 000 random poses at which M(q) is
-    positive definite; at_every_pose : the links' pseudo-inertias imply it.
-    largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius
-    of gyration to the largest half axis of its body, at most 1 for what fits; density :
-    least and largest mean density of the links whose geometry has a volume [kg/m^3].
-    None where it does not apply. held : effects that were not optimised: violations are
-    of the whole model, upper, lower and gap of the other effects alone.
-    """
-
+    #: Worst violation of each family of constraints, in its own units (kg, kg m, kg
+    #: m^2, ...), of the whole model.
     violations: dict[str, float]
+    #: Sum of squared (weighted) torque errors of the estimate.
     loss: float = np.nan
+    #: Objective of the nearest feasible point towards the interior, without the held
+    #: effects.
     upper: float | None = None
+    #: Lower bound on the optimum of the convex problem, without the held effects.
     lower: float | None = None
+    #: (upper - lower) / max(loss, 1e-12 |tau|^2) [-].
     gap: float | None = None
+    #: Share of 10 000 random poses at which M(q) is positive definite.
     positive_mass_matrices: float | None = None
+    #: Smallest thickness of a link [m], as its inertia states it.
     smallest_thickness: float | None = None
+    #: Effects that were not optimised: upper, lower and gap are of the other effects
+    #: alone.
     held: list[str] = field(default_factory=list)
+    #: Largest radius of gyration of a link [m].
     largest_gyration: float | None = None
+    #: Largest ratio of a link's radius of gyration to the largest half axis of its
+    #: body; at most 1 for what fits.
     body_share: float | None = None
+    #: Least and largest mean density of the links whose geometry has a volume [kg/m^3].
     density: list[float] | None = None
+    #: Whether the links' pseudo-inertias imply that M(q) is positive definite at every
+    #: pose.
     at_every_pose: bool = False
     #: Hash of the parameters and bounds that it is of; "" where it is of none yet.
     certifies: str = ""

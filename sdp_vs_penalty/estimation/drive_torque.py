@@ -37,15 +37,6 @@ def with_simulated_motion(
 ) -> Measurements:
     """Attach the motion that a model's servo loop makes of each run's command.
 
-    Parameters
-    ----------
-    measurements : Measurements
-        Runs with commands.
-    model : Model
-        Load and drives.
-    theta : (p,) array
-        Parameters of the model.
-
     Returns
     -------
     Measurements
@@ -136,20 +127,6 @@ def driven(
     A log with torque stays as it is. For a log without torque the model's servos make
     the drives' torque of it. The model is returned without its servos.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Model, with or without servos.
-    measurements : Measurements
-        Log, with or without torque.
-
-    Returns
-    -------
-    Estimate
-        Links and friction.
-    Measurements
-        Log with torque.
-
     Raises
     ------
     InputError
@@ -173,15 +150,6 @@ def with_drive_torque(
     model: Model, theta: Array, measurements: Measurements
 ) -> Measurements:
     """Add the torque that a model's servos make to a log without torque.
-
-    Parameters
-    ----------
-    model : Model
-        Model with servos.
-    theta : (p,) array
-        Its parameters.
-    measurements : Measurements
-        Log with commands.
 
     Returns
     -------

@@ -103,16 +103,27 @@ class Estimate(Record):
         The path of the motion that it was identified from, where that was recorded.
     """
 
+    #: The bounds and the prior that held in the identification.
     problem: Problem
+    #: The robot and its effects.
     model: Model
+    #: (p,) A value for each of the model's parameters, each in its own unit.
     theta: Array
+    #: What the training runs say of the parameters: covariance and intervals.
     uncertainty: Uncertainty
+    #: The estimator's name.
     method: str
+    #: Violations of constraints, and the distance to the optimum.
     certificate: Certificate
+    #: The filters, resolved.
     preprocessing: Preprocessing
+    #: The settings of the method.
     settings: dict[str, Any]
+    #: What else the method and the posing report, plain JSON.
     details: dict[str, Any]
+    #: Versions, hash of the data, seed, verdict on the training runs, their noise.
     provenance: MutableMapping[str, Any]
+    #: The path of the motion that it was identified from, where that was recorded.
     training_motion: MotionRecord | None = None
 
     def __post_init__(self) -> None:
@@ -894,11 +905,6 @@ def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estima
     what : str
         Name of the argument in messages, such as "diagnose(estimate=...)".
 
-    Returns
-    -------
-    Estimate
-        The model.
-
     Raises
     ------
     InputError
@@ -919,15 +925,8 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
 
     Parameters
     ----------
-    models : Estimate, path, sequence of these, or mapping of names to these
-        The models.
     what : str
         Name of the argument in messages.
-
-    Returns
-    -------
-    dict of str to Estimate
-        In the given order.
 
     Raises
     ------
@@ -963,11 +962,6 @@ LINK_HEADS = (
 
 def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     """Return the links' masses, centres of mass and radii of gyration as text.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Model with links.
 
     Returns
     -------

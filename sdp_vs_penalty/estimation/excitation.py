@@ -54,25 +54,18 @@ RATE = 20.0
 
 @dataclass(frozen=True)
 class Regressor:
-    """Columns of a model: W (N n, p) of a motion; scale (n,) : of each joint's rows."""
+    """Columns of a model: W (N n, p) of a motion."""
 
+    #: Model of the n joints.
     model: Model
+    #: (p,) indices of the model's columns that W consists of.
     columns: NDArray[np.intp]
+    #: (n,) factor of each joint's rows.
     scale: Array | float = 1.0
 
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the regressor rows of states.
-
-        Parameters
-        ----------
-        t : (N,) array
-            Instants [s].
-        q : (N, n) array
-            Positions [rad, m].
-        dq : (N, n) array
-            Velocities [rad/s, m/s].
-        ddq : (N, n) array
-            Accelerations [rad/s^2, m/s^2].
+        """Return the regressor rows of states: instants t (N,) [s], positions q (N, n)
+        [rad, m], and their derivatives dq and ddq.
 
         Returns
         -------
@@ -84,14 +77,7 @@ class Regressor:
         return by_instant * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = RATE) -> Array:
-        """Return the stacked regressor W of a trajectory.
-
-        Parameters
-        ----------
-        trajectory : FourierTrajectory
-            Trajectory of n joints.
-        rate : float
-            Sampling rate [Hz].
+        """Return the stacked regressor W of a trajectory, sampled at ``rate`` [Hz].
 
         Returns
         -------
@@ -103,11 +89,6 @@ class Regressor:
 
     def condition(self, trajectory: FourierTrajectory) -> float:
         """Return the condition number of the regressor W along a trajectory.
-
-        Parameters
-        ----------
-        trajectory : FourierTrajectory
-            Trajectory of n joints.
 
         Returns
         -------
@@ -122,8 +103,6 @@ class Regressor:
 
         Parameters
         ----------
-        problem : Problem
-            Problem with its robot.
         effects : str, optional
             Names of effects, separated by commas; default: the problem's.
 
@@ -195,11 +174,6 @@ class Limits:
     def of_robot(cls, robot: Robot) -> Limits:
         """Return the robot's limits, with assumptions where it states none.
 
-        Parameters
-        ----------
-        robot : Robot
-            Robot with n joints.
-
         Returns
         -------
         Limits
@@ -215,11 +189,6 @@ class Limits:
     @classmethod
     def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
         """Return the limits that a trajectory just keeps.
-
-        Parameters
-        ----------
-        trajectory : FourierTrajectory
-            Trajectory of n joints.
 
         Returns
         -------
@@ -259,11 +228,13 @@ class Limits:
 
 @dataclass(frozen=True, repr=False)
 class Excitation(Shown):
-    """An optimised trajectory; condition : of its base regressor, history : after each
-    iteration."""
+    """An optimised trajectory."""
 
+    #: The trajectory of n joints.
     trajectory: FourierTrajectory
+    #: Condition number of its base regressor [-].
     condition: float
+    #: Objective after each iteration.
     history: tuple[float, ...]
 
     def _summary(self) -> Summary:
@@ -277,11 +248,6 @@ class Excitation(Shown):
 
     def save(self, path: str | Path) -> None:
         """Write t, q, dq and ddq at 1 kHz to a CSV file, atomically.
-
-        Parameters
-        ----------
-        path : str or Path
-            A .csv file.
 
         Returns
         -------
@@ -388,14 +354,10 @@ def optimised(
 
     Parameters
     ----------
-    regressor : Regressor
-        Columns whose conditioning counts.
     limits : Limits
         Limits of position, velocity and acceleration.
     start : FourierTrajectory
         Where the search begins; first shrunk into the limits.
-    objective : {"condition", "d-optimal"}
-        What is minimised.
     iterations : int
         Largest number of accepted steps.
     moving : sequence of int, optional
@@ -508,7 +470,7 @@ class _Search:
         (3, K, n) array
             Positions, velocities and accelerations at K instants.
         float
-            Objective.
+            Objective, as ``self.objective`` names it.
         (K, n, p) array
             Gradient of the objective by the regressor W.
         """
@@ -520,21 +482,10 @@ class _Search:
         return states, value, outer.reshape(regressor.shape)
 
     def evaluated(self, x: Array) -> tuple[float, Array]:
-        """Return the objective and its gradient by the Fourier coefficients.
+        """Return the objective and (n, w) its gradient by the Fourier coefficients x
+        (n, w); zero for joints that are not free.
 
         The regressor's derivative by the states is a central difference.
-
-        Parameters
-        ----------
-        x : (n, w) array
-            Fourier coefficients of each joint.
-
-        Returns
-        -------
-        float
-            Objective.
-        (n, w) array
-            Gradient of the objective by x; zero for joints that are not free.
         """
         states, value, outer = self.at(x)
         slope = np.zeros_like(x)
@@ -553,12 +504,10 @@ class _Search:
     def best_of_linear_model(self, x: Array, slope: Array, radius: float) -> Array:
         """Minimise the linear model of the objective by one linear program a joint.
 
-        The limits do not couple joints.
+        The limits do not couple joints. x (n, w) are the present Fourier coefficients.
 
         Parameters
         ----------
-        x : (n, w) array
-            Present Fourier coefficients.
         slope : (n, w) array
             Gradient of the objective at x.
         radius : float
@@ -619,8 +568,6 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     ----------
     trajectory : FourierTrajectory
         Any trajectory of n joints.
-    limits : Limits
-        Limits to keep.
 
     Returns
     -------
@@ -642,8 +589,6 @@ def save_trajectory(
 
     Parameters
     ----------
-    trajectory : FourierTrajectory or PointTrajectory
-        Trajectory to write.
     path : str or Path
         A .csv file, written atomically.
 
@@ -698,11 +643,6 @@ def independent_rate(estimate: Estimate) -> float:
 def noise_of_model(estimate: Estimate) -> Array:
     """Return the standard deviation of the torque that a model leaves unexplained.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Model with its uncertainty.
-
     Returns
     -------
     (n,) array
@@ -713,12 +653,14 @@ def noise_of_model(estimate: Estimate) -> Array:
 
 @dataclass(frozen=True)
 class PayloadRun:
-    """trajectory : found; deviation (10,) : standard deviations of mass [kg], first
-    moments [kg m] and inertia about the flange [kg m^2] after one such motion; started
-    (10,) : those of the random motion that the search began with."""
+    """A motion that shows the body on the flange well."""
 
+    #: The motion that was found.
     trajectory: FourierTrajectory
+    #: (10,) standard deviations of mass [kg], first moments [kg m] and inertia about
+    #: the flange [kg m^2] after one such motion.
     deviation: Array
+    #: (10,) the same of the random motion that the search began with.
     started: Array
 
 
@@ -739,8 +681,6 @@ def payload_run(
 
     Parameters
     ----------
-    estimate : Estimate
-        Model of the arm.
     joints : sequence of int, optional
         Joints (from 0) that move; default: the last three.
     duration : float

@@ -119,11 +119,6 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
     Base parameters are the linear combinations of standard parameters that the torque
     depends on, for example Izz1 + Iyy2 + 0.0998 m3.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Any model.
-
     Returns
     -------
     DataFrame
@@ -161,11 +156,6 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
 
 def base_expressions(estimate: Parameters) -> list[str]:
     """Return each base parameter as a sum of standard parameters.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Any model.
 
     Returns
     -------
@@ -209,11 +199,6 @@ def expression(row: Array, names: Sequence[str], leading: int) -> str:
 def covariance_frame(estimate: Parameters) -> pandas.DataFrame:
     """Return the covariance of the parameters, labelled by name on both sides.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Any model.
-
     Returns
     -------
     (p, p) DataFrame
@@ -226,11 +211,6 @@ def covariance_frame(estimate: Parameters) -> pandas.DataFrame:
 
 def base_covariance_frame(estimate: Parameters) -> pandas.DataFrame:
     """Return the covariance of the base parameters, labelled on both sides.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Any model.
 
     Returns
     -------

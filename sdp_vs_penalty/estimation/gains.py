@@ -136,8 +136,6 @@ def with_torque_error(estimate: Estimate, regression: Regression) -> Estimate:
     ----------
     estimate : Estimate
         Estimate from runs without torque, with the covariance of its gains.
-    regression : Regression
-        Its training rows.
 
     Returns
     -------

@@ -83,16 +83,11 @@ DATA = "data"
 def parameter_sources(
     task: Task, theta: Array, base: BaseParameters, undetermined_by: str, nominal: Array
 ) -> dict[str, Any]:
-    """Return what determines each parameter, as fields of an estimate's details.
+    """Return what determines each standard and base parameter, as fields of an
+    estimate's details.
 
     Parameters
     ----------
-    task : Task
-        The optimisation problem.
-    theta : (p,) array
-        The estimate.
-    base : BaseParameters
-        Base parameters (identifiable combinations).
     undetermined_by : str
         What decides where the data do not: "prior" or "bounds"
         (:attr:`Estimator.undetermined_by`).
@@ -143,13 +138,6 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
     for the parameters of joints. The data determine the function if their variance is
     smaller.
 
-    Parameters
-    ----------
-    task : Task
-        The optimisation problem.
-    rows : (b, p) array
-        Coefficients of the functions.
-
     Returns
     -------
     (b,) array of bool
@@ -192,10 +180,6 @@ def build_estimate(
     ----------
     posed : EstimationProblem
         Optimisation problem and its data.
-    estimator : Estimator
-        Method that solved it.
-    fit : Fit
-        Its solution.
     workers : Workers
         Processes that compress the columns of the shape constants.
 
@@ -294,21 +278,10 @@ def proved(
 
     Parameters
     ----------
-    task : Task
-        The optimisation problem.
     fit : Fit
         The method's solution with its multipliers.
-    theta : (p,) array
-        The certified estimate.
-    method : str
-        Name of the method.
     made_of : mapping of str to str, optional
         Hashes of model and data, which the proof names.
-
-    Returns
-    -------
-    Proof
-        For :func:`~sdp_vs_penalty.solvers.proof.write_proof`.
 
     Raises
     ------
@@ -329,13 +302,6 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
 
     There the bound determines the value, not the data.
 
-    Parameters
-    ----------
-    constraints : ConstraintSet
-        Constraints of a fit.
-    theta : (p,) array
-        The estimate.
-
     Returns
     -------
     list of str
@@ -354,13 +320,6 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     """Repair the estimate where the method promises feasibility, and certify it.
-
-    Parameters
-    ----------
-    task : Task
-        The optimisation problem.
-    fit : Fit
-        The method's solution.
 
     Returns
     -------
@@ -404,11 +363,6 @@ def certify_beside(
         Parameters of the whole model.
     part : Certificate
         Certificate of the new effects; its objective and gap stay.
-
-    Returns
-    -------
-    Certificate
-        Of the whole model.
     """
     own_violations = violations(estimate.problem.constraints(model), theta)
     return replace(
@@ -462,8 +416,6 @@ def estimate_parameters(
         Robot, bounds and nominal links.
     data : FilteredRuns or BlackBox
         Measurements behind their filters, or answers of a black box.
-    method : str or Estimator
-        Method, or its name.
     options : PoseOptions, optional
         Effects, filters, weighting and further choices.
     progress : callable
@@ -472,11 +424,6 @@ def estimate_parameters(
         File for the proof of optimality, or of infeasibility.
     workers : Workers
         Processes that compress the runs.
-
-    Returns
-    -------
-    Estimate
-        Without a verdict.
 
     Raises
     ------
@@ -512,22 +459,10 @@ def estimate_parameters(
 
 
 def estimate_posed(posed: EstimationProblem, method: str | Estimator) -> Estimate:
-    """Identify a posed problem by one method, with a certificate.
+    """Identify a model from a posed problem of a log with torque, without a verdict.
 
     Several methods may share the posed problem: its shape constants and compressed rows
-    are worked out once. The log has a torque.
-
-    Parameters
-    ----------
-    posed : EstimationProblem
-        Result of :func:`~sdp_vs_penalty.estimation.build_problem.pose_filtered`.
-    method : str or Estimator
-        Method, or its name.
-
-    Returns
-    -------
-    Estimate
-        Without a verdict.
+    are worked out once.
     """
     estimator = make_estimator(method)
     # A copy of the task: the original may hold cached results of another method.
@@ -606,26 +541,17 @@ _FAILURES_OF_PROOFS = (
 def verify_proof_file(
     path: str | Path, model: Estimate | None = None, data: Source | None = None
 ) -> tuple[bool, str]:
-    """Verify the proof in a file, and whether it belongs to a model and its
-    measurements.
+    """Return whether the proof in a file holds and belongs to a model and its
+    measurements, and what it proves or why it is refused.
 
     See :mod:`~sdp_vs_penalty.solvers.verify_proof`.
 
     Parameters
     ----------
-    path : str or Path
-        File of the proof.
     model : Estimate, optional
         Model to which it should belong.
     data : path, arrays, Measurements, optional
         Measurements from which the model was identified.
-
-    Returns
-    -------
-    bool
-        Whether the proof holds.
-    str
-        What is proved, or why the proof is refused.
 
     Raises
     ------

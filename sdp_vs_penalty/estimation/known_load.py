@@ -90,8 +90,6 @@ def gains_from_loads(
     ----------
     model : Model
         Model of the robot without load.
-    runs : FilteredRuns
-        Runs without load.
     loads : sequence of (run, mass)
         Runs with a body on the last link, and its mass [kg].
     prior : float
@@ -100,7 +98,7 @@ def gains_from_loads(
     Returns
     -------
     (n,) array
-        Gains [-].
+        Gains of the torque channels, reading over true torque [-].
     (n, r) array
         Factor of the covariance of the gains' relative errors.
 
@@ -237,11 +235,6 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     regression : Regression
         Rows in the model's columns.
 
-    Returns
-    -------
-    (p,) array
-        theta.
-
     Raises
     ------
     InputError
@@ -357,8 +350,6 @@ def with_scale(
         Robot with its nominal links.
     model : Model
         Model up to a factor, its strongest gain fixed.
-    runs : FilteredRuns
-        Runs without torque.
     known : mapping of str to float
         Known parameters by name, or motor constants kt1 [N m/A] and ku1 [N m/V].
     loads : sequence of (run, mass)
@@ -367,7 +358,7 @@ def with_scale(
     Returns
     -------
     Model
-        In SI units.
+        The model in SI units, no longer up to a factor.
     dict
         "known": parameters that are now fixed; "scale": its origin in words;
         "scale_error": relative standard deviation.
@@ -596,8 +587,6 @@ def _factor_of_loads(
         Robot with its nominal links.
     model : Model
         Model up to a factor, its strongest gain fixed.
-    runs : FilteredRuns
-        Training runs.
     loads : sequence of (run, mass)
         Runs with a known mass [kg] on the last link.
     """

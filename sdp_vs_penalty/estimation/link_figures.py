@@ -103,12 +103,8 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000) -> f
 
     Parameters
     ----------
-    robot : Robot
-        Robot with n joints.
     links : (links, 10) array
         Standard parameters of the links.
-    poses : int
-        Number of random poses.
 
     Returns
     -------

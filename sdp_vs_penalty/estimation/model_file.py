@@ -148,15 +148,26 @@ class ChannelGains:
 class ServoFields:
     """The servo law that stands for a torque that was not logged."""
 
+    #: Name of the law, a key of LAWS.
     law: str
+    #: Delay of the command [s].
     delay: float
+    #: Origin of the model's scale, in words.
     scale: str
+    #: Relative standard deviation of the scale [-].
     scale_error: float = 0.0
+    #: Error of each law on motion left out, over that of the best law [-].
     held_out: Mapping[str, float] | None = None
+    #: (n,) root mean square difference of simulated and measured positions [rad, m].
     motion: tuple[float, ...] = ()
+    #: Joints, from 1, whose drive runs into its limit.
     limited: tuple[int, ...] = ()
+    #: (n,) standard deviation of the torque's error [N m, N]; None where it is not
+    #: known.
     torque_error: tuple[float | None, ...] = ()
+    #: Values of the parameters that set the scale, by name.
     known: Mapping[str, float] | None = None
+    #: Shape constants that were estimated.
     shapes: tuple[ShapeEstimate, ...] = ()
 
 

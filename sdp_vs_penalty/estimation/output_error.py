@@ -31,13 +31,17 @@ from sdp_vs_penalty.signals.runs import split_at_gaps
 
 @dataclass(frozen=True)
 class Course:
-    """A stretch of a run: states, an instant a row; torque (N, n) [N m, N]; which
-    joints move (N, n); where there is one, the command."""
+    """A stretch of a run, N instants."""
 
+    #: Name of the run.
     name: str
+    #: Positions, velocities and accelerations, an instant a row.
     states: State
+    #: (N, n) measured torque [N m, N].
     torque: Array
+    #: (N, n) which joints move.
     moving: NDArray[np.bool_]
+    #: The command at the same instants, where there is one.
     command: Command | None = None
 
     @property
@@ -56,19 +60,12 @@ def courses_of(
 
     Parameters
     ----------
-    run : Measurements
-        A single run.
     estimate : Estimate
         Model with filters and effects.
     plant : Plant
         The model for forward simulation.
     shortest : float
         Stretches up to this length are left out [s].
-
-    Returns
-    -------
-    list of Course
-        One a stretch.
 
     Raises
     ------
@@ -161,8 +158,6 @@ def refine(
 
     Parameters
     ----------
-    start : Estimate
-        Where to begin.
     posed : EstimationProblem
         Optimisation problem of the estimate.
     estimator : Estimator
@@ -173,7 +168,7 @@ def refine(
     EstimationProblem
         With the last linearisation for data.
     Fit
-        The best parameters.
+        The parameters with the smallest error of forward simulations.
 
     Raises
     ------

@@ -75,18 +75,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fold:
-    """One fold: identified from all but a stretch, judged on it.
+    """One fold: identified from all but a stretch, judged on it."""
 
-    start, stop [s] : the stretch, on the clock of the first motion; theta (p,); losses,
-    rows (n,) : sums of squared torque errors of each joint on it, and how many;
-    torque_squared (n,) : the same of torque.
-    """
-
+    #: Start of the stretch on the clock of the first motion [s].
     start: float
+    #: End of the stretch on the same clock [s].
     stop: float
+    #: (p,) parameters identified from everything else.
     theta: Array
+    #: (n,) sum of squared torque errors of each joint on the stretch.
     losses: Array
+    #: (n,) number of rows of each joint on the stretch.
     rows: NDArray[np.int64]
+    #: (n,) sum of squared torques of each joint on the stretch.
     torque_squared: Array
 
     @property
@@ -104,20 +105,23 @@ class Fold:
 
 @dataclass(frozen=True, repr=False)
 class CrossValidation(Shown):
-    """Errors of a method on motion that its models have not seen, fold by fold.
+    """Errors of a method on motion that its models have not seen, fold by fold."""
 
-    folds : those with rows to judge; periodic : whether a motion repeats; guard [s] :
-    what training keeps off the judged stretch; band_hz : below which all errors are
-    meant; still [s] : how long the arm stood still, whose rows are left out.
-    """
-
+    #: Name of the problem.
     problem: str
+    #: Name of the estimator.
     method: str
+    #: Names of the model's effects.
     effects: tuple[str, ...]
+    #: The folds that have rows to judge.
     folds: tuple[Fold, ...]
+    #: Whether a motion repeats.
     periodic: bool
+    #: Time that training keeps off the judged stretch [s].
     guard: float
+    #: Frequency below which all errors are meant [Hz].
     band_hz: float
+    #: Time for which the arm stood still, whose rows are left out [s].
     still: float = 0.0
 
     @property
@@ -517,18 +521,8 @@ def bootstrap(
 
     Parameters
     ----------
-    problem : str, Path or Problem
-        As in :func:`sdp_vs_penalty.identify`.
-    measurements : path, arrays, DataFrame, Measurements, list of these
-        As in :func:`sdp_vs_penalty.identify`.
-    draws : int
-        Number of resamples.
     method : str or Estimator
         A method that solves the torque SDP.
-    effects : str, names or Effects, optional
-        Default: the problem's.
-    seed : int
-        Seed of the draws.
 
     Returns
     -------

@@ -38,11 +38,6 @@ def free_constants(effect: Effect) -> tuple[str, ...]:
     """Return the names of an effect's shape constants that vary continuously in a
     range.
 
-    Parameters
-    ----------
-    effect : Effect
-        Effect with shape constants.
-
     Returns
     -------
     tuple of str
@@ -56,13 +51,6 @@ def prior_deviation(effect: Effect, key: str) -> float:
     """Return the standard deviation of a constant that lies anywhere in its range.
 
     This is (high - low) / sqrt(12), of a uniform distribution.
-
-    Parameters
-    ----------
-    effect : Effect
-        Effect with the constant.
-    key : str
-        Name of the constant.
 
     Returns
     -------
@@ -190,17 +178,8 @@ def moved(effect: Effect, key: str, step: float) -> Effect:
 
     Parameters
     ----------
-    effect : Effect
-        Effect with the constant.
-    key : str
-        Name of the constant.
     step : float
         Step on the constant's scale: of its logarithm, or of its value.
-
-    Returns
-    -------
-    Effect
-        With the new constant.
     """
     value = effect.shape[key]
     new = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
@@ -216,8 +195,6 @@ def sensitivities(
     ----------
     effects : sequence of Effect
         All effects of a model.
-    thetas : sequence of (k,) arrays
-        Parameters of each effect.
 
     Returns
     -------
@@ -248,10 +225,6 @@ def with_sensitivities(
 
     Parameters
     ----------
-    model : Model
-        Model with p parameters.
-    theta : (p,) array
-        Their values.
     chosen : callable
         Selects the effects whose constants become parameters; default: all.
 
@@ -280,11 +253,13 @@ Key = tuple[str, int, str]
 
 @dataclass(frozen=True)
 class Settled:
-    """model : with constants at their joint optimum; std : their standard deviations in
-    their own scales; error : the squared error that is left."""
+    """A model whose shape constants lie at their joint optimum."""
 
+    #: The model with these constants.
     model: Model
+    #: Standard deviation of each constant in its own scale.
     std: dict[Key, float]
+    #: Squared error that is left.
     error: float
 
 
@@ -324,12 +299,15 @@ def fit_constants_jointly(
 
 @dataclass(frozen=True)
 class _Constant:
-    """A shape constant of the model's effect at ``place``; has_range : it moves
-    continuously; is_free : it is one of those to be fitted."""
+    """A shape constant of one of the model's effects."""
 
+    #: Index of the effect in the model.
     place: int
+    #: Effect, joint from 0, and name of the constant.
     key: Key
+    #: Whether it moves continuously within a range.
     has_range: bool
+    #: Whether it is one of those to be fitted.
     is_free: bool
 
     @property

@@ -59,20 +59,26 @@ States = Callable[[Array], tuple[Array, Array, Array]]
 
 @dataclass(frozen=True)
 class Separation:
-    """trajectory : the best motion found; delta2, default_delta2 : squared distance of
-    the hypotheses on it and on the default excitation of the same length; right,
-    default_right : probability of the right decision then; seconds, default_seconds :
-    of each motion, repeated, that are needed for LEVEL; sizes : of the effects, as they
-    were taken; collisions : whether the arm's shapes are known."""
+    """The best motion found to tell two hypotheses apart, beside the default excitation
+    of the same length."""
 
+    #: The best motion found.
     trajectory: PointTrajectory
+    #: Squared distance of the hypotheses on it.
     delta2: float
+    #: Squared distance of the hypotheses on the default excitation.
     default_delta2: float
+    #: Probability of the right decision after the motion.
     right: float
+    #: Probability of the right decision after the default excitation.
     default_right: float
+    #: Time of the motion, repeated, that LEVEL needs [s].
     seconds: float
+    #: Time of the default excitation, repeated, that LEVEL needs [s].
     default_seconds: float
+    #: Sizes of the effects, as they were taken.
     sizes: tuple[float, ...]
+    #: Whether the arm's shapes are known.
     collisions: bool
 
 
@@ -246,8 +252,6 @@ def separate(
 
     Parameters
     ----------
-    estimate : Estimate
-        Model of the arm.
     effects : str
         Two effects, as they are written, or one that is to be told from no effect.
     duration : float
@@ -257,10 +261,6 @@ def separate(
         default excitation [-].
     iterations : int
         Number of random changes that are tried.
-    seed : int
-        Seed of the search.
-    limits : Limits, optional
-        Default: the robot's.
     free : callable, optional
         Whether the arm is free of self-collision in all poses (N, n)
         (:func:`~sdp_vs_penalty.robot.geometry.self_collision`); default: not checked.

@@ -133,16 +133,15 @@ _Joint = tuple[Array, list[tuple[Array, Array]]]
 
 @dataclass(frozen=True)
 class ServoLaw:
-    """A servo's law as chosen from a log.
+    """A servo's law as chosen from a log."""
 
-    name : key of LAWS; delay : of the command [s]; has_lead : whether dry friction
-    turns round before or after the velocity does; held_out : error of each law on
-    motion left out, over that of the best law [-].
-    """
-
+    #: Name of the law, a key of LAWS.
     name: str
+    #: Delay of the command [s].
     delay: float
+    #: Whether dry friction turns round before or after the velocity does.
     has_lead: bool
+    #: Error of each law on motion left out, over that of the best law [-].
     held_out: dict[str, float]
 
 
@@ -167,8 +166,6 @@ def find_law(
     load : sequence of Effect
         Effects against which the drives work. Coulomb friction gets columns for several
         velocities over which its sign changes, and one for its lead.
-    runs : FilteredRuns
-        Runs without torque.
     names : sequence of str
         Laws to choose from, keys of LAWS, those with fewer gains first.
     delay : float or None
@@ -394,8 +391,6 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     ----------
     settings : Preprocessing
         Settings of the user or the problem.
-    data : Measurements
-        Log without torque.
 
     Returns
     -------
@@ -416,14 +411,19 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
 
 @dataclass(frozen=True)
 class _Loop:
-    """A log without torque and what its model is made of: the load's effects and the
-    drives', and whether their delay is open."""
+    """A log without torque, and what its model is made of."""
 
+    #: Robot, bounds and nominal links.
     problem: Problem
+    #: The filtered log.
     runs: FilteredRuns
+    #: Weight of the joints' rows: "noise" or "none".
     weighting: str
+    #: Effects against which the drives work.
     load: tuple[Effect, ...]
+    #: Effects of the servos' law.
     drives: Sequence[Effect]
+    #: Whether the drives' delay is open, to be fitted.
     open_delay: bool
 
     def fitted_at_delay(self, delay: float) -> tuple[Model, Array]:
@@ -519,10 +519,6 @@ def servo_log(
     ----------
     problem : Problem
         Robot, bounds and nominal links.
-    effects : sequence of Effect
-        Effects of the model.
-    runs : FilteredRuns
-        Runs without torque.
     weighting : {"noise", "none"}
         Weight the joints' rows by their noise, or equally.
     progress : callable
@@ -610,12 +606,8 @@ def find_limited_drives(model: Model, theta: Array, runs: FilteredRuns) -> list[
 
     Parameters
     ----------
-    model : Model
-        Load and drives.
     theta : (p,) array
         Parameters, up to a common factor.
-    runs : FilteredRuns
-        Runs without torque.
 
     Returns
     -------
@@ -756,12 +748,8 @@ def loop_beside_torque(
 
     Parameters
     ----------
-    drives : sequence of Effect
-        Effects of the law.
     data : Measurements
         Log with torque and commands.
-    settings : Preprocessing
-        Filters.
 
     Returns
     -------

@@ -233,15 +233,21 @@ class _Cells:
 
 @dataclass(frozen=True)
 class _Bank:
-    """One shape constant of one effect on one joint: the value that the model has, the
-    spline through the unit vectors at ln u of the values (K,) whose columns are known
-    (the first and the last are the range), where these (K,) stand among all others."""
+    """One shape constant of one effect on one joint, with the columns of the K values
+    on its grid, whose ends are its range."""
 
+    #: The effect, of this joint alone.
     effect: Effect
+    #: Index of the joint, from 0.
     joint: int
+    #: Name of the constant.
     key: str
+    #: Value that the model has.
     now: float
+    #: Cubic spline over ln u through the K unit vectors: it gives weights of the
+    #: columns.
     spline: Any
+    #: (K,) where the grid's columns stand among all others.
     columns: NDArray[np.intp]
 
     def weights(self, u: float) -> Array:
@@ -492,11 +498,6 @@ class _ShapeProfile:
         """Return each new constant's gain on motion left out, and the gain that it
         needs.
 
-        Parameters
-        ----------
-        estimates : sequence of ShapeEstimate
-            Candidates, one a bank.
-
         Returns
         -------
         (B,) array
@@ -707,12 +708,14 @@ class _ShapeProfile:
 
 @dataclass(frozen=True)
 class _LocalColumns:
-    """combinations (P + 1, d) of the banks' columns and the torque, the torque last;
-    bank_of (k + d - 1,) : whose a column is (-1: of no bank); is_new : whether it is at
-    the constant's new value."""
+    """Combinations of the banks' columns and the torque, in which constants are
+    compared."""
 
+    #: (P + 1, d) combinations of the banks' columns and the torque, the torque last.
     combinations: Array
+    #: (k + d - 1,) the bank that a column belongs to; -1: none.
     bank_of: NDArray[np.intp]
+    #: (k + d - 1,) whether a column is at the constant's new value.
     is_new: NDArray[np.bool_]
 
     def used_for(self, bank: int | None) -> NDArray[np.bool_]:
@@ -745,8 +748,6 @@ def with_shapes(
 
     Parameters
     ----------
-    effects : sequence of Effect
-        Effects of a model.
     estimates : sequence of ShapeEstimate
         New values of their shape constants.
 
@@ -781,11 +782,6 @@ def changed_constants_in_words(before: Model, after: Model) -> list[str]:
     before, after : Model
         Models of one robot. Effects that only one of them has are left out, and those
         of which a joint may have several.
-
-    Returns
-    -------
-    list of str
-        As :func:`changed_constant_in_words` says it.
     """
     shapes_before = {(e.name, j): e.shape for e in before.effects for j in e.joints}
     lines = []
@@ -813,8 +809,6 @@ def changed_constant_in_words(
         Effect, joint and both values.
     constant : ShapeConstant
         How the constant is written.
-    kind : str
-        "revolute" or "prismatic".
 
     Returns
     -------
@@ -833,16 +827,14 @@ def effects_to_estimate_again(
     """Return the effects option with which `identify` estimates the same constants
     again.
 
-    An effect whose constants were estimated is written by its name
-    ("coulomb_friction:1+3" for joints 1 and 3 only), so that they are open; any other
-    with its constants.
+    An effect whose constants were estimated, an entry of
+    ``Estimate.details["shapes"]``, is written by its name ("coulomb_friction:1+3" for
+    joints 1 and 3 only), so that they are open; any other with its constants.
 
     Parameters
     ----------
     effects : sequence of Effect
         Effects of an identified model.
-    shapes : sequence of mapping
-        Entries of ``Estimate.details["shapes"]``.
 
     Returns
     -------

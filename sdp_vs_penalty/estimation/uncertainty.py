@@ -127,11 +127,6 @@ class Sandwich:
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
         """Return whether the data determine linear functions of theta.
 
-        Parameters
-        ----------
-        contrasts : (k, p) array
-            Coefficients of the functions.
-
         Returns
         -------
         (k,) array of bool
@@ -275,11 +270,6 @@ class Sandwich:
     def gain_response(self, theta: Array) -> Array:
         """Return the change of the estimate with the gains of the torque channels.
 
-        Parameters
-        ----------
-        theta : (p,) array
-            The estimate.
-
         Returns
         -------
         (p, n) array
@@ -352,21 +342,23 @@ NOT_SEEN = "not seen"
 @dataclass(frozen=True)
 class Interval(JsonRecord):
     """One standard or base parameter: its estimate, what the data say of it, and a
-    verdict.
+    verdict."""
 
-    value : of the model; std : standard deviation, NaN where the data do not determine
-    the parameter; lower, upper : ends of the 95 % interval, infinite there. verdict :
-    "identifiable" (half-width up to a quarter of the value), "weakly" (up to the
-    value), or "not seen"; half-widths up to 0.25 % and 10 % of the largest value that
-    the problem's bounds or the measured torque allow count as well.
-    """
-
+    #: Name of the parameter, such as "m1", or the sum of a base parameter.
     name: str
+    #: Unit of the value.
     unit: str
+    #: Value of the model.
     value: float
+    #: Standard deviation; NaN where the data do not determine the parameter.
     std: float = np.nan
+    #: Lower end of the 95 % interval; infinite where the data do not determine it.
     lower: float = -np.inf
+    #: Upper end of the 95 % interval; infinite where the data do not determine it.
     upper: float = np.inf
+    #: "identifiable" (half-width up to a quarter of the value), "weakly" (up to the
+    #: value), or "not seen"; half-widths up to 0.25 % and 10 % of the largest value
+    #: that the problem's bounds or the measured torque allow count as well.
     verdict: str = NOT_SEEN
 
 
@@ -388,11 +380,6 @@ def named_by_source(interval: Interval, source: str) -> Interval:
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     """Count the intervals of each verdict.
 
-    Parameters
-    ----------
-    intervals : sequence of Interval
-        Intervals of parameters.
-
     Returns
     -------
     dict of str to int
@@ -408,21 +395,24 @@ _LARGEST = 1e100
 
 @dataclass(frozen=True)
 class Uncertainty(JsonRecord):
-    """standard : all parameters of the model; base : the combinations that make torque.
+    """What the data say of a model's p parameters: intervals and covariance.
 
-    spread (p, r) : a factor of the covariance of everything that the data show;
-    gain_response (p, n) : change of the parameters for a unit relative error of each
-    torque channel's gain, and gain_errors (n, e), a factor of the covariance of these
-    errors, which the covariance holds as well; torque_noise (n,) : standard deviation
-    of the torque that the model leaves [N m, N]. Raises ValueError for arrays that do
-    not belong together.
+    Raises ValueError for arrays that do not belong together.
     """
 
+    #: Intervals of all parameters of the model.
     standard: tuple[Interval, ...]
+    #: Intervals of the combinations that make torque.
     base: tuple[Interval, ...]
+    #: (p, r) factor of the covariance of everything that the data show.
     spread: Array
+    #: (p, n) change of the parameters for a unit relative error of each torque
+    #: channel's gain.
     gain_response: Array
+    #: (n,) standard deviation of the torque that the model leaves [N m, N].
     torque_noise: Array
+    #: (n, e) factor of the covariance of the gains' relative errors, which the
+    #: covariance holds as well.
     gain_errors: Array
 
     def __post_init__(self) -> None:
@@ -562,15 +552,13 @@ class Uncertainty(JsonRecord):
 
         Parameters
         ----------
-        theta : (p,) array
-            The estimate.
         columns : sequence of n JointColumns
             Regressor of each joint at N instants.
 
         Returns
         -------
         (N, n) array
-            Torque [N m, N].
+            Torque that the estimate makes [N m, N].
         (N, n) array
             Standard deviation that errors of theta cause, without measurement noise [N
             m, N].
@@ -681,8 +669,6 @@ def of_regression(
 
     Parameters
     ----------
-    task : Task
-        The optimisation problem.
     own_regression : Regression
         The data in the columns of the task's model.
     base : BaseParameters
@@ -705,11 +691,6 @@ def of_regression(
         Change of theta with the gains; default: computed from the data.
     extra : (p, e) array, optional
         Factor of the covariance of a further, independent error of theta.
-
-    Returns
-    -------
-    Uncertainty
-        Intervals and covariance.
     """
     p = len(task.bound)
     n = own_regression.joints
@@ -768,19 +749,22 @@ def _allowed(task: Task) -> Array:
 
 @dataclass(frozen=True)
 class _Intervals:
-    """What intervals of linear functions of theta are made of.
+    """What intervals of linear functions of theta are made of. Errors of the gains and
+    further errors are no noise, as in :func:`of_regression`."""
 
-    value (p,) : the estimate; ends (2, p) : what is allowed of each parameter; extra
-    (p, e), gains (p, n) and gain_errors (n, e) : errors that are no noise, as of
-    :func:`of_regression`.
-    """
-
+    #: The optimisation problem.
     task: Task
+    #: (p,) the estimate.
     value: Array
+    #: Sandwich covariance of what the data determine.
     known: Sandwich
+    #: (2, p) lower and upper end of what is allowed of each parameter.
     ends: Array
+    #: (p, e) factor of the covariance of a further, independent error of theta.
     extra: Array
+    #: (p, n) change of theta with the gains of the torque channels.
     gains: Array
+    #: (n, e) factor of the covariance of the gains' relative errors.
     gain_errors: Array
 
     @cached_property

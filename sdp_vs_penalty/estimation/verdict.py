@@ -105,20 +105,24 @@ class Line(JsonRecord):
 
 @dataclass(frozen=True)
 class Verdict(JsonRecord):
-    """lines : the three, weakest first; error_over_noise (n,) : RMSE over the noise
-    floor of each joint, None where it is not known; noise_source : where the floor is
-    from, "" where it is not known; judged_on : the names of the runs; remark : a
-    sentence on windows of a long recording, or ""; links : a sentence on whether the
-    links can exist, "" for a model without any; links_are_possible : whether they can."""
+    """What a model is worth: three lines, the errors beside the noise, and whether the
+    links can exist."""
 
     derived = ("grade", "headline")
 
+    #: The three lines, weakest first.
     lines: tuple[Line, ...]
+    #: (n,) RMSE over the noise floor of each joint; None where it is not known.
     error_over_noise: tuple[float, ...] | None
+    #: Origin of the floor; "" where it is not known.
     noise_source: str
+    #: Names of the runs.
     judged_on: tuple[str, ...]
+    #: A sentence on windows of a long recording, or "".
     remark: str = ""
+    #: A sentence on whether the links can exist; "" for a model without any.
     links: str = ""
+    #: Whether the links can exist.
     links_are_possible: bool = True
 
     def __post_init__(self) -> None:
@@ -200,7 +204,8 @@ def judge(
     has_open_finding: bool = False,
     determined: tuple[int, int] = (0, 0),
 ) -> Verdict:
-    """Judge a model by its errors, its certificate and the log.
+    """Judge a model by its errors, its certificate, and identified and nominal masses
+    (links,) [kg].
 
     Parameters
     ----------
@@ -216,12 +221,6 @@ def judge(
         Largest share of rows outside of a measured curve's table.
     certificate : Certificate
         Violations and gap of the model.
-    masses : (links,) array
-        Identified masses [kg].
-    nominal : (links,) array
-        Nominal masses [kg].
-    judged_on : sequence of str
-        Names of the runs.
     missing : str
         Sentence of a diagnosis on what is missing, "" without one.
     forward : str
@@ -546,14 +545,12 @@ def _missing_by_errors(fit: Line, over: Array | None) -> str:
 def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     """Return the reason why the links are not physically plausible, "" if they are.
 
+    Identified ``masses`` and ``nominal`` are (links,) [kg].
+
     Parameters
     ----------
     certificate : Certificate
         Violations and gap of the model.
-    masses : (links,) array
-        Identified masses [kg].
-    nominal : (links,) array
-        Nominal masses [kg].
 
     Returns
     -------
@@ -715,13 +712,6 @@ def noise_level(
     depend on the model that is judged. Elsewhere from the torque's spectrum above the
     motion's band (:mod:`~signals.noise`), at most that residual. Windows of a
     recording have the noise of all of it; of long recordings windows are used.
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem with its effects.
-    filtered_runs : FilteredRuns
-        Runs behind their filters.
 
     Returns
     -------
