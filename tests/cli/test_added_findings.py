@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 from commands import run_cli
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty import Problem, identify
+from sdp_vs_penalty import InputError, Problem, identify
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
 from sdp_vs_penalty.effects import MeasuredCurve
@@ -171,3 +172,13 @@ def test_all_tables_show_one_error_a_joint(run, monkeypatch):
     first, second = re.findall(r"error \[N m or N\] (\S+) (\S+)", said)[0]
     assert f" 1 [N m] {first} " in said
     assert f" 2 [N m] {second} " in said
+
+
+def test_findings_that_raise_a_joints_error_are_not_added():
+    before, after = (
+        SimpleNamespace(rmse=np.array(rmse)) for rmse in ([1.0, 0.5], [0.4, 0.79])
+    )
+    add_verb = import_module("sdp_vs_penalty.cli.verbs.add")
+    with pytest.raises(InputError, match=r"joint 2 errs by 58 % more on test\.csv"):
+        add_verb._refuse_harm(before, after, "test.csv")
+    add_verb._refuse_harm(before, before, "test.csv")

@@ -62,6 +62,10 @@ def verb(
         leaves_spans_out = train is not runs.train
         judged = train if leaves_spans_out and test is None else runs.judge
         before, after = compare(models, judged, noise_from=runs.judged_recordings)
+        if not isinstance(effects, str):
+            on_training = [before, after] if test is None else compare(models, train)
+            _refuse_harm(*on_training, "the training data")
+            _refuse_harm(before, after, str(test or "the training data"))
         judge = words(data, window) if test is None else words([test], test_window)
         bigger.provenance.update(
             {
@@ -93,6 +97,27 @@ def verb(
     mounting = [] if gravity is None else ["--gravity", gravity]
     options = [*judge, *mounting, "--out", free_name("report.html")]
     console.next_step(["report", model, out, "--data", *options])
+
+
+#: Relative rise of a joint's error at which findings are not added.
+_HARMFUL = 0.05
+
+
+def _refuse_harm(before: Any, after: Any, what: str) -> None:
+    """Raise InputError if findings raise the error (RMS) of a joint on some runs.
+
+    before, after : comparisons of the models with the runs; what : the runs, in words.
+    """
+    from sdp_vs_penalty import formatting
+
+    rises = after.rmse / before.rmse - 1.0
+    if rises.max() > _HARMFUL:
+        joint = int(rises.argmax())
+        raise InputError(
+            f"not added: with these findings joint {joint + 1} errs by"
+            f" {formatting.percent(rises[joint], 2)} more on {what}",
+            "choose findings with --only, or name an effect yourself",
+        )
 
 
 def _say_what_is_weak(diagnosis: Any) -> None:
