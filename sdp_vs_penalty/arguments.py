@@ -42,7 +42,8 @@ def checked_arguments(verb: Callable[P, T]) -> Callable[P, T]:
     """Decorate a verb: an argument that is not of the type that its signature states
     raises InputError, and is no error of Python's behind it.
 
-    NaN is no number, and a seed is not below 0.
+    NaN is no number, and a seed is not below 0. What lists and mappings may hold the
+    verb itself says.
     """
     signature = inspect.signature(verb)
     types = {
@@ -60,7 +61,8 @@ def checked_arguments(verb: Callable[P, T]) -> Callable[P, T]:
                 if one is parameter.default:
                     continue
                 where = f"{verb.__name__}({name}={given(one)})"
-                if not _is_of(types[name], one):
+                is_nan = isinstance(one, float) and isnan(one)
+                if is_nan or not _is_of(types[name], one):
                     raise InputError(where, f"give {_in_words(types[name])}")
                 if name == "seed" and one < 0:
                     raise InputError(where, "give a whole number from 0")
@@ -121,13 +123,14 @@ def _is_of(kind: ast.expr, value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    """Return whether a value is a number that a double holds, infinity included."""
+    """Return whether a value is a number that a double holds."""
     if not isinstance(value, Real) or isinstance(value, bool):
         return False
     try:
-        return not isnan(value)
+        float(value)
     except OverflowError:  # a whole number beyond the doubles
         return False
+    return True
 
 
 def _in_words(kind: ast.expr) -> str:
