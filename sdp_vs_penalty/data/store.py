@@ -118,9 +118,13 @@ class AppendableArray:
     """An array (N, ...) to which rows are appended; beyond 4 MB it lies in a temporary
     file."""
 
+    #: Rows in memory.
     _pieces: list[NDArray[Any]] = field(default_factory=list)
+    #: Size of all rows so far [bytes].
     _bytes: int = 0
+    #: Number of all rows so far.
     _rows: int = 0
+    #: Temporary file that holds the rows; None while they are in memory.
     _file: BinaryIO | None = None
 
     def append(self, rows: NDArray[Any]) -> None:

@@ -34,29 +34,37 @@ FIELDS: frozenset[SimulatorField] = frozenset(
 class Options:
     """How a user wants a file: the arguments of :func:`export`."""
 
+    #: URDF file whose numbers are replaced; None: a new document.
     urdf: str | Path | None = None
+    #: Whether links outside of their bodies are accepted.
     force: bool = False
+    #: Place of the flange in the last link's frame [m].
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Content:
-    """links : (links, 10) standard parameters about each *joint* frame; damping [N m
-    s/rad, N s/m], friction [N m, N], armature [kg m^2, kg], stiffness [N m/rad, N/m]
-    and offset [N m, N] of the torque k q + c: (n,), zero where the model has none; a
-    payload is part of the last link. others : names of the effects that have no place in
-    any such file, springs : of those that some have a place for.
-    """
+    """What a simulator's file can hold of a model; zeros where the model has none."""
 
+    #: (links, 10) standard parameters about each *joint* frame; a payload is part of
+    #: the last link.
     links: Array
+    #: (n,) viscous damping [N m s/rad, N s/m].
     damping: Array
+    #: (n,) dry friction [N m, N].
     friction: Array
+    #: (n,) inertia of the rotors at the joints [kg m^2, kg].
     armature: Array
+    #: (n,) k of the springs' torque k q + c [N m/rad, N/m].
     stiffness: Array
+    #: (n,) c of the springs' torque k q + c [N m, N].
     offset: Array
+    #: Names of the effects that only some simulators' files have a place for.
     springs: tuple[str, ...]
+    #: Names of the effects that have no place in any such file.
     others: tuple[str, ...]
-    #: Of the torque channels, measured over true; () where the model has none.
+    #: (n,) gains of the torque channels, measured over true; () where the model has
+    #: none.
     gains: tuple[float, ...] = ()
     #: (2, n) kp and kd of the servos' position loops, the latter with what a command's
     #: delay damps less; None where the model knows none.
@@ -68,8 +76,6 @@ class Content:
 
         Parameters
         ----------
-        estimate : Estimate
-            The model.
         options : Options
             How the user wants the file; ``force`` accepts links outside of their
             bodies.
@@ -103,11 +109,6 @@ class Content:
     @classmethod
     def of(cls, estimate: Estimate) -> Self:
         """Return what a simulator's file can hold of a model.
-
-        Parameters
-        ----------
-        estimate : Estimate
-            The model.
 
         Returns
         -------
@@ -239,8 +240,6 @@ def with_effects(estimate: Estimate, holds: Callable[[Effect], bool]) -> Estimat
 
     Parameters
     ----------
-    estimate : Estimate
-        The model.
     holds : callable
         Whether to keep an effect.
 
@@ -281,11 +280,6 @@ def with_effects(estimate: Estimate, holds: Callable[[Effect], bool]) -> Estimat
 def verdict_line(estimate: Estimate) -> str:
     """Return the model's verdict, and the gains of its servos, as one line.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-
     Returns
     -------
     str
@@ -323,7 +317,7 @@ def about_joints(robot: Robot, links: Array) -> Array:
     Raises
     ------
     InputError
-        For an inconsistent link.
+        A link is inconsistent.
     """
     carriers = [robot.tree[carrier] for carrier in robot.link_joints]
     moved = [
@@ -362,10 +356,13 @@ def require_consistent(link: Array, name: str) -> None:
 
 @dataclass(frozen=True)
 class Inertial:
-    """As URDF and MJCF write it: mass [kg], com (3,) [m], about_com (3, 3) [kg m^2]."""
+    """The inertial of a link as URDF and MJCF write it."""
 
+    #: Mass [kg].
     mass: float
+    #: (3,) centre of mass [m].
     com: Array
+    #: (3, 3) inertia about the centre of mass [kg m^2].
     about_com: Array
 
     @classmethod
@@ -398,18 +395,7 @@ class Inertial:
 
 
 def number(value: float) -> str:
-    """Return the shortest text that reads back to the same double.
-
-    Parameters
-    ----------
-    value : float
-        A finite number.
-
-    Returns
-    -------
-    str
-        Never "-0.0".
-    """
+    """Return the shortest text that reads back to the same double, never "-0.0"."""
     return repr(float(value) + 0.0)  # + 0.0: no negative zero
 
 
@@ -419,11 +405,6 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 def xml_name(text: str) -> str:
     """Return a name that an XML document can hold.
-
-    Parameters
-    ----------
-    text : str
-        Any name.
 
     Returns
     -------
@@ -440,18 +421,9 @@ def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
     ----------
     parent : element
         The element to append to.
-    tag : str
-        Name of the child.
-    text : str, number or array, optional
-        Text of the child.
     attributes : str, number or array
         Its attributes. Numbers are written by :func:`number`, arrays separated by
         spaces.
-
-    Returns
-    -------
-    element
-        The child.
     """
 
     def written(x: Any) -> str:
@@ -477,11 +449,6 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
         Root element of the document.
     declaration : bool
         Whether it begins with an XML declaration.
-
-    Returns
-    -------
-    bytes
-        UTF-8.
     """
     etree.indent(root)
     return (
@@ -492,14 +459,19 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
 
 @dataclass(frozen=True)
 class LinkPart:
-    """A joint of the tree by its index, its link and inertial; place : among the joints
-    that move by themselves, None for one that follows."""
+    """A joint of a robot's tree, with the link that it carries."""
 
+    #: Index of the joint in the tree, from 0.
     index: int
+    #: The joint.
     joint: Joint
+    #: Name of the link in the document.
     name: str
+    #: Name of the link that carries the joint.
     parent: str
+    #: Mass, centre of mass and inertia of the link; zeros where it is declared massless.
     inertial: Inertial
+    #: Place among the joints that move by themselves; None for one that follows.
     place: int | None
 
 
@@ -531,11 +503,6 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
 def payload(estimate: Estimate) -> Inertial:
     """Return the model's payload: mass, centre of mass and inertia, in the last link's
     frame.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
 
     Returns
     -------

@@ -31,11 +31,6 @@ def formats() -> dict[str, ExportFormat]:
 def format_of(out: str | Path) -> ExportFormat:
     """Return the format that a file's name chooses; the longest matching suffix wins.
 
-    Parameters
-    ----------
-    out : path
-        The file's name.
-
     Returns
     -------
     ExportFormat
@@ -98,13 +93,6 @@ def friction_at_rest(estimate: Estimate, out: str | Path) -> str:
     A simulator holds a joint at rest up to the friction F. The model's torque is
     F tanh(dq / v_s): a drive torque of F / 2 lets it creep at v_s atanh(1/2).
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    out : path
-        The file's name.
-
     Returns
     -------
     str
@@ -129,13 +117,6 @@ def friction_at_rest(estimate: Estimate, out: str | Path) -> str:
 
 def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
     """Return the model as a file of this name holds it.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    out : path
-        The file's name.
 
     Returns
     -------
@@ -166,11 +147,6 @@ def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
         The effects that it lacks.
     judged : Verdict or None
         Verdict on the model without them.
-
-    Returns
-    -------
-    str
-        Printable ASCII.
     """
     lacks = f"without {', '.join(map(effect_in_words, left_out))}"
     if judged is None:

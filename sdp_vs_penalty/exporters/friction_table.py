@@ -20,13 +20,15 @@ BODIES = False
 
 @dataclass(frozen=True)
 class FrictionCurve:
-    """velocity (k,) [rad/s, m/s] of a joint (from 0), torque (k,) [N m, N] of all
-    effects that follow it alone, and its standard deviation (k,) by the parameters'
-    intervals."""
+    """Friction torque of a joint over its velocity."""
 
+    #: Index of the joint, from 0.
     joint: int
+    #: (k,) velocities [rad/s, m/s].
     velocity: Array
+    #: (k,) torque of all effects that follow the velocity alone [N m, N].
     torque: Array
+    #: (k,) standard deviation of the torque by the parameters' intervals [N m, N].
     std: Array
 
 
@@ -55,11 +57,6 @@ def write(estimate: Estimate, options: Options) -> Written:
 
 def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     """Return the friction torque of each joint over its velocity.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
 
     Returns
     -------

@@ -47,7 +47,9 @@ _REACH_OF_BASE = 3.0
 class LinkCheck:
     """One link's inertial as the file writes it, and what is wrong with it."""
 
+    #: Name of the link.
     link: str
+    #: Mass, centre of mass and inertia that the file writes.
     inertial_given: Inertial
     #: Smallest of D1 + D2 - D3 over the principal moments about the centre of mass
     #: [kg m^2], >= 0 for a possible body; NaN without a positive mass.
@@ -81,8 +83,6 @@ class LinkCheck:
 
         Parameters
         ----------
-        link : XML element
-            The <link>.
         reach : float
             How far the link's body reaches [m].
         shape : (k, 3) array or None
@@ -222,11 +222,6 @@ class LinkCheck:
 def check_urdf(path: str | Path) -> list[LinkCheck]:
     """Check every inertial of a URDF file.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-
     Returns
     -------
     list of LinkCheck
@@ -305,11 +300,6 @@ def _contradictions(link: Any) -> tuple[str, ...]:
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     """Return one row for each link: name, verdict, mass [kg] and both margins.
 
-    Parameters
-    ----------
-    checks : sequence of LinkCheck
-        Checks of all links.
-
     Returns
     -------
     list of tuple
@@ -380,13 +370,6 @@ def _verdict(checks: Sequence[LinkCheck]) -> str:
 def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     """Say which numbers of a URDF seem to be in other units than m and kg.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    checks : sequence of LinkCheck
-        Checks of all links.
-
     Returns
     -------
     list of str
@@ -416,18 +399,8 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
 
 
 def coupling_remarks(path: str | Path) -> list[str]:
-    """Name what couples links of a URDF beside its tree of joints.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
-    """
+    """Name what couples links of a URDF beside its tree of joints, in one sentence or
+    none."""
     left_out = couplings_left_out(parse_urdf(path))
     return [f"{left_out}."] if left_out else []
 
@@ -436,11 +409,6 @@ def massless_links(path: str | Path) -> list[str]:
     """Return the names of moving links without an inertial.
 
     A link that is fixed to them may have one instead.
-
-    Parameters
-    ----------
-    path : path
-        The URDF file.
 
     Returns
     -------
@@ -460,15 +428,6 @@ def write_repaired(path: str | Path, checks: list[LinkCheck], out: str | Path) -
     link, or else the nearest consistent inertia.
 
     Every other byte stays, and a link that can exist keeps its numbers.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    checks : list of LinkCheck
-        Checks of all links.
-    out : path
-        The file to write.
 
     Raises
     ------

@@ -55,11 +55,6 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     content : Content
         What a simulator's file can hold of the model.
 
-    Returns
-    -------
-    bytes
-        The document.
-
     Raises
     ------
     InputError

@@ -48,8 +48,6 @@ def check_format(path: str | Path, exponential: bool) -> None:
 
     Parameters
     ----------
-    path : path
-        The file to write.
     exponential : bool
         Whether the problem has an exponential cone.
     """
@@ -81,21 +79,12 @@ def export_sdp(
 
     Parameters
     ----------
-    sdp : SdpProblem
-        The problem.
     path : path
         The file to write, .dat-s or .cbf.
     interval : tuple of str, or None
         Proved lower and upper bound of the loss as decimal text, rounded outward.
-    status : str
-        What is proved.
     more : any
         Further entries of the JSON.
-
-    Returns
-    -------
-    dict
-        Content of FILE.json.
 
     Raises
     ------
@@ -165,11 +154,6 @@ def write_posed(
         Effects, weights and so on, as for ``identify``.
     progress : callable
         Called with a short text at each step.
-
-    Returns
-    -------
-    dict
-        Content of OUT.json.
 
     Raises
     ------

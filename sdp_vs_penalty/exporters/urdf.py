@@ -53,21 +53,19 @@ Children = Mapping[str, Attributes]
 class Document:
     """An XML file, its parsed tree, and where each of its elements sits in the bytes."""
 
+    #: Bytes of the file.
     source: bytes
+    #: Root of the parsed tree.
     root: Any
-    #: element -> (start of the start tag, its end, start of the end tag or None for
-    #: <a/>).
+    #: Place of each element in the bytes: start of the start tag, its end, start of the
+    #: end tag or None for <a/>.
     spans: dict[Any, tuple[int, int, int | None]]
+    #: Changes of the bytes: start, end and the new text.
     _changes: list[tuple[int, int, bytes]] = field(default_factory=list)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Read a URDF file that :func:`load_urdf` has accepted.
-
-        Parameters
-        ----------
-        path : path
-            The file.
 
         Returns
         -------
@@ -112,8 +110,6 @@ class Document:
         ----------
         parent : element
             The element whose child changes.
-        tag : str
-            Name of the child.
         attributes : mapping
             New attributes of the child.
         children : mapping
@@ -235,11 +231,6 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
     drake : bool
         Whether each joint gets a transmission with the rotor's inertia in Drake's own
         tags.
-
-    Returns
-    -------
-    bytes
-        The document.
     """
     root = etree.Element(
         "robot", name=xml_name(robot.name), nsmap={"drake": _DRAKE} if drake else None
@@ -270,11 +261,6 @@ def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
     ----------
     body : Inertial
         Mass, centre of mass and inertia of a link.
-
-    Returns
-    -------
-    dict
-        Attributes by tag.
     """
     return {
         "origin": {"xyz": " ".join(map(number, body.com)), "rpy": "0 0 0"},
@@ -336,17 +322,8 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
 
     Parameters
     ----------
-    path : path
-        The user's file.
-    robot : Robot
-        The model's kinematics.
     content : Content
         What a simulator's file can hold of the model.
-
-    Returns
-    -------
-    bytes
-        The edited document.
 
     Raises
     ------

@@ -34,14 +34,10 @@ def link_bodies(
 
     Parameters
     ----------
-    robot : Robot
-        Robot with n links.
     centres : (n, 3, 2) array
         Bounds of the centres of mass [m], infinite where open.
     nominal : (n, 10) array
         Standard parameters from the robot's file, zeros where it has none.
-    geometry : sequence of Geometry or None, optional
-        Shapes of the links.
 
     Returns
     -------
@@ -110,13 +106,6 @@ def joint_places(robot: Robot, link: int) -> Array:
     A frame may be anywhere on its joint's axis, so that the foot of the parent's origin
     on the link's own axis counts as well: there the axis leaves the parent's body.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    link : int
-        Index of the link.
-
     Returns
     -------
     (k, 3) array
@@ -178,8 +167,6 @@ def plausible_links(
 
     Parameters
     ----------
-    robot : Robot
-        Robot with n links.
     nominal : (n, 10) array
         Standard parameters of the file, zeros where it has none.
     bodies : sequence of Body, optional

@@ -13,17 +13,17 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 @dataclass(frozen=True, kw_only=True)
 class CheckCommand:
-    """`check` of some runs, and of the options that its caller was given.
+    """`check` of some runs, and of the options that its caller was given."""
 
-    problem : built-in name, folder or URDF file. runs : their files. hold, gravity : as
-    on the command line, None where the options were not used. apply : explanations to
-    repair as well, by their words (``sign:tau3``).
-    """
-
+    #: Built-in name, folder or robot's file.
     problem: str | Path
+    #: Files of the runs.
     runs: Sequence[str | Path]
+    #: Value of ``--hold`` on the command line; None where it was not used.
     hold: str | None = None
+    #: Value of ``--gravity`` on the command line; None where it was not used.
     gravity: str | None = None
+    #: Explanations to repair as well, by their words (``sign:tau3``).
     apply: Sequence[str] = ()
 
     @classmethod

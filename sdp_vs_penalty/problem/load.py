@@ -53,8 +53,6 @@ def check_fields(
 
     Parameters
     ----------
-    data : mapping
-        Fields of the section.
     fields : mapping
         Example value of each known field, which says its kind.
     section : str
@@ -179,11 +177,13 @@ def _from_toml(
 
 @dataclass(frozen=True)
 class _RobotParts:
-    """A robot, its links as its file has them (links, 10), and their shapes; None
-    where there is no such file."""
+    """A robot, and what its file has of its links."""
 
+    #: Joints and gravity.
     robot: Robot
+    #: (links, 10) standard parameters in the file; None without a file.
     links: Array | None = None
+    #: Shapes of the links in the file; None without a file.
     geometry: Sequence[Geometry | None] | None = None
 
 
@@ -367,15 +367,8 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
 
     Parameters
     ----------
-    source : str, path or Problem
-        The problem.
     what : str
         What messages call the argument, such as "identify(problem=...)".
-
-    Returns
-    -------
-    Problem
-        The problem.
 
     Raises
     ------
@@ -498,13 +491,8 @@ def _remarks_on(file: RobotFile) -> Iterator[str]:
 
 
 def lowest_masses(nominal: Array) -> Array:
-    """Return lower bounds of the links' masses: a third of the nominal ones, at most 10
-    g.
-
-    Parameters
-    ----------
-    nominal : (links, 10) array
-        Nominal standard parameters.
+    """Return lower bounds of the masses of links with the nominal standard parameters
+    (links, 10): a third of the nominal masses, at most 10 g.
 
     Returns
     -------
@@ -522,15 +510,8 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     cutoffs : str or None
         "states,torque" [Hz]; None changes nothing.
-
-    Returns
-    -------
-    Problem
-        The changed problem.
     """
     if cutoffs is None:
         return problem
@@ -547,16 +528,9 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     text : str or None
         "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2], by the names of a ``bounds.csv``, and
         ``total``. An end that is left out is open (a mass has 0). None changes nothing.
-
-    Returns
-    -------
-    Problem
-        The changed problem.
 
     Raises
     ------

@@ -39,12 +39,16 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 @dataclass(frozen=True)
 class CentreOfMassCone(JsonRecord):
-    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]; link : from 1,
-    axis : "x", "y" or "z", as in problem.toml and model.json."""
+    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame
+    [m]."""
 
+    #: Number of the link, from 1.
     link: int
+    #: "x", "y" or "z", as in problem.toml and model.json.
     axis: str
+    #: Radius of the cone at the link frame's origin [m].
     radius: float
+    #: Growth of the radius along the axis.
     slope: float
 
     def __post_init__(self) -> None:
@@ -67,11 +71,6 @@ class CentreOfMassCone(JsonRecord):
         ----------
         indices : (10,) array of int
             Indices of the link's parameters in theta.
-
-        Returns
-        -------
-        Constraint
-            A second-order cone constraint.
         """
         coefficients = np.zeros((4, 3))
         coefficients[0, 0] = self.radius
@@ -605,20 +604,8 @@ class Problem(Shown):
 
 
 def open_box(links: int, mass: float | Array = 0.0) -> Array:
-    """Return bounds of the links' parameters that bound the masses from below only.
-
-    Parameters
-    ----------
-    links : int
-        Number of links.
-    mass : float or (links,) array
-        Smallest masses [kg].
-
-    Returns
-    -------
-    (links, 10, 2) array
-        Lower and upper bounds.
-    """
+    """Return bounds (links, 10, 2) of the links' parameters that bound the masses from
+    below only: smallest masses (links,) [kg], or one of all."""
     box = np.full((links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = mass
     return box
@@ -668,11 +655,6 @@ def barycentric_names(link: int) -> tuple[str, ...]:
 
 def entries(links: int) -> dict[str, tuple[int, int]]:
     """Return the place in a problem's box of each named parameter.
-
-    Parameters
-    ----------
-    links : int
-        Number of links.
 
     Returns
     -------

@@ -30,28 +30,25 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
 @dataclass(frozen=True)
 class Erratum:
-    """One contradiction in the paper: where it is, what is printed, what follows from
-    the rest.
+    """One contradiction in the paper."""
 
-    cell : table, row, column and value of the corrected number, or None where no cell
-    is concerned.
-    """
-
+    #: Number of the erratum, from 1.
     number: int
+    #: Name of the problem that it concerns.
     problem: str
+    #: Place in the paper, such as "Table VIII, c6z of p_hat".
     where: str
+    #: What is printed there.
     printed: str
+    #: What follows from the rest of the paper.
     corrected: str
+    #: Table, row, column and value of the corrected number; None where no cell is
+    #: concerned.
     cell: Mapping[str, str] | None = None
 
 
 def errata(problem: Problem) -> list[Erratum]:
     """Return the errata of the paper that concern a problem, by number.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
 
     Returns
     -------
@@ -81,21 +78,8 @@ def published_cell(
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    table : str
-        Name of the table.
     row : mapping
         A row of the table.
-    column : str
-        Heading of the column.
-    corrected : bool
-        Apply the errata.
-
-    Returns
-    -------
-    str
-        The cell.
     """
     if not corrected:
         return row[column]
@@ -110,18 +94,7 @@ def published_cell(
 
 def box_tables(problem: Problem) -> list[str]:
     """Return the names of the published tables with bounds and values of links'
-    parameters.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-
-    Returns
-    -------
-    list of str
-        Numbers of the tables.
-    """
+    parameters."""
     return [
         name
         for name, rows in problem.published.items()
@@ -136,10 +109,6 @@ def published_values(
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    column : str
-        Heading of the column.
     corrected : bool
         Whether to apply the errata.
 
@@ -163,24 +132,16 @@ def published_values(
 
 
 def published_links(problem: Problem, column: str, corrected: bool = True) -> Array:
-    """Return the standard parameters of a published column.
+    """Return the standard parameters (n, 10) of a published column: "p_hat", "delta" or
+    "p_real".
 
     A cell that the paper leaves empty, as its value does not matter, becomes the middle of
     its bounds.
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    column : str
-        "p_hat", "delta" or "p_real".
     corrected : bool
         Whether to apply the errata.
-
-    Returns
-    -------
-    (n, 10) array
-        Standard parameters.
 
     Raises
     ------
@@ -205,8 +166,6 @@ def published_friction(problem: Problem, table: str) -> Array:
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     table : str
         Number of the table, which has a row a constant and a column a joint.
 
@@ -229,15 +188,8 @@ def published_trajectory(
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     settings : mapping
         The problem's settings of the trajectory.
-
-    Returns
-    -------
-    FourierTrajectory
-        The trajectory.
     """
     rows = {row["coefficient"]: row for row in problem.published[settings["table"]]}
 
@@ -284,20 +236,7 @@ def real_data_folder() -> Path | None:
 
 
 def real_file(problem: str, name: str) -> Path | None:
-    """Return the path of a file with published measurements, None if it is missing.
-
-    Parameters
-    ----------
-    problem : str
-        Name of the problem.
-    name : str
-        Name of the file.
-
-    Returns
-    -------
-    Path or None
-        The file.
-    """
+    """Return the path of a file with published measurements, None if it is missing."""
     folder = real_data_folder()
     return (
         folder / problem / name
@@ -308,11 +247,6 @@ def real_file(problem: str, name: str) -> Path | None:
 
 def measured_runs(problem: str) -> dict[str, Measurements]:
     """Return the published runs of a robot.
-
-    Parameters
-    ----------
-    problem : str
-        Name of the problem.
 
     Returns
     -------

@@ -712,6 +712,8 @@ class StackedCones:
         Returns
         -------
         (m,) array
+            Margin of each constraint, negative if it is violated.
+        (m,) array
             Size of its largest summed term, with which rounding is compared.
         """
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))

@@ -74,7 +74,8 @@ def parse_isolated(
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Yield what ``parser(path, *arguments)`` yields, from a child process with limits.
 
-    A broken or hostile file can then end the child only.
+    A broken or hostile file can then end the child only. An InputError of the parser is
+    raised here.
 
     Parameters
     ----------

@@ -136,6 +136,8 @@ def load_mjcf(
 
     Returns
     -------
+    robot : Robot
+        The robot, its joints depth first.
     links : (links, 10) array
         Standard parameters about the link frames.
     values : dict

@@ -367,6 +367,7 @@ class Robot(JsonRecordSkippingNone):
         convention : str
             "modified" (Craig): Rx(alpha) Tx(a) Rz(q) Tz(d), the link frame on its own joint
             axis. "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the link frame at the far end.
+            InputError for any other.
         gravity : (3,) sequence
             Gravity in the base frame [m/s^2].
         limits : sequence of mappings

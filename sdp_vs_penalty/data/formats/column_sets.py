@@ -255,16 +255,15 @@ def _from_zero(columns: Mapping[Hashable, str]) -> dict[Hashable, str]:
 
 @dataclass(frozen=True)
 class SetChoice:
-    """The chosen set of each quantity.
+    """The chosen set of each quantity."""
 
-    ``rivals`` are other sets of positions that are equally good: where there are some,
-    the user has to choose. ``left_out`` are sets of the motors, by quantity, in whose
-    place those of the links are taken. ``other_torques`` are of the same joints too.
-    """
-
+    #: The chosen sets by quantity.
     sets: dict[str, ColumnSet]
+    #: Other sets of positions that are equally good; the user has to choose among them.
     rivals: tuple[ColumnSet, ...] = ()
+    #: Sets of the motors, by quantity, in whose place those of the links are taken.
     left_out: Mapping[str, ColumnSet] = field(default_factory=dict)
+    #: Further sets of torques of the same joints.
     other_torques: tuple[ColumnSet, ...] = ()
 
 

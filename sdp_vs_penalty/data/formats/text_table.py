@@ -380,12 +380,15 @@ def inspect_table(path: Path) -> TextTable:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Names, kinds and first rows of a table's columns, and the units that stand in the
-    cells."""
+    """What a table's columns hold."""
 
+    #: Names of the columns.
     names: Sequence[str]
+    #: "number", "text", "list", "stamp" or "empty", one a column.
     kinds: tuple[str, ...]
+    #: Cells of the first rows.
     sample: tuple[tuple[str, ...], ...]
+    #: Unit that follows the numbers in the cells, by the column's place.
     cell_units: Mapping[int, str]
 
 
