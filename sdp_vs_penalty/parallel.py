@@ -184,8 +184,9 @@ def _here(
                 yield result
     finally:
         for process in process_by_pipe.values():
-            process.terminate()
-            process.join()
+            if process.pid is not None:  # it could be started
+                process.terminate()
+                process.join()
 
 
 #: What ends a command, and its workers in their own way.

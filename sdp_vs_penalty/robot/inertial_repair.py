@@ -19,7 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny
 
 #: The numbers of an <inertial> in URDF's order: mass, xyz of its origin, its tensor.
 CENTRE = ("x", "y", "z")
@@ -132,7 +132,8 @@ class WrittenInertial:
             below = barycentric[1:4] - along.min(axis=0) + slack
             if min(above.min(), below.min()) <= 0.0:
                 return "outside of its shapes: its centre of mass lies outside of them"
-            worst = int(np.argmax(np.diagonal(second) / (above * below)))
+            radii = np.sqrt(np.maximum(np.diagonal(second), 0.0))
+            worst = int(np.argmax(radii / np.sqrt(at_least_tiny(above * below))))
             radius = float(np.sqrt(max(second[worst, worst], 0.0)))
             if radius > np.sqrt(above[worst] * below[worst]):
                 drawn = max((above[worst] - slack) * (below[worst] - slack), 0.0)
