@@ -44,8 +44,6 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
 
     Parameters
     ----------
-    method : str
-        Name of the method.
     solver_name : str or None
         Name of a solver; None: the method's own.
 

@@ -45,34 +45,41 @@ def no_progress(_: str) -> None:
 class Task:
     """One identification problem, ready for any estimator.
 
-    data : the (weighted) least-squares problem in all parameters theta (p,).
-    constraints : what the problem demands; bound : (p,) implied bounds on |theta|.
-        A known parameter (:attr:`Model.known`) is an equality: its value stands in the data and in
-        the constraints, which are of the others, and one observation of its own holds it.
-    nominal : (p,) a strictly consistent theta that the problem knows beforehand.
-    box : (n, 10, 2) barycentric bounds of each link; weights : (n,) of the joints' rows in data, for
-        intervals.
-    independent : names of the base parameters to use, or None.
-    bodies : one constraint a link, that its mass lies inside of its body; prior : (n, 10) the nominal
-        links, those of a guessed mass at the scale that the torque proves (None: as in nominal);
-        total : mass of the nominal links [kg] where a file or bounds state it, else None.
-    joint_scale : (p,) the value of a joint's own parameter (friction, offset, ...) that alone would
-        make the torque of that joint in these data; infinite for the links' parameters.
+    A known parameter (:attr:`Model.known`) is an equality: its value stands in the data
+    and in the constraints, which are of the others, and one observation of its own
+    holds it.
     """
 
+    #: Model of the torque, with p parameters.
     model: Model
+    #: The (weighted) least-squares problem in all parameters theta (p,).
     data: LeastSquares
+    #: What the problem demands.
     constraints: ConstraintSet
+    #: (p,) implied bounds on |theta|.
     bound: Array
+    #: (p,) a strictly consistent theta that the problem knows beforehand.
     nominal: Array
+    #: (n, 10, 2) barycentric bounds of each link.
     box: Array
+    #: Names of the base parameters to use; None: chosen by the package.
     independent: tuple[str, ...] | None = None
+    #: Seed of random methods.
     seed: int = 0
+    #: Receives a line of text at each stage.
     progress: Progress = no_progress
+    #: (p,) the value of a joint's own parameter (friction, offset, ...) that alone
+    #: would make the torque of that joint in these data; infinite for the links'
+    #: parameters.
     joint_scale: Array | None = None
+    #: One constraint a link, that its mass lies inside of its body.
     bodies: tuple[Constraint, ...] = ()
+    #: (n, 10) the nominal links, those of a guessed mass at the scale that the torque
+    #: proves; None: as in nominal.
     prior: Array | None = None
+    #: Mass of the nominal links [kg] where a file or bounds state it, else None.
     total: float | None = None
+    #: (n,) weights of the joints' rows in data, for intervals.
     weights: Array = field(default_factory=lambda: np.ones(0))
 
     @property
@@ -150,11 +157,6 @@ class Task:
         ----------
         radius : float
             Smallest radius of gyration r [m]; 0: no constraints.
-
-        Returns
-        -------
-        list of Constraint
-            One a link.
         """
         links = enumerate(self.links if radius > 0.0 else (), start=1)
         thick = tuple(
@@ -233,14 +235,10 @@ def make_task(
     ----------
     problem : Problem
         Robot, bounds and nominal links.
-    model : Model
-        Effects that make torque.
     regression : Regression
         Compressed rows in the model's columns.
     weighting : str
         "noise": weight joints by the residuals of a first least-squares fit; "none".
-    seed : int
-        Seed of random methods.
     progress : callable
         Receives a line of text at each stage.
     like : Task, optional
@@ -338,8 +336,6 @@ def given_known(data: LeastSquares, model: Model) -> LeastSquares:
     ----------
     data : LeastSquares
         In the p columns of the model.
-    model : Model
-        The model.
 
     Returns
     -------
@@ -383,8 +379,6 @@ def with_plausible(
 
     Parameters
     ----------
-    data : LeastSquares
-        The measured data.
     model : Model
         The torque model, whose effects know plausible values.
     oversampling : float
@@ -442,8 +436,6 @@ def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.n
     ----------
     regression : Regression
         Compressed columns Y and torque tau.
-    model : Model
-        Model of these columns.
     theta : (p,) array
         First least-squares fit. The torque of servos counts if it is larger than the
         measured one (which is zero in a log without torque).
@@ -471,14 +463,8 @@ def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.n
 
 
 def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
-    """Return weights sigma / sigma_j that give all joints the same noise.
-
-    Parameters
-    ----------
-    regression : Regression
-        Compressed rows.
-    theta : (p,) array
-        First least-squares fit [SI].
+    """Return weights sigma / sigma_j that give all joints the same noise, by a first
+    least-squares fit theta (p,) [SI].
 
     Returns
     -------
@@ -506,8 +492,6 @@ def with_joint_prior(task: Task, weight: float) -> Task:
 
     Parameters
     ----------
-    task : Task
-        Task without the prior.
     weight : float
         Cost, in residual variances of one row, of a parameter that alone makes its
         joint's torque (:attr:`Task.joint_scale`); 0: no prior.
@@ -528,11 +512,6 @@ def with_joint_prior(task: Task, weight: float) -> Task:
 def sample_variance(task: Task) -> float:
     """Return the residual variance of one filtered row in unconstrained least squares.
 
-    Parameters
-    ----------
-    task : Task
-        Task with its data.
-
     Returns
     -------
     float
@@ -542,19 +521,10 @@ def sample_variance(task: Task) -> float:
 
 
 def white_variance(data: LeastSquares, oversampling: float) -> float:
-    """Return the variance of an independent row if the least-squares residual is white.
+    """Return the variance [(N m)^2] of an independent row if the least-squares residual
+    is white.
 
-    Parameters
-    ----------
-    data : LeastSquares
-        Compressed rows.
-    oversampling : float
-        Rows per independent sample.
-
-    Returns
-    -------
-    float
-        Variance [(N m)^2].
+    ``oversampling`` is the number of filtered rows per independent sample.
     """
     U = span(data.R)
     residual = data.rho - U @ (U.T @ data.rho)

@@ -59,23 +59,7 @@ ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 
 @dataclass(frozen=True)
 class LmiSdp(Estimator):
-    """body : whether each link's mass must lie inside of its body
-    (:class:`~robot.body.Body`).
-
-    thickness : smallest radius of gyration of a link in any direction [m]; 0 for none.
-    entropy : weight of the Bregman divergence from the nominal robot, in units of the residual
-        variance of one filtered torque row (0: none). By default about one independent measurement a
-        link: filtered rows repeat each other 2.3 to 4.5 times.
-    joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
-        to zero; one that alone would make all of its joint's torque costs one row (0: none). Where a
-        joint does not reverse, only this keeps Coulomb friction and offset from growing against each
-        other.
-    total_spread : relative standard deviation of the total mass that a file or bounds state, which
-        counts like ``entropy`` rows (0: no prior on it): the divergence alone lets masses follow
-        moments.
-    solver : one of solvers/; None: our own (solvers/primal_dual.py) where its answer is certified, else
-        Clarabel; accuracy : what it is asked for.
-    """
+    """One-step torque SDP with the constraints and priors that the fields choose."""
 
     name = "lmi-sdp"
     table_place: ClassVar[int | None] = 4
@@ -84,12 +68,27 @@ class LmiSdp(Estimator):
         " nominal robot (the default)"
     )
 
+    #: Whether each link's mass must lie inside of its body (:class:`~robot.body.Body`).
     body: bool = True
+    #: Smallest radius of gyration of a link in any direction [m]; 0 for none.
     thickness: float = 0.0
+    #: Weight of the Bregman divergence from the nominal robot, in units of the residual
+    #: variance of one filtered torque row; 0: none. By default about one independent
+    #: measurement a link: filtered rows repeat each other 2.3 to 4.5 times.
     entropy: float = 3.0
+    #: Weight, in the same unit, of the pull of friction, offsets and other joint
+    #: parameters to zero; one that alone would make all of its joint's torque costs one
+    #: row; 0: none. Where a joint does not reverse, only this keeps Coulomb friction
+    #: and offset from growing against each other.
     joint_prior: float = 1.0
+    #: Relative standard deviation of the total mass that a file or bounds state, which
+    #: counts like ``entropy`` rows; 0: no prior on it. The divergence alone lets masses
+    #: follow moments.
     total_spread: float = 0.2
+    #: One of solvers/; None: our own (solvers/primal_dual.py) where its answer is
+    #: certified, else Clarabel.
     solver: str | None = None
+    #: Relative accuracy that the solver is asked for.
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
@@ -127,11 +126,6 @@ class LmiSdp(Estimator):
 
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
         """Return objective and constraints of the SDP.
-
-        Parameters
-        ----------
-        task : Task
-            The identification problem.
 
         Returns
         -------
@@ -308,8 +302,6 @@ class PosedSdp:
         ----------
         task : Task
             Task with the same constraints.
-        objective : Objective
-            Its objective.
 
         Returns
         -------
@@ -339,11 +331,6 @@ class PosedSdp:
             Relative accuracy for the solver.
         near : Fit or None
             Fit to similar data as a warm start; it saves about half of the steps.
-
-        Returns
-        -------
-        Fit
-            Optimum with its certificate.
 
         Raises
         ------
@@ -480,15 +467,8 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
 
     Parameters
     ----------
-    constraints : ConstraintSet
-        All constraints.
     objective : Objective
         Its data say how far each parameter can reach.
-
-    Returns
-    -------
-    list of Constraint
-        Constraints for a solver.
 
     Notes
     -----
@@ -514,7 +494,7 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
 def interior_point(
     task: Task, constraints: ConstraintSet, solver_name: str = "clarabel"
 ) -> Array:
-    """Return a theta strictly inside all convex constraints.
+    """Return a theta (p,) strictly inside all convex constraints.
 
     It is the nominal theta if that is well inside, else the point of largest margin.
 
@@ -522,15 +502,8 @@ def interior_point(
     ----------
     task : Task
         Nominal links, and bounds of theta.
-    constraints : ConstraintSet
-        Constraints on theta.
     solver_name : str
         Solver that finds the largest margin.
-
-    Returns
-    -------
-    (p,) array
-        theta.
 
     Raises
     ------
@@ -605,8 +578,6 @@ def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
 
     Parameters
     ----------
-    constraints : sequence of Constraint
-        All constraints.
     shares : (m,) array
         Share of each constraint in the proof (from its Farkas multiplier); constraints
         below a thousandth of the largest share are left out.

@@ -21,15 +21,14 @@ class Ols(Estimator):
     """pi_hat = argmin |W pi - tau|^2 (Gautier, Khalil; Gaz et al. 2019, eq. 13).
 
     Determines base parameters only; theta is the minimiser nearest to the nominal
-    robot, and in general not physically consistent. joint_prior : as ``lmi-sdp`` has
-    it.
-    """
+    robot, and in general not physically consistent."""
 
     name = "ols"
     table_place: ClassVar[int | None] = 1
     undetermined_by = "prior"
     description = "classical least squares, no constraints (the paper's CLS)"
 
+    #: Weight of the pull of joint parameters to zero, as of ``lmi-sdp``; 0: none.
     joint_prior: float = 0.0
 
     def fit(self, task: Task) -> Fit:
@@ -61,21 +60,13 @@ def condition_number(task: Task) -> float:
 
 
 def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
-    """Return the least-squares base parameters and their standard deviations.
+    """Return the least-squares base parameters pi_hat (b,) [SI] and their standard
+    deviations (b,), infinite where not excited.
 
     Parameters
     ----------
-    task : Task
-        Task with its data.
     oversampling : float
         Filtered rows per independent sample.
-
-    Returns
-    -------
-    pi_hat : (b,) array
-        Base parameters [SI].
-    deviations : (b,) array
-        Standard deviations; infinite where not excited.
 
     Notes
     -----

@@ -62,13 +62,15 @@ _ARMIJO, _LARGEST_CUT = 1e-4, 1e-3
 
 @dataclass(frozen=True)
 class PenaltyPart:
-    """Constraints of one kind: F(x) (g, ...) in a cone, and dF/dx (rows, p) in the
-    order of F.ravel(); scale (g, ...) : of an affine F over the group's, entry by
-    entry."""
+    """Constraints of one kind: F(x) (g, ...) in a cone."""
 
+    #: Kind of the cone, such as "psd".
     cone: str
+    #: F(x) (g, ...) of scaled parameters x (p,).
     values: Callable[[Array], Array]
+    #: dF/dx (rows, p), rows in the order of F.ravel().
     jacobian: Callable[[Array], Array]
+    #: (g, ...) factor of F over the affine group's own entries, entry by entry.
     scale: Array | float = 1.0
 
 
@@ -82,35 +84,15 @@ class QuadraticForms:
     slopes: Array
 
     def values(self, x: Array) -> Array:
-        """Return F_k = u^T A_k u + b_k u_0 for each form, u the parameters of its link.
-
-        Parameters
-        ----------
-        x : (p,) array
-            Scaled parameters.
-
-        Returns
-        -------
-        (K,) array
-            One value a form.
-        """
+        """Return (K,) F_k = u^T A_k u + b_k u_0, u the scaled parameters of the form's
+        link."""
         u = x[self.indices]
         quadratic = np.einsum("ki,kij,kj->k", u, self.forms, u)
         return np.asarray(quadratic + self.slopes * u[:, 0])
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives of the forms by all parameters.
-
-        Parameters
-        ----------
-        x : (p,) array
-            Scaled parameters.
-
-        Returns
-        -------
-        (K, p) array
-            One row a form.
-        """
+        """Return (K, p) the derivatives of the forms by all scaled parameters x
+        (p,)."""
         local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
         local[:, 0] += self.slopes
         out = np.zeros((len(self.indices), len(x)))
@@ -132,8 +114,6 @@ def barycentric_part(
     ----------
     bounds : sequence of BarycentricBound
         The bounds; open ends are left out.
-    theta_scale : (p,) array
-        Scale of each parameter.
     reference : (p,) array
         Parameters at which each form has a size of about one.
 
@@ -199,8 +179,6 @@ def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Penal
 
     Parameters
     ----------
-    group : ConeGroup
-        The cones.
     theta_scale : (p,) array
         Scale of each parameter, x = theta / theta_scale.
     reference : (p,) array
@@ -256,10 +234,6 @@ class ShiftedPenalty:
         ----------
         task : Task
             Bounds, and the OLS loss that is the unit of the loss.
-        data : LeastSquares
-            Objective, in p parameters.
-        constraints : ConstraintSet
-            Constraints, also nonconvex ones.
         interior : (p,) array
             A point inside the convex constraints.
         """
@@ -287,13 +261,6 @@ class ShiftedPenalty:
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
         """Return the shifts of the penalty as dual variables of the constraints.
 
-        Parameters
-        ----------
-        constraints : ConstraintSet
-            All constraints.
-        shifts : sequence of arrays
-            Shifts of each part.
-
         Returns
         -------
         (e,) array
@@ -314,22 +281,8 @@ class ShiftedPenalty:
         return constraints.stack_multipliers(by_constraint)
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
-        """Return the next shifts of the augmented Lagrangian, Pi_K(S - w F(x)).
-
-        Parameters
-        ----------
-        x : (p,) array
-            Scaled parameters.
-        shifts : sequence of arrays
-            Shifts S of each part.
-        weight : float
-            Weight w of the penalty.
-
-        Returns
-        -------
-        list of arrays
-            New shifts of each part.
-        """
+        """Return the next shifts of the augmented Lagrangian, Pi_K(S - w F(x)), an
+        array a part, from shifts S, scaled parameters x (p,) and the weight w."""
         new_shifts = []
         for part, shift in zip(self.parts, shifts, strict=True):
             new_shifts.append(project(part.cone, shift - weight * part.values(x)))
@@ -344,15 +297,6 @@ class ShiftedPenalty:
         2 J^T r is the gradient of L; 2 J^T J is an element of its generalised Hessian
         for affine F.
 
-        Parameters
-        ----------
-        x : (p,) array
-            Scaled parameters.
-        shifts : sequence of arrays
-            Shifts of each part.
-        weight : float
-            Weight of the penalty.
-
         Returns
         -------
         tuple
@@ -366,15 +310,6 @@ class ShiftedPenalty:
         self, x: Array, shifts: Sequence[Array], weight: float
     ) -> tuple[Array, Array]:
         """Return residuals and Jacobian of the penalty alone, without the data.
-
-        Parameters
-        ----------
-        x : (p,) array
-            Scaled parameters.
-        shifts : sequence of arrays
-            Shifts of each part.
-        weight : float
-            Weight of the penalty.
 
         Returns
         -------
@@ -394,12 +329,17 @@ class ShiftedPenalty:
 
 @dataclass(frozen=True)
 class _Stage:
-    """One minimisation: of L(z; S, w) + |near (z - centre)|^2 over z (p,)."""
+    """One minimisation over z (p,): of L(z; S, w) + |near (z - centre)|^2."""
 
+    #: Data and constraints, scaled.
     penalty: ShiftedPenalty
+    #: Shifts S, an array a part.
     shifts: list[Array]
+    #: Weight w of the penalty.
     weight: float
+    #: (p,) point to which z is pulled.
     centre: Array
+    #: (k, p) rows of the pull, times z - centre.
     near: Array
 
     @cached_property
@@ -509,36 +449,36 @@ class _Stage:
 
 @dataclass(frozen=True)
 class _Point:
-    """What a stage minimises at z (p,): its value, the residuals of the data and of the
-    pull (p + 1,), and the rows [J, r] (k, p + 1) of the cones."""
+    """Where a stage stands: residuals and rows at z, of p parameters."""
 
+    #: (p,) scaled parameters.
     z: Array
+    #: Value of what the stage minimises.
     value: float
+    #: (p + 1,) residuals of the data and of the pull.
     fixed: Array
+    #: (k, p + 1) rows [J, r] of the cones.
     cones: Array
 
 
 def minimise(
     penalty: ShiftedPenalty, x: Array, tolerance: float
 ) -> tuple[Array, list[Array], dict[str, Any]]:
-    """Minimise by a sequence of shifted penalties until constraints and shifts settle.
+    """Minimise from scaled parameters x (p,) by a sequence of shifted penalties until
+    constraints and shifts settle.
 
     Each stage minimises the augmented Lagrangian with a proximal pull to the last x.
     The weight grows tenfold unless the change of the shifts has fallen to a quarter.
 
     Parameters
     ----------
-    penalty : ShiftedPenalty
-        Scaled data and constraints.
-    x : (p,) array
-        Start, in scaled units.
     tolerance : float
         Largest violation and complementarity, in the scaled units of the parts.
 
     Returns
     -------
     x : (p,) array
-        Minimiser, scaled.
+        Minimiser, in scaled units.
     shifts : list of arrays
         Multipliers, one array a part.
     spent : dict
@@ -569,18 +509,8 @@ def minimise(
 
 
 def largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
-    """Return the largest absolute difference between two lists of arrays.
-
-    Parameters
-    ----------
-    new, old : sequence of arrays
-        Arrays of equal shapes, in order.
-
-    Returns
-    -------
-    float
-        The difference.
-    """
+    """Return the largest absolute difference between two lists of arrays of equal
+    shapes."""
     largest = 0.0
     for a, b in zip(new, old, strict=True):
         largest = max(largest, float(np.abs(a - b).max(initial=0.0)))
@@ -590,17 +520,7 @@ def largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
 @dataclass(frozen=True)
 class Penalty(Estimator):
     """minimise loss(theta) + shifted penalty of F(theta), weights continued until it is
-    exact.
-
-    body : whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
-    thickness : smallest radius of gyration of a link [m]; 0 for none.
-    starts : runs at most; the first from the problem's nominal robot, the others from seeded random
-        points of the barycentric box, moved towards it until the convex constraints hold. A run whose
-        multipliers prove its optimum is the last one. Where the data leave directions open a run may
-        stop above the optimum, and its certified gap says so.
-    tolerance : of violation and complementarity, relative to the size of each constraint's values.
-    joint_prior : as ``lmi-sdp`` has it.
-    """
+    exact."""
 
     name = "penalty"
     table_place: ClassVar[int | None] = 2
@@ -608,26 +528,25 @@ class Penalty(Estimator):
         "one-step torque loss with an exact penalty, multi-start (the strongest)"
     )
 
+    #: Whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
     body: bool = True
+    #: Smallest radius of gyration of a link [m]; 0 for none.
     thickness: float = LmiSdpThickness.thickness
+    #: Largest number of runs: the first from the problem's nominal robot, the others
+    #: from seeded random points of the barycentric box, moved towards it until the
+    #: convex constraints hold. A run whose multipliers prove its optimum is the last
+    #: one. Where the data leave directions open a run may stop above the optimum, and
+    #: its certified gap says so.
     starts: int = 5
+    #: Tolerance of violation and complementarity, relative to the size of each
+    #: constraint's values.
     tolerance: float = 1e-9
+    #: Weight of the pull of joint parameters to zero, as of ``lmi-sdp``; 0: none.
     joint_prior: float = 0.0
 
     def demands(self, task: Task) -> ConstraintSet:
         """Return the constraints that are penalised, which are the same arrays as the
-        SDP's.
-
-        Parameters
-        ----------
-        task : Task
-            The identification problem.
-
-        Returns
-        -------
-        ConstraintSet
-            Bounds, thickness and bodies.
-        """
+        SDP's."""
         demands = task.constraints.plus(task.minimum_thickness(self.thickness))
         return demands.plus(task.bodies) if self.body else demands
 
@@ -677,14 +596,13 @@ FEASIBLE = 1e-9
 
 @dataclass(frozen=True)
 class PenaltyRun:
-    """Where one start ends.
+    """Where one start ends."""
 
-    theta (p,) : made feasible; shifts : an array a part; figures : loss, objective,
-    violation, residual and number of stages.
-    """
-
+    #: (p,) parameters, made feasible.
     theta: Array
+    #: Shifts of the penalty, an array a part.
     shifts: list[Array]
+    #: Loss, objective, violation, residual and number of stages.
     figures: dict[str, Any]
 
     @property
@@ -713,8 +631,6 @@ def fit_penalty(
         Bounds, seed and the loss that is reported.
     data : LeastSquares
         Objective: the task's torque loss, or a distance of base parameters.
-    constraints : ConstraintSet
-        Constraints, nonconvex ones included.
     starts : int
         Largest number of runs; a run whose own certificate proves a gap of PROVEN_GAP
         is the last.
@@ -785,18 +701,14 @@ def _starts(
 
 
 def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """Move an almost feasible point towards an interior point until all constraints
-    hold.
+    """Move an almost feasible theta (p,) towards an interior point until all
+    constraints hold.
 
     If the nonconvex constraints hold nowhere on the way, only the convex ones are
     satisfied.
 
     Parameters
     ----------
-    constraints : ConstraintSet
-        Constraints on theta.
-    theta : (p,) array
-        Almost feasible point.
     interior : (p,) array
         Point strictly inside the convex constraints.
 
@@ -868,37 +780,15 @@ class BarycentricBox:
         return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, largest_alone), task.bound)
 
     def theta(self, p: Array) -> Array:
-        """Return standard parameters: h = m c, J = I + m (c.c 1 - c c^T).
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
-
-        Returns
-        -------
-        (p,) array
-            Standard parameters.
-        """
+        """Return standard parameters (p,) of barycentric p (p,): h = m c, J = I + m
+        (c.c 1 - c c^T)."""
         out = p.copy()
         out[self.links] = inertia.standard_from_barycentric(p[self.links])
         return out
 
     def pull_back(self, p: Array, gradient: Array) -> Array:
-        """Return the gradient by barycentric parameters, (d theta / d p)^T gradient.
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
-        gradient : (p,) array
-            Gradient by standard parameters.
-
-        Returns
-        -------
-        (p,) array
-            Gradient by p.
-        """
+        """Return the gradient (p,) by barycentric parameters, (d theta / d p)^T
+        gradient, of a gradient by standard parameters."""
         masses = self.links[:, :1]
         centres = self.links[:, 1:4]
         c = p[centres]
@@ -913,18 +803,8 @@ class BarycentricBox:
         return out
 
     def p(self, theta: Array) -> Array:
-        """Return barycentric parameters, clipped to the box.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            Standard parameters.
-
-        Returns
-        -------
-        (p,) array
-            Barycentric parameters; the middle of the box for a massless link.
-        """
+        """Return barycentric parameters (p,) of theta (p,), clipped to the box; the
+        middle of the box for a massless link."""
         out = theta.copy()
         out[self.links] = inertia.barycentric_from_standard(theta[self.links])
         middle = 0.5 * (self.lower + self.upper)

@@ -41,17 +41,6 @@ EVALUATIONS_A_PARAMETER = 3000
 class PenaltyPaper(Estimator):
     """The published one-step retrieval.
 
-    Parameters
-    ----------
-    runs : int
-        Independent runs, each from a random start inside the bounds.
-    evaluations : int or None
-        Evaluations of the loss in one run, shared equally by the steps, and in each
-        step by annealing and local search, which finish what they have begun; None:
-        as many as the authors' program allows.
-    weights : tuple of float
-        xi of each step.
-
     Notes
     -----
     The local search here gets analytic gradients, which the authors' had to estimate.
@@ -65,8 +54,13 @@ class PenaltyPaper(Estimator):
         "simulated annealing with penalty weights 0..40, as published (one-step)"
     )
 
+    #: Independent runs, each from a random start inside the bounds.
     runs: int = 10
+    #: Evaluations of the loss in one run, shared equally by the steps, and in each step
+    #: by annealing and local search, which finish what they have begun; None: as many
+    #: as the authors' program allows.
     evaluations: int | None = 3_000
+    #: Penalty weight xi of each step.
     weights: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
 
     def fit(self, task: Task) -> Fit:
@@ -81,8 +75,6 @@ class PenaltyPaper(Estimator):
 
         Parameters
         ----------
-        task : Task
-            The identification problem.
         search : Search
             Search of one step of one run.
 
@@ -94,18 +86,7 @@ class PenaltyPaper(Estimator):
         return retrieve(self, task, self.loss(task), search)
 
     def loss(self, task: Task) -> PenalisedLoss:
-        """Return the penalised objective: torque loss, all parameters free.
-
-        Parameters
-        ----------
-        task : Task
-            The identification problem.
-
-        Returns
-        -------
-        PenalisedLoss
-            The objective.
-        """
+        """Return the penalised objective: torque loss, all parameters free."""
         return PenalisedLoss(task, task.data, np.arange(len(task.bound)))
 
 
@@ -162,8 +143,6 @@ def retrieve(
     task : Task
         The identification problem. Parameters that are not searched keep their
         least-squares values.
-    loss : PenalisedLoss
-        The objective.
     search : Search
         Search of one step of one run.
 
@@ -198,43 +177,14 @@ def retrieve(
 
 
 def start_of_run(seed: int, number: int, size: int) -> Array:
-    """Return the random start of a run in the unit box; other runs do not influence it.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the random numbers.
-    number : int
-        Number of the run.
-    size : int
-        Number of parameters.
-
-    Returns
-    -------
-    (size,) array
-        The start.
-    """
+    """Return the random start (size,) of a run in the unit box; other runs do not
+    influence it."""
     return np.random.default_rng([seed, number]).uniform(size=size)
 
 
 def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Generator:
     """Return the random generator of one step of one run, so that a stopped run can go
-    on.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the random numbers.
-    number : int
-        Number of the run.
-    step : int
-        Number of the step.
-
-    Returns
-    -------
-    numpy.random.Generator
-        The generator.
-    """
+    on."""
     # Not from 0: a zero at the end is the same seed as none.
     return np.random.default_rng([seed, number, 1 + step])
 
@@ -263,27 +213,17 @@ def _run_summary(
 def anneal_and_search(
     loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
 ) -> tuple[Array, int]:
-    """Spend half of the budget on simulated annealing from u, half on a local search.
+    """Spend half of the budget on simulated annealing from u (d,) in [0, 1]^d, half on
+    a local search; return the best point and the number of evaluations.
 
     Parameters
     ----------
-    loss : PenalisedLoss
-        The objective.
     weight : float
         Penalty weight xi of this step.
-    u : (d,) array
-        Start, in [0, 1]^d.
     budget : int
         Number of evaluations of the loss.
     rng : numpy.random.Generator
         Random numbers of the annealing.
-
-    Returns
-    -------
-    u : (d,) array
-        Best point.
-    n_evaluations : int
-        Number of evaluations.
 
     Notes
     -----
@@ -339,16 +279,8 @@ def search_locally(
 
     Parameters
     ----------
-    loss : PenalisedLoss
-        The objective.
-    weight : float
-        Weight of the penalty.
     u : (d,) array
         Start, in the unit box.
-    budget : int
-        Largest number of evaluations.
-    stopping : Stopping
-        When it ends.
 
     Returns
     -------
@@ -415,27 +347,12 @@ class Demand(ABC):
 
     @abstractmethod
     def margins(self, p: Array) -> Array:
-        """Return the margins of the demand, nonnegative where it holds.
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
-
-        Returns
-        -------
-        (k,) array
-            Margins.
-        """
+        """Return the margins (k,) of the demand at barycentric p (p,), nonnegative
+        where it holds."""
 
     @abstractmethod
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
         """Return the margins of the demand, and their derivatives.
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
 
         Returns
         -------
@@ -445,11 +362,6 @@ class Demand(ABC):
 
     def violation(self, p: Array) -> float:
         """Return the largest violation of the demand that all margins are nonnegative.
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
 
         Returns
         -------
@@ -585,35 +497,13 @@ class PenalisedLoss:
             self.demands.append(CentreCones(group, task.links[:, 0]))
 
     def p(self, u: Array) -> Array:
-        """Return the barycentric parameters of a point of the unit box.
-
-        Parameters
-        ----------
-        u : (d,) array
-            Point of the unit box.
-
-        Returns
-        -------
-        (p,) array
-            Barycentric parameters.
-        """
+        """Return the barycentric parameters (p,) of a point u (d,) of the unit box."""
         out = self.fixed.copy()
         out[self.free] = self.lower + u * self.width
         return out
 
     def theta(self, u: Array) -> Array:
-        """Return the standard parameters of a point of the unit box.
-
-        Parameters
-        ----------
-        u : (d,) array
-            Point of the unit box.
-
-        Returns
-        -------
-        (p,) array
-            Standard parameters.
-        """
+        """Return the standard parameters (p,) of a point u (d,) of the unit box."""
         return self.box.theta(self.p(u))
 
     def value(self, u: Array, weight: float) -> float:
@@ -623,33 +513,14 @@ class PenalisedLoss:
         ----------
         u : (d,) array
             Point of the unit box.
-        weight : float
-            Penalty weight.
-
-        Returns
-        -------
-        float
-            Objective.
         """
         p = self.p(u)
         loss = self.data.loss(self.box.theta(p))
         return loss + weight * self.penalty(p)
 
     def gradient(self, u: Array, weight: float) -> Array:
-        """Return the gradient of the penalised objective.
-
-        Parameters
-        ----------
-        u : (d,) array
-            A point of the unit box.
-        weight : float
-            Weight of the penalty.
-
-        Returns
-        -------
-        (d,) array
-            The gradient.
-        """
+        """Return the gradient (d,) of the penalised objective at a point u (d,) of the
+        unit box."""
         # Chain rule: by theta, by barycentric p, by u (p = lower + u width).
         p = self.p(u)
         by_theta = self.data.gradient(self.box.theta(p))
@@ -658,18 +529,8 @@ class PenalisedLoss:
         return by_p[self.free] * self.width
 
     def penalty(self, p: Array) -> float:
-        """Return the penalty g, the sum of the violations of all demands.
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
-
-        Returns
-        -------
-        float
-            g.
-        """
+        """Return the penalty g, the sum of the violations of all demands at barycentric
+        p (p,)."""
         total = 0.0
         for demand in self.demands:
             violated = np.minimum(demand.margins(p), 0.0)
@@ -677,18 +538,7 @@ class PenalisedLoss:
         return total
 
     def penalty_slope(self, p: Array) -> Array:
-        """Return a subgradient of the penalty g.
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
-
-        Returns
-        -------
-        (p,) array
-            The subgradient.
-        """
+        """Return a subgradient (p,) of the penalty g by barycentric p (p,)."""
         slope = np.zeros_like(p)
         for demand in self.demands:
             margins, rows = demand.margins_and_slopes(p)
@@ -697,11 +547,6 @@ class PenalisedLoss:
 
     def violations(self, p: Array) -> dict[str, float]:
         """Return the largest violation of each demand.
-
-        Parameters
-        ----------
-        p : (p,) array
-            Barycentric parameters.
 
         Returns
         -------

@@ -41,11 +41,6 @@ def solver(name: str) -> Solver:
     name : str
         A name that `sdp-vs-penalty list solvers` prints.
 
-    Returns
-    -------
-    Solver
-        An installed solver.
-
     Raises
     ------
     InputError

@@ -41,29 +41,35 @@ class Cone:
 
 @dataclass(frozen=True)
 class ConicProblem:
-    """P (m, m) upper triangle, q (m,), A (rows, m), b (rows,), cones in the order of
-    the rows."""
+    """Minimise 1/2 x^T P x + q^T x with b - A x in the product of cones."""
 
+    #: (m, m) upper triangle of the quadratic objective.
     P: scipy.sparse.csc_matrix
+    #: (m,) slope of the objective.
     q: Array
+    #: (rows, m) coefficients of the rows.
     A: scipy.sparse.csc_matrix
+    #: (rows,) constants of the rows.
     b: Array
+    #: The cones, in the order of the rows.
     cones: tuple[Cone, ...]
 
 
 @dataclass(frozen=True)
 class Solution:
     """What a solver returned and claims; nothing here is believed before it is
-    certified.
+    certified."""
 
-    x (m,) primal, z (rows,) dual of A x + s = b with z in K*; claims : "optimal",
-    "inaccurate", "infeasible", "unbounded" or "failed"; status : the solver's own word.
-    """
-
+    #: (m,) primal variables.
     x: Array
+    #: (rows,) dual variables of A x + s = b, in K*.
     z: Array
+    #: Meaning of the status: "optimal", "inaccurate", "infeasible", "unbounded" or
+    #: "failed".
     claims: str
+    #: The solver's own word.
     status: str
+    #: Number of iterations.
     iterations: int
 
     @classmethod
@@ -80,12 +86,6 @@ class Solution:
         ----------
         problem : ConicProblem
             Problem that was to be solved.
-        status : str
-            The solver's own words.
-        claims : str
-            Meaning of the status.
-        iterations : int
-            Number of iterations.
 
         Returns
         -------
@@ -101,11 +101,6 @@ class Solution:
 def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """Return rows, columns and weights of svec's entries.
 
-    Parameters
-    ----------
-    d : int
-        Order of the matrix.
-
     Returns
     -------
     tuple
@@ -118,12 +113,8 @@ def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
 
 
 def svec(matrix: Array) -> Array:
-    """Return the upper triangle of symmetric matrices, off-diagonals times sqrt(2).
-
-    Parameters
-    ----------
-    matrix : (..., d, d)
-        Symmetric matrices.
+    """Return the upper triangle of symmetric matrices (..., d, d), off-diagonals times
+    sqrt(2).
 
     Returns
     -------
@@ -135,20 +126,8 @@ def svec(matrix: Array) -> Array:
 
 
 def unsvec(vector: Array, d: int) -> Array:
-    """Return the symmetric matrices of svec vectors, the inverse of :func:`svec`.
-
-    Parameters
-    ----------
-    vector : (..., d (d + 1) / 2)
-        Entries column by column.
-    d : int
-        Order of the matrix.
-
-    Returns
-    -------
-    (..., d, d)
-        Symmetric matrices.
-    """
+    """Return the symmetric matrices (..., d, d) of svec vectors (..., d (d + 1) / 2),
+    the inverse of :func:`svec`."""
     i, j, weight = triangle(d)
     out = np.zeros((*vector.shape[:-1], d, d))
     out[..., i, j] = out[..., j, i] = vector / weight
@@ -198,11 +177,6 @@ def sdpa_text(problem: ConicProblem) -> str:
 def cbf_text(problem: ConicProblem) -> str:
     """Return a problem in the conic benchmark format, version 3, with 17 digits a
     number.
-
-    Parameters
-    ----------
-    problem : ConicProblem
-        Any problem.
 
     Returns
     -------

@@ -33,14 +33,13 @@ _SAME_DIRECTION = 12
 
 @dataclass(frozen=True)
 class Extreme:
-    """The smallest value of a linear function on a slice.
+    """The smallest value of a linear function on a slice."""
 
-    value : attained by the feasible ``theta`` (p,); bound : no feasible theta is below
-    it.
-    """
-
+    #: Value that ``theta`` attains.
     value: float
+    #: Proved lower bound: no feasible theta is below it.
     bound: float
+    #: (p,) feasible parameters that attain the value.
     theta: Array
 
 

@@ -30,22 +30,26 @@ from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, DualEvidence
 
 @dataclass(frozen=True)
 class Fit:
-    """theta (p,); for convex problems what the certificate needs to bound the optimum.
+    """A method's answer; for convex problems also what the certificate needs to bound
+    the optimum."""
 
-    multipliers (e,) : of the constraints' entries, near their cones; entropy_slopes :
-    the dual's own S for P(theta)^-1, where a solver gives it; interior (p,) : strictly
-    inside; bound (p,) : |theta_k| <= bound_k for every feasible theta; central : a
-    start for similar data.
-    """
-
+    #: (p,) parameters.
     theta: Array
+    #: What was minimised.
     objective: Objective
+    #: Constraints on theta.
     constraints: ConstraintSet
+    #: (e,) multipliers of the constraints' entries, near their cones.
     multipliers: Array | None = None
+    #: (links, 4, 4) the dual's own S for P(theta)^-1, where a solver gives it.
     entropy_slopes: Array | None = None
+    #: (p,) a point strictly inside the convex constraints.
     interior: Array | None = None
+    #: (p,) with |theta_k| <= bound_k for every feasible theta.
     bound: Array | None = None
+    #: What else the method reports, plain JSON.
     details: dict[str, Any] = field(default_factory=dict)
+    #: An iterate from which to start for similar data.
     central: Iterate | None = None
 
     @cached_property
@@ -88,8 +92,6 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
 
     Parameters
     ----------
-    fit : Fit
-        Fit with its multipliers.
     polished : bool
         Improve the multipliers until little of the dual slope is left (the gradient of
         the Lagrangian by theta, zero for exact multipliers).
@@ -267,14 +269,11 @@ _WORTHWHILE = 0.02
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """Return the first feasible point on the way from theta to an interior point.
+    """Return the first feasible point on the way from a nearly feasible theta (p,) to
+    an interior point.
 
     Parameters
     ----------
-    constraints : ConstraintSet
-        Constraints on theta.
-    theta : (p,)
-        Parameters, nearly feasible.
     interior : (p,)
         A point inside all constraints.
 

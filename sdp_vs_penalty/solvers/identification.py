@@ -36,11 +36,13 @@ _FARTHEST = 100.0
 
 @dataclass(frozen=True)
 class Placed:
-    """Which rows are a constraint's, and how its cone was scaled: T F T^T (T a matrix)
-    or c * F."""
+    """Where a constraint stands in a conic problem, and how its cone was scaled."""
 
+    #: The constraint on theta.
     constraint: Constraint
+    #: Its rows in the conic problem.
     rows: slice
+    #: T of T F T^T for a matrix F, else the factor c of c * F.
     scale: Array
 
 
@@ -49,22 +51,25 @@ class SdpProblem:
     """An identification problem in conic form with what is needed to read a solution
     back."""
 
+    #: The problem in conic form.
     conic: ConicProblem
+    #: (p,) theta at x = 0.
     centre: Array
+    #: (p,) unit of each parameter: theta = centre + theta_scale x.
     theta_scale: Array
+    #: Residual that is a unit of the conic problem.
     loss_scale: float
+    #: Rows and scale of each constraint, in their order.
     placed: tuple[Placed, ...]
-    offset: float = 0.0  # the objective is offset + loss_scale^2 times the conic one
+    #: The objective is offset + loss_scale^2 times the conic one.
+    offset: float = 0.0
+    #: The entropic prior; None without one.
     entropy: Entropy | None = None
-    entropy_row: int = 0  # where the links' 8x8 blocks start
+    #: Row in which the links' 8x8 blocks begin.
+    entropy_row: int = 0
 
     def theta(self, solution: Solution) -> Array:
         """Return the parameters of a solver's solution.
-
-        Parameters
-        ----------
-        solution : Solution
-            Solution of this problem.
 
         Returns
         -------
@@ -78,11 +83,6 @@ class SdpProblem:
 
         It is the upper left 4x4 block of the multiplier of each link's 8x8 matrix,
         unscaled.
-
-        Parameters
-        ----------
-        solution : Solution
-            Solution of this problem.
 
         Returns
         -------
@@ -105,11 +105,6 @@ class SdpProblem:
     def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
         """Return the multipliers of a solution, unscaled.
 
-        Parameters
-        ----------
-        solution : Solution
-            Solution of this problem.
-
         Returns
         -------
         dict
@@ -128,11 +123,6 @@ class SdpProblem:
 
     def shares(self, solution: Solution) -> Array:
         """Return each constraint's share in a proof of infeasibility, free of units.
-
-        Parameters
-        ----------
-        solution : Solution
-            Solution of this problem.
 
         Returns
         -------
@@ -161,19 +151,16 @@ def least_squares_sdp(
 ) -> SdpProblem:
     """Pose an identification as a conic problem, centred and scaled for a solver.
 
-    Minimises the objective subject to the constraints. New variables z are the residual
-    in units of the expected loss; theta = centre + scale x.
+    Minimises the objective subject to the constraints, with |theta_k| up to about
+    ``bound`` (p,). New variables z are the residual in units of the expected loss;
+    theta = centre + scale x.
 
     Parameters
     ----------
     objective : Objective
         Sum of squares, with a linear and an entropic term.
-    constraints : sequence of Constraint
-        Constraints on theta.
     reference : (p,)
         A theta inside the constraints, at which each cone is scaled to its unit.
-    bound : (p,)
-        Largest plausible |theta_k|.
     centre : (p,)
         theta at x = 0; near the optimum no digits cancel.
     fine : bool
@@ -253,14 +240,12 @@ def largest_margin(
 ) -> SdpProblem:
     """Pose the problem: maximise t <= 1 with every scaled F(theta) - t e in its cone.
 
+    ``scale`` (p,) is the unit of each parameter.
+
     Parameters
     ----------
-    constraints : sequence of Constraint
-        Constraints on theta.
     reference : (p,)
         Point at which the cones are scaled.
-    scale : (p,)
-        Unit of each parameter.
 
     Returns
     -------
@@ -288,14 +273,12 @@ def conic_problem(
     """Pose: minimise 1/2 x^T quadratic x + linear^T x with every F(x) of the groups in
     its cone.
 
+    ``quadratic`` (m, m) is an upper triangle (None: zero); ``linear`` is (m,).
+
     Parameters
     ----------
     groups : sequence of ConeGroup
         constant (g, rows) and coefficients (g, k, rows); matrices by their svec.
-    quadratic : (m, m) sparse, or None
-        Upper triangle; None: zero.
-    linear : (m,)
-        Slope.
 
     Returns
     -------
@@ -318,7 +301,7 @@ def conic_problem(
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
-    """Return one cone of rows matrix x[:w] + constant.
+    """Return one cone of rows matrix x[:w] + constant (r,).
 
     Parameters
     ----------
@@ -326,8 +309,6 @@ def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
         Kind of the cone, such as "zero".
     matrix : (r, w)
         Coefficients of the first w entries of x.
-    constant : (r,)
-        Constant of each row.
 
     Returns
     -------
@@ -360,12 +341,8 @@ def scaled(
 
     Parameters
     ----------
-    constraints : sequence of Constraint
-        Constraints on theta.
     centre : (p,)
         theta at x = 0.
-    theta_scale : (p,)
-        Unit of each parameter.
     reference : (p,) or None
         Point at which the cones are scaled; None: no scaling.
     first : int
@@ -376,7 +353,7 @@ def scaled(
     Returns
     -------
     list of ConeGroup
-        The cones, for :func:`conic_problem`.
+        The scaled cones, for :func:`conic_problem`.
     tuple of Placed
         Rows and scale of each constraint, in their order.
     """
@@ -504,18 +481,8 @@ def _log_det(
 
 
 def unit_diagonal_factors(values: Array) -> Array:
-    """Return factors that, entry by entry, give matrices a diagonal of ones.
-
-    Parameters
-    ----------
-    values : (g, d, d)
-        Matrices with positive diagonals.
-
-    Returns
-    -------
-    (g, d, d)
-        d_i d_j with d_i = 1 / sqrt(values_ii).
-    """
+    """Return factors d_i d_j (g, d, d), d_i = 1 / sqrt(values_ii), that give matrices
+    with positive diagonals a diagonal of ones, entry by entry."""
     size = _sizes(values)
     return np.asarray(size[:, :, None] * size[:, None])
 
@@ -523,21 +490,13 @@ def unit_diagonal_factors(values: Array) -> Array:
 def moving_scale(
     constraints: Sequence[Constraint], reference: Array, bound: Array
 ) -> Array:
-    """Return units of theta that move no matrix by more than _FARTHEST times its size.
+    """Return units (p,) of theta, at most ``bound``, that move no matrix by more than
+    _FARTHEST times its size.
 
     Parameters
     ----------
-    constraints : sequence of Constraint
-        Constraints on theta.
     reference : (p,)
         Point at which the size of the matrices is taken.
-    bound : (p,)
-        Largest unit.
-
-    Returns
-    -------
-    (p,)
-        Unit of each parameter.
     """
     moves = np.zeros(len(bound))  # relative change of the matrices by a unit of theta
     for group in group_cones([c for c in constraints if c.cone == "psd"]):

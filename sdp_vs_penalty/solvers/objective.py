@@ -52,11 +52,6 @@ class Entropy:
         The sum is over the links' pseudo-inertias P(theta) (4x4), P_0 the nominal ones.
         With the eigenvalues r of P_0^-1 P it is w sum (r - ln r - 1).
 
-        Parameters
-        ----------
-        theta : (p,)
-            Parameters of the model.
-
         Returns
         -------
         float
@@ -73,11 +68,6 @@ class Entropy:
     def gradient(self, theta: Array) -> Array:
         """Return the gradient of the prior.
 
-        Parameters
-        ----------
-        theta : (p,)
-            Parameters of the model.
-
         Returns
         -------
         (p,)
@@ -91,29 +81,20 @@ class Entropy:
 
 @dataclass(frozen=True)
 class Objective:
-    """loss(theta) [+ entropy] [+ linear (p,) @ theta]: convex, with value and gradient.
-    linear : what bounds are proved of (:mod:`extremes`); estimates have none."""
+    """loss(theta) [+ entropy] [+ linear (p,) @ theta]: convex, with value and gradient."""
 
+    #: The sum of squared (weighted) residuals.
     least_squares: LeastSquares
+    #: The entropic prior; None without one.
     entropy: Entropy | None = None
+    #: Slope (p,) of a linear term, of which bounds are proved (:mod:`extremes`);
+    #: estimates have none.
     linear: Array | float = 0.0
 
     @classmethod
     def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
-        """Return a linear objective without data; zero is used to prove infeasibility.
-
-        Parameters
-        ----------
-        p : int
-            Number of parameters.
-        linear : (p,) or float
-            Slope of the objective.
-
-        Returns
-        -------
-        Objective
-            linear @ theta.
-        """
+        """Return the linear objective linear @ theta without data; zero is used to
+        prove infeasibility."""
         return cls(
             LeastSquares(
                 np.zeros((0, p)),
@@ -128,11 +109,6 @@ class Objective:
     def value(self, theta: Array) -> float:
         """Return the objective: loss, prior and linear term.
 
-        Parameters
-        ----------
-        theta : (p,)
-            Parameters of the model.
-
         Returns
         -------
         float
@@ -143,18 +119,7 @@ class Objective:
         return self.least_squares.loss(theta) + prior + linear
 
     def gradient(self, theta: Array) -> Array:
-        """Return the gradient of the objective.
-
-        Parameters
-        ----------
-        theta : (p,)
-            Parameters of the model.
-
-        Returns
-        -------
-        (p,)
-            Derivatives by the parameters.
-        """
+        """Return the gradient (p,) of the objective by theta (p,)."""
         gradient = self.least_squares.gradient(theta) + self.linear
         if self.entropy is None:
             return gradient

@@ -42,20 +42,23 @@ _SHORTEST = float(np.sqrt(np.finfo(float).eps))
 
 @dataclass(frozen=True)
 class Iterate:
-    """theta (p,) strictly inside, multipliers (rows + 16 blocks,) strictly inside of
-    their cones."""
+    """A point of the primal-dual method, strictly inside."""
 
+    #: (p,) parameters, strictly inside the constraints.
     theta: Array
+    #: (rows + 16 blocks,) multipliers, strictly inside of their cones.
     multipliers: Array
 
 
 @dataclass(frozen=True)
 class Optimum(Iterate):
-    """error : gap and leftover slope as the method itself sees them, relative to the
-    loss; central : an iterate from which to start for similar data."""
+    """Where the method ends."""
 
+    #: Number of iterations.
     iterations: int
+    #: Gap and leftover slope as the method itself sees them, relative to the loss.
     error: float
+    #: An iterate from which to start for similar data.
     central: Iterate
 
 
@@ -71,10 +74,6 @@ def minimise(
 
     Parameters
     ----------
-    cones : SmallCones
-        Constraints and prior.
-    data : LeastSquares
-        Sum of squares.
     starts : sequence
         Points theta (p,), or iterates of an earlier run.
     accuracy : float

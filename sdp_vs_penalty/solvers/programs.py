@@ -50,13 +50,6 @@ class Program(Solver):
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
         """Read the outcome from the program's output.
 
-        Parameters
-        ----------
-        text : str
-            Printed output.
-        code : int
-            Exit code.
-
         Returns
         -------
         tuple
@@ -74,8 +67,6 @@ class Program(Solver):
         ----------
         folder : Path
             Folder in which the program ran.
-        problem : ConicProblem
-            Problem that it solved.
 
         Returns
         -------
@@ -112,13 +103,6 @@ class Program(Solver):
         ----------
         folder : Path
             Folder in which the program ran.
-        problem : ConicProblem
-            Problem that it solved.
-
-        Returns
-        -------
-        tuple or None
-            x and z.
         """
         try:
             x, z = self.read(folder, problem)
@@ -284,8 +268,6 @@ class SdpaProgram(Program):
         ----------
         folder : Path
             Folder in which the program ran.
-        problem : ConicProblem
-            Problem that it solved.
 
         Returns
         -------

@@ -52,15 +52,8 @@ def optimum_proof(
     fit : Fit
         Fit with multipliers and bound. Its theta, as its decimal text says, must be
         feasible exactly (:func:`rigorous_bounds.certainly_feasible`).
-    parameters : sequence of str
-        Names of the parameters.
     made_of : mapping of str
         SHA-256 of the "model" and the "data".
-
-    Returns
-    -------
-    Proof
-        Content of a proof.json.
 
     Raises
     ------
@@ -99,15 +92,6 @@ def infeasibility_proof(
         Constraints that contradict each other.
     multipliers : (e,)
         Multipliers of the constraints' e entries.
-    bound : (p,)
-        Largest plausible |theta_k|.
-    parameters : sequence of str
-        Names of the parameters.
-
-    Returns
-    -------
-    Proof
-        Content of a proof.json.
     """
     nothing = Objective.without_data(len(bound))
     evidence = dual_evidence(
@@ -126,13 +110,6 @@ def infeasibility_proof(
 def write_proof(proof: Proof, path: str | Path) -> None:
     """Write proof.json atomically.
 
-    Parameters
-    ----------
-    proof : Proof
-        Content of the file.
-    path : path
-        The file.
-
     Returns
     -------
     None
@@ -147,16 +124,13 @@ def stated(
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """Return the optimisation problem in the form in which a proof states it.
+    """Return the optimisation problem, with |theta_k| <= bound_k, in the form in which
+    a proof states it.
 
     Parameters
     ----------
     objective : Objective
         Sum of squares with a prior.
-    constraints : sequence of Constraint
-        Constraints on theta.
-    bound : (p,)
-        Largest plausible |theta_k|.
     parameters : sequence of str
         Names of the parameters; default: x0, x1, ...
 
@@ -215,8 +189,6 @@ def difference(proof: Proof, recomputed: Proof) -> str:
     ----------
     proof : Proof
         Proof as read from its file.
-    recomputed : Proof
-        The problem of :func:`stated`.
 
     Returns
     -------

@@ -32,23 +32,17 @@ class NotApplicableError(ValueError):
 
 @dataclass(frozen=True)
 class Rewritten:
-    """A problem and back(x, z), from its solutions to those of the problem it came
-    from.
+    """A rewritten problem, and the way back to the problem it came from."""
 
-    constant : the objective of that problem less that of this one.
-    """
-
+    #: The rewritten problem.
     problem: ConicProblem
+    #: back(x, z): from its solutions to those of the problem it came from.
     back: Callable[[Array, Array], tuple[Array, Array]]
+    #: Objective of the problem it came from, less that of this one.
     constant: float = 0.0
 
     def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
         """Apply one more rewriting step to the problem.
-
-        Parameters
-        ----------
-        step : callable
-            Rewrites a ConicProblem.
 
         Returns
         -------
@@ -64,18 +58,7 @@ class Rewritten:
 
 
 def unchanged(problem: ConicProblem) -> Rewritten:
-    """Return a problem as a rewriting that changes nothing.
-
-    Parameters
-    ----------
-    problem : ConicProblem
-        Any problem.
-
-    Returns
-    -------
-    Rewritten
-        The same problem.
-    """
+    """Return a problem as a rewriting that changes nothing."""
     return Rewritten(problem, lambda x, z: (x, z))
 
 
@@ -89,8 +72,6 @@ def suited(
 
     Parameters
     ----------
-    problem : ConicProblem
-        Problem to solve.
     kinds : collection of str
         Cones of the solver, and "quadratic" if it takes a quadratic objective.
     order : sequence of str
@@ -164,8 +145,6 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
 
     Parameters
     ----------
-    problem : ConicProblem
-        Problem to solve.
     group : int or None
         Rows of G that share one variable; None: all.
 
@@ -284,11 +263,6 @@ def arrows(problem: ConicProblem) -> Rewritten:
     The matrix has the axis on its diagonal and the other entries in its first row and
     column; it is positive semidefinite exactly if the vector lies in the cone.
 
-    Parameters
-    ----------
-    problem : ConicProblem
-        Problem to solve.
-
     Returns
     -------
     Rewritten
@@ -338,13 +312,6 @@ def _mapped(
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
     """Sort the cones by kind; zero and nonnegative cones are merged to one each.
 
-    Parameters
-    ----------
-    problem : ConicProblem
-        Problem to solve.
-    kinds : sequence of str
-        Order of the kinds.
-
     Returns
     -------
     Rewritten
@@ -369,11 +336,6 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
     """Return the sizes of cones under the names that SCS and CVXOPT share.
 
-    Parameters
-    ----------
-    cones : sequence of Cone
-        Cones of a problem.
-
     Returns
     -------
     dict
@@ -394,11 +356,6 @@ def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
 
 def full_matrices(problem: ConicProblem) -> Rewritten:
     """Replace the svec of each psd cone by all d^2 entries of the matrix.
-
-    Parameters
-    ----------
-    problem : ConicProblem
-        Problem to solve.
 
     Returns
     -------

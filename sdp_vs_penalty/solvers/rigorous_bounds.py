@@ -58,8 +58,6 @@ def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array
 
     Parameters
     ----------
-    entries : StackedCones
-        The cones.
     multipliers : (e,)
         Multipliers, possibly outside of the cones.
 
@@ -193,17 +191,16 @@ def _entropy_tangent(
 @dataclass(frozen=True)
 class DualEvidence:
     """What a lower bound follows from, whoever adds it up: the numbers may be off, the
-    bound holds.
+    bound holds."""
 
-    multipliers (e,) : of the constraints' entries, near their cones; y (r,) : near the
-    residual at the optimum; entropy_slopes (links, 4, 4) : positive definite S, -log
-    det P >= log det S + 4 - tr(S P); push : from a leftover slope (p,) times its limit
-    to the shift of y (r,) that removes it, by default none.
-    """
-
+    #: (e,) multipliers of the constraints' entries, near their cones.
     multipliers: Array
+    #: (r,) a vector near the residual at the optimum.
     y: Array
+    #: (links, 4, 4) positive definite S, with -log det P >= log det S + 4 - tr(S P).
     entropy_slopes: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    #: Function of a leftover slope (p,) times its limit: the shift of y (r,) that
+    #: removes it; by default none.
     push: Callable[[Array], Array] = lambda leftover: np.zeros(())
 
 
@@ -225,12 +222,8 @@ def lower_bound(
     ----------
     objective : Objective
         Sum of squares with a linear and an entropic term.
-    constraints : StackedCones
-        Constraints on theta.
     evidence : DualEvidence
         Multipliers near their cones, and y near the residual.
-    bound : (p,)
-        Largest plausible |theta_k|.
 
     Returns
     -------
@@ -306,12 +299,8 @@ def proves_infeasible(
 
     Parameters
     ----------
-    constraints : ConstraintSet
-        Constraints on theta.
     multipliers : (e,)
         Multipliers of the constraints' entries.
-    bound : (p,)
-        Largest plausible |theta_k|.
 
     Returns
     -------
@@ -325,21 +314,10 @@ def proves_infeasible(
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
-    """Return whether theta satisfies all constraints, decided in rational arithmetic.
+    """Return whether theta (p,) satisfies all constraints, decided in rational
+    arithmetic.
 
     Constraints whose margin is far above rounding are decided in doubles.
-
-    Parameters
-    ----------
-    constraints : sequence of Constraint
-        Constraints on theta.
-    theta : (p,)
-        Parameters of the model.
-
-    Returns
-    -------
-    bool
-        Free of rounding.
     """
     cones = StackedCones.from_groups(group_cones(constraints))
     margin, size = cones.margins(theta)
@@ -356,13 +334,6 @@ def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
     """Return the largest violation of each family of constraints.
-
-    Parameters
-    ----------
-    constraints : ConstraintSet
-        Constraints on theta.
-    theta : (p,)
-        Parameters of the model.
 
     Returns
     -------

@@ -33,16 +33,15 @@ _DENSE = 1 << 16
 
 @dataclass(frozen=True)
 class _Part:
-    """Cones of one kind and size.
+    """Cones of one kind and size."""
 
-    turn : 0 of rows, 1 of the entropy's links, 2 of further blocks; image (slacks, d) :
-    from a cone's entries to its slacks; ones (slacks,) : what is added to these; begins
-    (cones,) : where the entries of each begin among all entries.
-    """
-
+    #: Place among the kinds: 0 of rows, 1 of the entropy's links, 2 of further blocks.
     turn: int
+    #: (slacks, d) map from a cone's entries to its slacks.
     image: Array
+    #: (slacks,) constants that are added to the slacks.
     ones: Array
+    #: (cones,) index among all entries where those of each cone begin.
     begins: NDArray[np.intp]
 
     @property
@@ -149,12 +148,8 @@ class SmallCones:
         return cones
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
-        """Return multipliers in the form of the constraints.
-
-        Parameters
-        ----------
-        flat : (rows + 16 blocks,)
-            Multipliers of the slacks.
+        """Return the slacks' multipliers (rows + 16 blocks,) in the form of the
+        constraints.
 
         Returns
         -------

@@ -41,8 +41,6 @@ def flat(values: Any, size: int) -> Array:
 
     Parameters
     ----------
-    values : array or None
-        Numbers in any shape.
     size : int
         How many there should be.
 
