@@ -31,6 +31,8 @@ def command(words: str) -> Attack:
 
 def damaged(content: bytes, rng: Rng) -> bytes:
     """One to four bytes changed, a part cut, doubled or lost."""
+    if not content:
+        return b"\0"
     begin, end = sorted(rng.integers(len(content), size=2).tolist())
     way = int(rng.integers(4))
     if way == 0:
