@@ -469,7 +469,7 @@ class LinkPart:
     name: str
     #: Name of the link that carries the joint.
     parent: str
-    #: Mass, centre of mass and inertia of the link; zeros where it is declared massless.
+    #: Inertial of the link; zeros where it is declared massless.
     inertial: Inertial
     #: Place among the joints that move by themselves; None for one that follows.
     place: int | None

@@ -124,14 +124,7 @@ class ArmModel:
     def update(self, q: Array, dq: Array, ddq: Array) -> None:
         """Compute torque and payload columns of one instant.
 
-        Parameters
-        ----------
-        q : (n,) array
-            Positions [rad, m].
-        dq : (n,) array
-            Velocities [rad/s, m/s].
-        ddq : (n,) array
-            Accelerations [rad/s^2, m/s^2].
+        Positions q [rad, m], velocities dq and accelerations ddq are (n,).
 
         Returns
         -------

@@ -34,24 +34,26 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Change:
-    """A change that is believed: time, its 95 % interval [s], evidence [-], and whether
-    a payload is carried after it."""
+    """A change of the payload that is believed."""
 
+    #: Likeliest instant of the change [s].
     time: float
+    #: Lower end of the instant's 95 % interval [s].
     lower: float
+    #: Upper end of the instant's 95 % interval [s].
     upper: float
+    #: Natural logarithm of its odds against no change.
     evidence: float
+    #: Whether a payload is carried after it.
     is_carrying: bool
 
 
 class ChangeDetector:
     """Search for the instant of a change, in preallocated arrays.
 
-    Parameters
-    ----------
-    prior : of a payload; n_drifts : offsets and shares of friction that may drift;
-    correlation : s, of the residuals; period : s of the loop; forgetting : s, after
-    which data count exp(-1).
+    ``prior`` is of a payload; ``n_drifts`` offsets and shares of friction may drift. A
+    residual agrees with itself for ``correlation`` [s], the loop has the period
+    ``period`` [s], and data count exp(-1) after ``forgetting`` [s].
     """
 
     def __init__(
@@ -110,7 +112,7 @@ class ChangeDetector:
         self._posterior = Posterior(prior, n_drifts)
 
     def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
-        """Add the rows of one instant.
+        """Add the rows of the instant ``time`` [s] to ``total``.
 
         Parameters
         ----------
@@ -120,13 +122,6 @@ class ChangeDetector:
             The rows over the variance of the noise.
         period : float
             Period of the loop [s].
-        time : float
-            The instant [s].
-
-        Returns
-        -------
-        None
-            ``total`` is updated.
         """
         if self._calls_to_snapshot == 0:
             self._keep(time)
@@ -321,13 +316,6 @@ class ChangeDetector:
         ----------
         change : Change
             A change that :meth:`search` has returned.
-        out : Posterior
-            Receives the solution.
-
-        Returns
-        -------
-        None
-            ``out`` holds the payload.
         """
         self._posterior_after(self._place(change), out)
         out.solve()
@@ -371,11 +359,6 @@ class ChangeDetector:
 
     def posterior(self, out: Posterior) -> None:
         """Solve for the payload from all data since the last change.
-
-        Parameters
-        ----------
-        out : Posterior
-            Receives the solution.
 
         Returns
         -------

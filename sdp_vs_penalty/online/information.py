@@ -89,11 +89,6 @@ class Information:
     def fade(self, factor: float) -> None:
         """Let the data count less, as they grow old.
 
-        Parameters
-        ----------
-        factor : float
-            From 0 to 1.
-
         Returns
         -------
         None

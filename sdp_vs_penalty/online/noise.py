@@ -30,18 +30,18 @@ _RATE_HZ = 100.0
 
 @dataclass(frozen=True)
 class ResidualNoise:
-    """Residual torque of the arm without a payload, behind the filters.
+    """Residual torque of the arm without a payload, behind the filters."""
 
-    std : (n,) root mean square [N m or N], of joints in motion. correlation : s for
-    which a residual agrees with itself: the mean of T seconds has the variance std^2 /
-    (1 + T / correlation). inflation : factor on std by which 95 % intervals of masses
-    hold zero 95 times in 100 where there is none. acceleration : (n,) largest of the
-    motion [rad/s^2 or m/s^2]; beyond it nothing is known of the noise.
-    """
-
+    #: (n,) root mean square residual of joints in motion [N m or N].
     std: Array
+    #: Time for which a residual agrees with itself [s]: the mean of T seconds has the
+    #: variance std^2 / (1 + T / correlation).
     correlation: float
+    #: Factor on std by which 95 % intervals of masses hold zero 95 times in 100 where
+    #: there is none.
     inflation: float
+    #: (n,) largest acceleration of the motion [rad/s^2 or m/s^2]; beyond it nothing is
+    #: known of the noise.
     acceleration: Array
 
     @classmethod
@@ -58,12 +58,8 @@ class ResidualNoise:
         ----------
         estimate : Estimate
             Model of the arm, identified from other runs.
-        measurements : Measurements
-            Runs without a payload.
         delay : float
             Delay of the loop's filters [s].
-        prior : PayloadPrior
-            Prior of a payload.
 
         Returns
         -------
@@ -153,11 +149,13 @@ def _correlation(stretches: Sequence[_Stretch], squares: Array) -> float:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Residuals (N, n), NaN where a joint rests or turns round, the payload's columns
-    (N, n, 10), and the largest acceleration (n,)."""
+    """Residuals of one run without a payload, with a payload's columns."""
 
+    #: (N, n) residual torque [N m or N]; NaN where a joint rests or turns round.
     residual: Array
+    #: (N, n, 10) columns of a payload's standard parameters.
     columns: Array
+    #: (n,) largest acceleration [rad/s^2 or m/s^2].
     acceleration: Array
 
     def _parts(self, seconds: float) -> list[slice]:
@@ -199,8 +197,6 @@ class _Stretch:
         ----------
         seconds : float
             Length of a part [s].
-        noise : ResidualNoise
-            Noise of the residuals.
         prior : PayloadPrior
             Prior of a payload's parameters.
 

@@ -24,26 +24,24 @@ from sdp_vs_penalty.robot.inertia import barycentric_from_standard, inertia_matr
 
 @dataclass(frozen=True, repr=False)
 class Payload(Shown):
-    """What the last link carries, as data and physics together have it.
+    """What the last link carries, as data and physics together have it."""
 
-    Attributes
-    ----------
-    time : s, the instant that it speaks of: the filters' delay before the last sample.
-    theta : (10,) standard parameters in the last link's frame, physically consistent.
-    mass, mass_std : kg, with the gains' uncertainty.
-    com, com_std : (3,) m, in the last link's frame.
-    inertia : (3, 3) kg m^2 about the centre of mass.
-    gap : certified bound on how much nearer to the data another consistent payload
-        could be, in half squared standard deviations.
-    """
-
+    #: Instant of the estimate [s]: the filters' delay before the last sample.
     time: float
+    #: (10,) standard parameters in the last link's frame, physically consistent.
     theta: Array
+    #: Mass [kg].
     mass: float
+    #: Standard deviation of the mass, with the gains' uncertainty [kg].
     mass_std: float
+    #: (3,) centre of mass in the last link's frame [m].
     com: Array
+    #: (3,) standard deviation of the centre of mass [m].
     com_std: Array
+    #: (3, 3) inertia about the centre of mass [kg m^2].
     inertia: Array
+    #: Certified bound on how much nearer to the data another consistent payload could
+    #: be, in half squared standard deviations.
     gap: float
 
     @property
@@ -63,24 +61,22 @@ class Payload(Shown):
 
 @dataclass(frozen=True, repr=False)
 class PayloadChange(Shown):
-    """A payload was picked up, put down, or is another one.
+    """A payload was picked up, put down, or is another one."""
 
-    Attributes
-    ----------
-    kind : "picked up", "put down" or "changed to".
-    time, time_interval : s, when, and its 95 % interval.
-    detected : s, the sample at which it was believed.
-    mass, mass_std : kg, after it (of "put down": before it), as known when it was
-        believed.
-    evidence : natural logarithm of its odds against no change, before any prior.
-    """
-
+    #: "picked up", "put down" or "changed to".
     kind: str
+    #: Likeliest instant of the change [s].
     time: float
+    #: 95 % interval of the instant [s].
     time_interval: tuple[float, float]
+    #: Instant of the sample at which the change was believed [s].
     detected: float
+    #: Mass after the change (of "put down": before it), as known when it was believed
+    #: [kg].
     mass: float
+    #: Standard deviation of that mass [kg].
     mass_std: float
+    #: Natural logarithm of the odds against no change, before any prior.
     evidence: float
 
     def __str__(self) -> str:

@@ -63,7 +63,7 @@ class SmoothingFilter:
         Parameters
         ----------
         sample : (channels,) array
-            Newest values.
+            Newest value of each channel.
         out : (3, channels) array
             Receives value, rate [1/s] and acceleration [1/s^2].
 
@@ -88,14 +88,13 @@ def smoothing_kernel(half: int, period: float) -> Array:
     """Return the weights that give value, rate and acceleration in the middle of a
     window.
 
-    They are those of a cubic polynomial fitted to the window by least squares.
+    They are those of a cubic polynomial fitted to the window of samples, ``period`` [s]
+    apart, by least squares.
 
     Parameters
     ----------
     half : int
         Samples on either side of the middle.
-    period : float
-        Time between samples [s].
 
     Returns
     -------
@@ -108,25 +107,14 @@ def smoothing_kernel(half: int, period: float) -> Array:
 
 
 def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Array]:
-    """Smooth a whole log with the kernel of the stream.
+    """Smooth a whole log (N, channels) with the kernel of the stream: values, rates
+    [1/s] and accelerations [1/s^2], each (N - 2 half, channels), of samples that are
+    ``period`` [s] apart.
 
     Parameters
     ----------
-    samples : (N, channels) array
-        Evenly spaced samples.
     half : int
         Samples on either side of the middle.
-    period : float
-        Time between samples [s].
-
-    Returns
-    -------
-    (N - 2 half, channels) array
-        Values.
-    (N - 2 half, channels) array
-        Rates [1/s].
-    (N - 2 half, channels) array
-        Accelerations [1/s^2].
     """
     windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
     value, rate, acceleration = smoothing_kernel(half, period)

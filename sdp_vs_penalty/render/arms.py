@@ -76,8 +76,6 @@ def simplified(triangles: Array, most: int = 3000) -> Array:
     ----------
     triangles : (m, 3, 3) array
         Corners of m triangles [m].
-    most : int
-        Largest number of triangles.
 
     Returns
     -------
@@ -135,8 +133,6 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
 
     Parameters
     ----------
-    robot : Robot
-        The kinematic tree.
     links : iterable of (10,) arrays
         Standard parameters of each link that has a joint, in the robot's order.
 

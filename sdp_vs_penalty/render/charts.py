@@ -104,21 +104,14 @@ class Figure:
     def add_band(
         self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0
     ) -> Figure:
-        """Add a grey band between two curves.
+        """Add a grey band between two curves over x (k,).
 
         Parameters
         ----------
-        x : (k,) array
-            Abscissae.
         low, high : (k,) array
             Lower and upper edge of the band.
         panel : int
             Number of the panel, from 0.
-
-        Returns
-        -------
-        Figure
-            This figure.
         """
         edge = {
             "mode": "lines",
@@ -138,11 +131,6 @@ class Figure:
         ----------
         **changes : Any
             Properties of the layout, by plotly's names.
-
-        Returns
-        -------
-        Figure
-            This figure.
         """
         self.layout = _merged(self.layout, changes)
         return self
@@ -152,17 +140,10 @@ class Figure:
 
         Parameters
         ----------
-        letter : str
-            "x" or "y".
         panel : int
             Number of the panel, from 0.
         **changes : Any
             Properties of the axis, by plotly's names.
-
-        Returns
-        -------
-        Figure
-            This figure.
         """
         return self.update_layout(**{f"{letter}axis{_number(panel)}": changes})
 
@@ -208,16 +189,18 @@ def _packed(values: Array) -> Any:
 
 @dataclass(frozen=True)
 class Curves:
-    """One run behind the filters: t (M,) [s] as it is drawn; torque (M, n) measured;
-    modelled : (M, n) by model."""
+    """Torques of one run behind the filters."""
 
+    #: (M,) instants as they are drawn [s].
     t: Array
+    #: (M, n) measured torque [N m or N].
     torque: Array
+    #: (M, n) modelled torque [N m or N], by the model's name.
     modelled: Mapping[str, Array]
 
 
 def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, Array]:
-    """Thin a curve out for drawing: keep the lowest and the highest point of each
+    """Thin a curve (k,) out for drawing: keep the lowest and the highest point of each
     stretch.
 
     Drawn with that many pixels, the thinned curve looks like the full one, as every
@@ -225,8 +208,6 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
 
     Parameters
     ----------
-    x, y : (k,) array
-        The curve.
     points : int
         Largest number of points to keep.
 
@@ -286,11 +267,6 @@ def torque_figure(
         Unit of its torque, "N*m" or "N".
     side_by_side : bool
         Whether the residuals stand to the right of the torques; else they stand below.
-
-    Returns
-    -------
-    Figure
-        Two panels.
     """
     plot = Figure(columns=2, gap=0.16) if side_by_side else Figure(rows=2)
 
@@ -326,19 +302,12 @@ def torque_figure(
 
 
 def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Figure:
-    """Draw a curve with a band around it.
+    """Draw a curve y over x, both (k,), with a band around it.
 
     Parameters
     ----------
-    x, y : (k,) array
-        The curve.
     low, high : (k,) array
         Lower and upper edge of the band.
-
-    Returns
-    -------
-    Figure
-        One panel.
     """
     line = {"color": AFTER}
     return (
@@ -365,11 +334,6 @@ def missing_figure(
     motions : sequence of Motion
         The measured rows, with the modelled torque; without any, their distribution is
         left out.
-
-    Returns
-    -------
-    Figure
-        One panel.
     """
     variables = [Variable.parse(text) for text in curve.of]
     names = [f"{v} [{plain_unit(v.unit(units))}]" for v in variables]
@@ -472,12 +436,15 @@ _GAP = 0.12
 
 @dataclass(frozen=True)
 class CauseAxis:
-    """x (M,) what an error is drawn against; sign (M,) what it is multiplied by; label
-    with unit; limits of x, or None."""
+    """The abscissa of an error."""
 
+    #: (M,) quantity that the error is drawn against.
     x: Array
+    #: (M,) sign by which the error is multiplied.
     sign: Array
+    #: Name of the abscissa, with its unit.
     label: str
+    #: Limits of x; None: those of the samples.
     limits: tuple[float, float] | None = None
 
 
@@ -497,8 +464,6 @@ def cause_axis(
         Number of the joint, from 1.
     cause : str
         A cause of diagnosis/causes.py; any other is drawn over time.
-    position_unit : str
-        "rad" or "m".
     waves : float
         Of the cause WAVES: how many of them there are in 2 pi of the position. They are
         drawn over the period of one, since the bins of a mean are coarser.
@@ -556,12 +521,7 @@ def _axis_of_torque_change(t: Array, torque: Array, cause: str, unit: str) -> Ca
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
-    """Mean of y over x, in bins of equal counts; broken where no sample lies.
-
-    Parameters
-    ----------
-    x, y : (M,) array
-        Samples.
+    """Mean of y over x, both (M,), in bins of equal counts; broken where no sample lies.
 
     Returns
     -------
@@ -607,8 +567,6 @@ def cause_figure(
         Signals of the two models on the same rows; ``after`` may be None.
     joint : int
         Number of the joint, from 1.
-    cause : str
-        A cause of diagnosis/causes.py.
     units, position_units : sequence of str
         Units of each joint's torque and position.
     floor : (n,) sequence or None
@@ -617,11 +575,6 @@ def cause_figure(
         Of the cause WAVES: how many of them there are in 2 pi of the position.
     names : pair of str
         Names of the two models in the legend.
-
-    Returns
-    -------
-    Figure
-        One panel.
     """
     j = joint - 1
     axis = cause_axis(before, joint, cause, position_units[j], waves)
@@ -700,25 +653,18 @@ def noise_band(floor: float) -> dict[str, Any]:
 def friction_figure(
     velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
 ) -> Any:
-    """Draw the friction torque of a joint over its velocity, with its 95 % band.
+    """Draw the friction torque (k,) of a joint over its velocity, with its 95 % band.
 
     Parameters
     ----------
     velocity : (k,) array
         Joint velocity [rad/s or m/s].
-    torque : (k,) array
-        Friction torque.
     half : (k,) array
         Half the width of the band.
     joint : int
         Index of the joint, from 0.
     unit : str
         Unit of the torque, "N*m" or "N".
-
-    Returns
-    -------
-    Figure
-        One panel.
     """
     plot = band_figure(
         velocity, torque, np.subtract(torque, half), np.add(torque, half)
@@ -730,20 +676,8 @@ def friction_figure(
 
 
 def styled(plot: Any, height: int) -> Any:
-    """Give a figure the colours and margins of report and page, for light and dark alike.
-
-    Parameters
-    ----------
-    plot : Figure
-        The figure, which is changed.
-    height : int
-        Height [px].
-
-    Returns
-    -------
-    Figure
-        The same figure.
-    """
+    """Give a figure the colours and margins of report and page, for light and dark alike,
+    and a height [px]; return it."""
     plot.update_layout(
         height=height,
         margin={"l": 55, "r": 15, "t": 30, "b": 45},

@@ -43,8 +43,6 @@ def piece(template: str, **context: Any) -> Markup:
     ----------
     template : str
         File name of the template.
-    **context : Any
-        Its variables.
 
     Returns
     -------
@@ -59,15 +57,8 @@ def framed(table: Table, caption: str = "") -> Markup:
 
     Parameters
     ----------
-    table : Table
-        The table.
     caption : str
         What the table shows, for screen readers; default: its title.
-
-    Returns
-    -------
-    Markup
-        HTML.
     """
     inner = Markup(table.html())
     return piece("framed.html", inner=inner, caption=caption or table.title)
@@ -78,7 +69,9 @@ class _Scale:
     """Where an error stands between the left (0) and the right end (1) of a bar, on a
     logarithmic scale: all bars of a screen have one kind of scale."""
 
+    #: Error at the right end.
     largest: float
+    #: Error at the left end.
     smallest: float
 
     @classmethod
@@ -129,11 +122,6 @@ def bars(
         Name of the error in the caption.
     chosen : int or None
         Index of the joint that is shown, where each bar is a button; None: no buttons.
-
-    Returns
-    -------
-    Markup
-        HTML.
     """
     errors_of_both = np.array([before, before if after is None else after], float)
     ratios = over_noise(errors_of_both, floor)
@@ -229,13 +217,6 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
 
     Shares are of held-out data.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis or None
-        The findings.
-    n : int
-        Number of joints.
-
     Returns
     -------
     dict of str to list of float
@@ -265,8 +246,6 @@ def heat_rows(
     ----------
     failures : sequence of JointFailure
         Error analysis of each joint.
-    shares_found : mapping of str to sequence of float
-        Result of :func:`found_shares`.
 
     Returns
     -------
@@ -302,20 +281,9 @@ def heat_map(
 
     Parameters
     ----------
-    title : str
-        Caption of the table.
-    rows : sequence of tuples
-        Result of :func:`heat_rows`.
-    n : int
-        Number of joints.
     shown_by : mapping or None
         Signal that shows each cause. Cells are buttons then, with the attributes
         data-joint and data-signal.
-
-    Returns
-    -------
-    Markup
-        HTML.
     """
     cells = [
         {
@@ -338,18 +306,7 @@ def heat_map(
 
 
 def legend(causes: Sequence[str]) -> Markup:
-    """Draw the legend of the colours of causes.
-
-    Parameters
-    ----------
-    causes : sequence of str
-        Causes that are shown.
-
-    Returns
-    -------
-    Markup
-        HTML.
-    """
+    """Draw the legend of the colours of causes."""
     colour_without_cause = SHADES["no cause seen"]
     chips = [(cause, SHADES.get(cause, colour_without_cause)) for cause in causes]
     return piece("legend.html", chips=chips)
@@ -395,18 +352,9 @@ def figure(
     Parameters
     ----------
     plot : Figure
-        The figure, which is styled.
-    caption : str
-        Text below it.
-    height : int
-        Height [px].
+        The figure, which gets colours, margins and a height [px].
     group : str
         Figures of one group share their time axis and which models are hidden.
-
-    Returns
-    -------
-    Markup
-        HTML.
     """
     if group:
         plot.update_layout(meta={"group": group})
@@ -416,11 +364,6 @@ def figure(
 
 def packed(text: str) -> str:
     """Compress a text to base64, which cannot end a script element; draw.js unpacks it.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
 
     Returns
     -------

@@ -82,12 +82,8 @@ def judged_table(
 
     Parameters
     ----------
-    rows : sequence
-        Results of :func:`judged_cells`.
     what : str
         Heading of the first column, such as "model" or "method".
-    title : str
-        Title of the table.
     more : str
         Heading of one more column of numbers; empty: there is none.
 
@@ -112,8 +108,6 @@ def error_table(
 
     Parameters
     ----------
-    names : sequence of str
-        Names of the models.
     errors : (models, n) array or lists
         RMS errors [N m or N].
     floor : (n,) array or None
@@ -122,8 +116,6 @@ def error_table(
         Torque unit of each joint.
     r2 : (n,) array
         Coefficients of determination, shown for one model alone in place of the change.
-    title : str
-        Title of the table.
 
     Returns
     -------
@@ -174,8 +166,6 @@ def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
 
     Parameters
     ----------
-    estimate : Estimate
-        The model.
     centres : bool
         Whether to show centres of mass, which are too wide for a terminal.
 
@@ -224,8 +214,6 @@ def parameter_cells(
         Name, value, unit and 95 % interval.
     source : str
         What determined the value: data, prior or bounds.
-    nominal : float or None
-        Its nominal value.
 
     Returns
     -------
@@ -242,11 +230,6 @@ def parameter_cells(
 
 def parameter_table(rows: Sequence[Sequence[str]]) -> Table:
     """Table of parameters; rows that the data do not determine are styled apart.
-
-    Parameters
-    ----------
-    rows : sequence
-        Results of :func:`parameter_cells`.
 
     Returns
     -------
@@ -265,11 +248,6 @@ def parameter_table(rows: Sequence[Sequence[str]]) -> Table:
 def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
     """Rows of every standard parameter of a model, as :func:`parameter_cells` makes them.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-
     Returns
     -------
     list of tuples
@@ -286,11 +264,6 @@ def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
 
 def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
     """Rows of every base parameter of a model, named by its full expression.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
 
     Returns
     -------
@@ -309,11 +282,6 @@ def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
 
 def certificate_table(models: Mapping[str, Estimate]) -> Table:
     """Table of what is certified of each model.
-
-    Parameters
-    ----------
-    models : mapping of str to Estimate
-        The models by name.
 
     Returns
     -------
@@ -334,8 +302,6 @@ def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Tabl
 
     Parameters
     ----------
-    title : str
-        Title of the table.
     gains : sequence of tuples
         Name, value, half the 95 % interval in words, and unit of each gain.
 

@@ -54,25 +54,29 @@ from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 @dataclass(frozen=True)
 class FindingWords:
     """What is said of one finding, a sentence or a phrase each; "" where there is
-    nothing to say.
+    nothing to say."""
 
-    title : "Joint spring, joint 4"; on_the_arm : what it is there, in a sentence with
-    its size; rating : confident, near-tie or weak; size : with its 95 % interval;
-    constants : of its law; gain : what adding it does to the error; physics : what the
-    effect is in general; rivals : what fits as well; splits : how many splits of one run
-    show it; doubt : why it is weak; test : the run that decides.
-    """
-
+    #: Effect and joint, such as "Joint spring, joint 4".
     title: str
+    #: What the effect is on this arm, in a sentence with its size.
     on_the_arm: str
+    #: Rating: confident, near-tie or weak.
     rating: str
+    #: Size of the effect with its 95 % interval.
     size: str
+    #: Constants of the effect's law.
     constants: str
+    #: What adding the effect does to the error.
     gain: str
+    #: What the effect is in general.
     physics: str
+    #: Other effects that fit as well.
     rivals: str
+    #: How many splits of one run show the effect.
     splits: str
+    #: Why the finding is weak.
     doubt: str
+    #: Run that decides whether the effect is there.
     test: str
 
     @property
@@ -100,11 +104,6 @@ class FindingWords:
 
 def plain_name(effect: str) -> str:
     """An effect's name at the beginning of a sentence.
-
-    Parameters
-    ----------
-    effect : str
-        Name of the plug-in.
 
     Returns
     -------
@@ -204,23 +203,27 @@ def describe_constant(constant: Retune) -> FindingWords:
 
 @dataclass(frozen=True)
 class DiagnosisWords:
-    """What is said of a diagnosis.
+    """What is said of a diagnosis."""
 
-    verdict : what is missing; advice : what to do next; findings, constants : a record
-    each; curves : a sentence each; left : the error that is left; events : a line
-    each, all_events : every one of them; invisible : what these runs cannot show;
-    remarks : sentences.
-    """
-
+    #: What is missing.
     verdict: str
+    #: What to do next.
     advice: str
+    #: Words of each finding.
     findings: tuple[FindingWords, ...]
+    #: Words of each constant that was re-estimated.
     constants: tuple[FindingWords, ...]
+    #: A sentence for each curve of missing torque.
     curves: tuple[str, ...]
+    #: Error that is left, in a sentence.
     left: str
+    #: A line for each event that is shown.
     events: tuple[str, ...]
+    #: A line for every event.
     all_events: tuple[str, ...]
+    #: Effects that these runs cannot show, each with its joints.
     invisible: tuple[str, ...]
+    #: Remarks, a sentence each.
     remarks: tuple[str, ...]
 
 
@@ -231,8 +234,6 @@ def describe_diagnosis(
 
     Parameters
     ----------
-    diagnosis : Diagnosis
-        What the model misses.
     units : sequence of str
         Torque unit of each joint.
     model : str
@@ -276,8 +277,6 @@ def finding_table(
 
     Parameters
     ----------
-    diagnosis : Diagnosis
-        What the model misses.
     shown : sequence of Finding
         Findings that get a row.
     units : sequence of str

@@ -49,15 +49,19 @@ RUNS = ("run1.csv", "run2.csv", "test.csv")
 
 @dataclass(frozen=True)
 class Demo:
-    """compared : each method's model judged on motion that it has not seen; failures,
-    diagnosis : of the last one; after : that model with what was found added; truth : what
-    was hidden."""
+    """What the demonstration computes."""
 
+    #: Each method's model, judged on motion that it has not seen.
     compared: list[Comparison]
+    #: Error analysis of the last method's model.
     failures: Failures
+    #: What that model misses.
     diagnosis: Diagnosis
+    #: The model with what was found added.
     model: Estimate
+    #: That model, judged on the same motion.
     after: Comparison
+    #: What was hidden, in words.
     truth: str
 
 

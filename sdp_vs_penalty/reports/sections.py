@@ -42,17 +42,19 @@ Context = dict[str, Any]
 
 @dataclass(frozen=True)
 class JudgedRun:
-    """One run behind its filters, as a model explains it.
+    """One run behind its filters, as a model explains it."""
 
-    name : of the run; motion : at M instants; torque, modelled (M, n) : measured and modelled [N m, N];
-    shown (m,) : the instants at which the model's band is drawn, and the columns there.
-    """
-
+    #: Name of the run.
     name: str
+    #: Filtered motion at M instants.
     motion: Motion
+    #: (M, n) measured torque [N m or N].
     torque: Array
+    #: (M, n) modelled torque [N m or N].
     modelled: Array
+    #: (m,) rows at which the model's band is drawn.
     shown: NDArray[np.intp]
+    #: Columns of each joint at these rows.
     columns: list[JointColumns]
 
     @classmethod
@@ -66,8 +68,6 @@ class JudgedRun:
         ----------
         run : FilteredRun
             The run behind its filters.
-        estimate : Estimate
-            The model.
 
         Returns
         -------
@@ -114,24 +114,26 @@ class JudgedRun:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything that the sections show, computed once.
+    """Everything that the sections show, computed once."""
 
-    models : by name, in the order in which effects were added; the last one is looked
-    at closely; judged : of each model the runs behind their filters; failures : of the
-    first model and of the last; checks : of each run,
-    what Issue.to_dict() says; forward : the last model run forward, or the sentence why
-    it cannot; commands : that made this report; diagnosis : of one of the models, where
-    there is one.
-    """
-
+    #: Models by name, in the order in which effects were added; the last one is looked
+    #: at closely.
     models: Mapping[str, Estimate]
+    #: Runs on which the models are judged.
     measurements: Measurements
+    #: Each model, judged on these runs.
     comparisons: Sequence[Comparison]
+    #: Runs behind their filters, by model.
     judged: Mapping[str, Sequence[JudgedRun]]
+    #: Error analysis of the first and of the last model, by name.
     failures: Mapping[str, Failures]
+    #: Result of Issue.to_dict() for each issue, by run.
     checks: Mapping[str, Sequence[Mapping[str, Any]]]
+    #: The last model run forward, or the sentence why it cannot be.
     forward: Following | str
+    #: Commands that made this report.
     commands: Sequence[str]
+    #: Diagnosis of one of the models; None where there is none.
     diagnosis: Diagnosis | None = None
 
     @property
@@ -185,10 +187,13 @@ class ReportData:
 
 @dataclass(frozen=True)
 class Section:
-    """title, anchor; context : what html/<anchor>.html shows."""
+    """A section of the report."""
 
+    #: Heading of the section.
     title: str
+    #: Name of the section in the document and of its template, html/<anchor>.html.
     anchor: str
+    #: Computes from the report's data what the template shows.
     context: Callable[[ReportData], Context]
 
 
@@ -569,16 +574,13 @@ def friction(data: ReportData) -> Context:
 
 
 def _picture(robot: Robot, links: Array, poses: Array) -> charts.Figure:
-    """Draw the arm's skeleton in 3D with an ellipsoid for each link.
+    """Draw the arm's skeleton, at joint poses (joints, 4, 4), in 3D with an ellipsoid
+    for each link.
 
     Parameters
     ----------
-    robot : Robot
-        The kinematic tree.
     links : (links, 10) array
         Standard parameters of each link [kg, kg m, kg m^2].
-    poses : (joints, 4, 4) array
-        Pose of each joint.
     """
     plot = charts.Figure()
     link_of = {carrier: place for place, carrier in enumerate(robot.link_joints)}

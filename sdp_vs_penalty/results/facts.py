@@ -22,19 +22,19 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Fact(JsonRecord):
-    """One fact of one record.
-
-    name : the method's, in words; value : a number, (n,) a number a joint, a text, or
-    None where it is not known; unit : as it is printed; digits : significant ones;
-    definition : what it is, in a sentence or two.
-    """
+    """One fact of one record."""
 
     derived = ("texts",)
 
+    #: Name of the method that computes the fact, in words.
     name: str
+    #: A number, (n,) a number a joint, a text, or None where it is not known.
     value: Any
+    #: Unit as it is printed.
     unit: str
+    #: Significant digits of the printed value.
     digits: int
+    #: What the fact is, in a sentence or two.
     definition: str
 
     @property
@@ -74,8 +74,6 @@ class FactMethod(Generic[T]):
         ----------
         method : callable
             Computes the value from the record; its docstring defines the fact.
-        unit : str
-            Unit of the value.
         digits : int
             Significant digits of the printed text.
         name : str

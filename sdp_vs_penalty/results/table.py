@@ -52,22 +52,27 @@ _WRAPPED = 80
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """headings; rows : cells; title : a line above; caption, notes : in words; name : a
-    label for LaTeX; digits : significant ones of numbers.
+    """A table of words and numbers, for terminal, HTML, Markdown, CSV and LaTeX."""
 
-    words : the columns (from 0) that hold words and stand left; None: told from the
-    cells. row_classes : CSS classes of rows; style : CSS classes of the table.
-    """
-
+    #: Headings of the columns.
     headings: Sequence[str]
+    #: Cells, row by row.
     rows: Sequence[Sequence[Cell]]
+    #: Line above the table.
     title: str = ""
+    #: What the table shows, in words.
     caption: str = ""
+    #: Notes below the table, a sentence each.
     notes: Sequence[str] = ()
+    #: Label of the table in LaTeX.
     name: str = ""
+    #: Significant digits of numbers.
     digits: int = 4
+    #: Columns (from 0) that hold words and stand left; None: the cells decide.
     words: Sequence[int] | None = (0,)
+    #: CSS classes of each row.
     row_classes: Sequence[str] = ()
+    #: CSS classes of the table.
     style: str = ""
 
     def to_dict(self) -> dict[str, Any]:

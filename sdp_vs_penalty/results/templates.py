@@ -43,8 +43,6 @@ def render(template: str, *folders: Path, **context: Any) -> str:
         File name of the template.
     folders
         Folders that are searched before this package's.
-    context
-        The template's variables.
     """
     return environment(*folders).get_template(template).render(context)
 
