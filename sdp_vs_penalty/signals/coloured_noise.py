@@ -102,26 +102,12 @@ class Pieces(tuple[NDArray[np.intp], ...]):
 
 
 def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
-    """Fit an autoregression x_i = sum_k a_k x_(i-k) + e_i, k = 1 ... ORDER, by least
-    squares.
+    """Fit an autoregression x_i = sum_k a_k x_(i-k) + e_i, k = 1 ... ORDER, to a series
+    x (M,) by least squares.
 
-    With fewer than 4 ORDER rows to predict, the series is taken for white noise: a = 0.
-
-    Parameters
-    ----------
-    x : (M,) array
-        The series.
-    pieces : Pieces
-        Its uninterrupted rows.
-
-    Returns
-    -------
-    a : (ORDER,) array
-        Coefficients.
-    sigma : float
-        Standard deviation of the innovations e, above 0 so that it may divide.
-    degrees : float
-        Degrees of freedom of sigma.
+    Returns the coefficients a (ORDER,), the standard deviation of the innovations e,
+    above 0 so that it may divide, and its degrees of freedom. With fewer than 4 ORDER
+    rows to predict, the series is taken for white noise: a = 0.
     """
     count = len(pieces.predicted)
     if count < 4 * ORDER:
@@ -145,7 +131,8 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
 def local_excess(
     white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float
 ) -> Mask:
-    """Find windows of a whitened series with more energy than noise has by chance.
+    """Find windows of a whitened series with more energy than noise has by chance, as
+    flags (M,) of their rows; each piece holds the numbers of uninterrupted rows.
 
     The energy (sum of squares) of a window of m rows over the estimated unit variance
     is m F, F distributed with m and ``degrees`` degrees of freedom. The limit is
@@ -156,17 +143,10 @@ def local_excess(
     ----------
     white : (M,) array
         A whitened series, of unit variance.
-    pieces : sequence of int arrays
-        Numbers of uninterrupted rows.
     tests : int
         Number of series that are searched in all.
     degrees : float
         Degrees of freedom behind the estimate of the unit variance.
-
-    Returns
-    -------
-    (M,) array of bool
-        Rows in such windows.
     """
     mask = np.zeros(len(white), bool)
     n_rows = sum(len(p) for p in pieces)
@@ -206,7 +186,9 @@ def lone_windows(
     rate: float,
     tests: int,
 ) -> Mask:
-    """Find windows whose energy is far above that of all other windows.
+    """Find windows of a whitened series (M,), at a rate [Hz], whose energy is far above
+    that of all other windows, as flags (M,) of their rows; each piece holds the numbers
+    of uninterrupted rows.
 
     This is for a residual that holds a model's error, whose scale and tails are
     unknown: the windows are compared with each other. Windows in which the joint is
@@ -216,21 +198,10 @@ def lone_windows(
 
     Parameters
     ----------
-    white : (M,) array
-        A whitened series.
-    pieces : sequence of int arrays
-        Numbers of uninterrupted rows.
     slow : (M,) array of bool
         Rows in which the joint is slow.
-    rate : float
-        Rows per second [Hz].
     tests : int
         Number of series that are searched in all.
-
-    Returns
-    -------
-    (M,) array of bool
-        Rows in such windows.
     """
     mask = np.zeros(len(white), bool)
     stretches = cut_into_stretches(pieces, max(2, round(2.0 * SAME_PHASE * rate)))
@@ -346,22 +317,11 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
 
 
 def nonnegative_fit(columns: Array, target: Array) -> Array:
-    """Fit a target by least squares with coefficients that are not negative.
+    """Fit a target (M,) by least squares in a few columns (M, k) with coefficients (k,)
+    that are not negative.
 
     The method is Lawson and Hanson's, as in scipy.optimize.nnls, which takes longer to
     import than to run.
-
-    Parameters
-    ----------
-    columns : (M, k) array
-        A few columns.
-    target : (M,) array
-        What they are fitted to.
-
-    Returns
-    -------
-    (k,) array
-        Coefficients, from 0 on.
     """
     Q, R = np.linalg.qr(columns)
     z = Q.T @ target
@@ -397,19 +357,8 @@ def _nonnegative_step(
 
 
 def robust_scale(white: Array) -> float:
-    """Estimate the standard deviation of noise from the median of its absolute values,
-    which a few events do not change.
-
-    Parameters
-    ----------
-    white : (M,) array
-        Noise.
-
-    Returns
-    -------
-    float
-        Standard deviation, in the unit of the noise; 1 for an empty array.
-    """
+    """Estimate the standard deviation of noise (M,) from the median of its absolute
+    values, which a few events do not change; 1 for an empty array."""
     if not len(white):
         return 1.0
     return float(np.median(np.abs(white)) / scipy.special.ndtri(0.75))

@@ -47,18 +47,8 @@ def lattice_step(values: Array) -> float:
 
 def lattice_step_bound(values: Array) -> float:
     """Return an upper bound of :func:`lattice_step` that needs no sorting: the smallest
-    change from one sample to the next.
-
-    Parameters
-    ----------
-    values : (N,) array
-        The channel.
-
-    Returns
-    -------
-    float
-        The bound, in the channel's unit; infinite where no sample changes.
-    """
+    change of a channel (N,) from one sample to the next, infinite where no sample
+    changes."""
     changes = np.abs(np.diff(values))
     is_change = changes > _ROUNDING * np.ptp(values)
     return float(np.min(changes, where=is_change, initial=np.inf))
@@ -66,11 +56,6 @@ def lattice_step_bound(values: Array) -> float:
 
 def read_again(measurements: Measurements) -> Measurements:
     """Read the same motion by encoders whose steps lie elsewhere.
-
-    Parameters
-    ----------
-    measurements
-        The runs.
 
     Returns
     -------

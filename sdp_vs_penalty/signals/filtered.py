@@ -35,28 +35,31 @@ from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps, still_
 
 @dataclass(frozen=True)
 class Rows:
-    """M filtered, decimated rows of one run: states (M, n), torque (M, n) [N m or N],
-    and the regression's columns joint by joint."""
+    """M filtered, decimated rows of one run, with the columns of the regression."""
 
+    #: States (M, n) at the rows.
     motion: Motion
+    #: (M, n) filtered torque [N m or N].
     torque: Array
+    #: The regression's columns of each joint.
     columns: list[JointColumns]
 
 
 @dataclass(frozen=True)
 class FilteredChunk:
-    """Consecutive filtered rows of a run, before a model makes columns of them.
+    """Consecutive filtered rows of a run, before a model makes columns of them."""
 
-    column_motion : states on the fine grid on which columns are made; low_pass : from
-    that grid to the rows; smooth, smooth_low_pass : the same on a coarser grid, enough
-    for columns without jumps; rows, torque : states and torque (M, n) at the rows.
-    """
-
+    #: States on the fine grid on which columns are made.
     column_motion: Motion
+    #: Low-pass from the fine grid to the rows.
     low_pass: Decimator
+    #: States on a coarser grid, enough for columns without jumps.
     smooth: Motion
+    #: Low-pass from the coarser grid to the rows.
     smooth_low_pass: Decimator
+    #: States at the M rows.
     rows: Motion
+    #: (M, n) filtered torque at the rows [N m or N].
     torque: Array
 
 
@@ -70,16 +73,15 @@ Read = Callable[[], list[Block]]
 @dataclass
 class _ChunkCache:
     """Cache of one chunk of a run, and of the columns of the last model's effects on
-    it.
+    it."""
 
-    read : reads the chunk; shelf : of a long run, the file that holds the chunk and the
-    columns of smooth effects, which take the longest; None: all is in memory; columns :
-    effects, the model's widths of a turning sign with which they were made, and how to
-    read them.
-    """
-
+    #: Reads the chunk.
     read: Callable[[], FilteredChunk]
+    #: File of a long run that holds the chunk and the columns of smooth effects, which
+    #: take the longest; None if all is in memory.
     shelf: DiskCache | None
+    #: Effects, the model's widths of a turning sign with which their columns were made,
+    #: and how to read the columns.
     columns: list[tuple[Effect, tuple[float, ...], Read]] = field(default_factory=list)
 
     def rows(self, model: Model) -> Rows:
@@ -154,8 +156,6 @@ def low_passed(
 
     Parameters
     ----------
-    low_pass
-        The filter.
     blocks
         Columns by the place of their effect in the model.
 
@@ -190,14 +190,17 @@ def _filtered_together(low_pass: Decimator, columns: Sequence[Array]) -> list[Ar
 class FilteredRun:
     """One run behind its filters.
 
-    settings : resolved, so that cut-off frequencies are numbers; movement_override :
-    which instants count (default: those at which the run moves). Asked for rows, it
-    raises InputError for a run that is shorter than the filters need.
+    Asked for rows, it raises InputError for a run that is shorter than the filters
+    need.
     """
 
+    #: The run as logged.
     run: Measurements
+    #: The filters' settings, resolved, so that cut-off frequencies are numbers.
     settings: Preprocessing
+    #: Which instants count; None for those at which the run moves.
     movement_override: Movement | None = None
+    #: Chunks read so far, by whether each stretch between gaps is one chunk.
     _chunk_caches: dict[bool, list[_ChunkCache]] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -384,10 +387,13 @@ def _chunk(
 
 @dataclass(frozen=True)
 class FilteredRuns:
-    """Measurements behind filters, ``settings`` resolved, run by run."""
+    """Measurements behind filters, run by run."""
 
+    #: The measurements as logged.
     measurements: Measurements
+    #: The filters' settings, resolved.
     settings: Preprocessing
+    #: The filtered runs.
     runs: tuple[FilteredRun, ...]
 
     @property
@@ -408,8 +414,6 @@ class FilteredRuns:
 
         Parameters
         ----------
-        measurements : Measurements
-            The runs.
         settings : Preprocessing
             The filters' settings. Numbers that are not given are chosen from the
             measurements.
@@ -434,11 +438,6 @@ class FilteredRuns:
 
 def joined(pieces: Iterable[Motion]) -> Motion:
     """Join the states of several motions.
-
-    Parameters
-    ----------
-    pieces
-        The motions, in order.
 
     Returns
     -------

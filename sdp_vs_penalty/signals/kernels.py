@@ -197,11 +197,6 @@ class Kernel(LowPass):
         ----------
         stride : int
             How many times coarser the grid is.
-
-        Returns
-        -------
-        LowPass
-            The filter.
         """
         if stride == 1:
             return self
@@ -232,22 +227,12 @@ def _hann_derivatives(a: float, t: Array) -> tuple[Array, Array, Array]:
 
 
 def convolve(x: Array, *kernels: Array) -> list[Array]:
-    """Convolve channels with several kernels, where kernel and channel overlap fully.
+    """Convolve channels x (N, n) with several kernels (K,) of one odd length, where
+    kernel and channel overlap fully.
 
-    One Fourier transform of x serves all kernels; what wraps around is cut off.
+    Returns one array (N - K + 1, n) a kernel; its columns are contiguous in memory. One
+    Fourier transform of x serves all kernels; what wraps around is cut off.
     scipy.signal does the same, but takes longer to import than a robot to identify.
-
-    Parameters
-    ----------
-    x : (N, n) array
-        Channels.
-    *kernels : (K,) array
-        Kernels of one odd length K.
-
-    Returns
-    -------
-    list of (N - K + 1, n) arrays
-        One a kernel; their columns are contiguous in memory.
     """
     length = scipy.fft.next_fast_len(len(x), real=True)
     spectrum = scipy.fft.rfft(x.T, length)
@@ -259,22 +244,11 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
 
 
 def autoregressive(poles: ArrayLike, inputs: Array) -> Array:
-    """Filter samples by 1 / poles: sum over m of poles_m y_(i - m) = inputs_i.
+    """Filter samples (N,) by 1 / poles: sum over m of poles_m y_(i - m) = inputs_i,
+    with poles (1 + k,), 1 first.
 
     The filter is at rest before the first sample. scipy.signal does the same, but takes
     longer to import than a robot to identify.
-
-    Parameters
-    ----------
-    poles : (1 + k,) array
-        Coefficients of the denominator, 1 first.
-    inputs : (N,) array
-        Samples.
-
-    Returns
-    -------
-    (N,) array
-        y.
     """
     # A banded triangular system: BLAS holds its diagonals as rows.
     diagonals = np.repeat(np.asarray(poles, float)[:, None], len(inputs), axis=1)
@@ -297,11 +271,6 @@ def _moment_factor(
         Samples of the kernel, and their places.
     orders, moments : sequence of K numbers
         The conditions; the polynomial has the K powers 0, 2, ... 2 K - 2.
-
-    Returns
-    -------
-    Polynomial
-        c.
     """
     powers = 2 * np.arange(len(orders))
     u = np.asarray(u, float)

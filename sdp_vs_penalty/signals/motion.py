@@ -43,16 +43,15 @@ _FEWEST_ROWS_AT_ONCE = 200
 
 @dataclass(frozen=True)
 class MotionRecord(JsonRecord):
-    """The path of a training motion.
+    """The path of a training motion."""
 
-    centre, scale (2 n,) of q [rad or m] and dq; lines : stretches (K, 2 n) of points on
-    the path, less the centre, over the scale; distance : beyond which motion is new, in
-    units of the scale.
-    """
-
+    #: (2 n,) centre of the positions [rad or m] and velocities [rad/s or m/s].
     centre: Array
+    #: (2 n,) scale of the positions [rad or m] and velocities [rad/s or m/s].
     scale: Array
+    #: Stretches (K, 2 n) of points on the path, less the centre, over the scale.
     lines: tuple[Array, ...]
+    #: Distance from the path beyond which motion is new, in units of the scale.
     distance: float
 
     def __post_init__(self) -> None:

@@ -95,24 +95,26 @@ NOISE_UNKNOWN = "no noise could be measured: no motion repeats, or it repeats ex
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of each joint, below the cut-off of the runs that it was measured in.
+    """The noise of each joint, below the cut-off of the runs that it was measured in."""
 
-    floor (n,) [N m or N]: its standard deviation; ar (n, ORDER) : autoregression; sigma
-    (n,) : standard deviation of the whitened noise; degrees (n,) of freedom behind it;
-    source : REPETITION, SPECTRUM or RESIDUAL (a guess: the model's error is in it);
-    suspect (M, n) : rows where the repetition shows an event; profile (M, n) : how the
-    motion swells the noise, around 1; held (M, n) : standard deviation of what friction
-    adds while a joint stands still; repeats : what repeats what.
-    """
-
+    #: (n,) standard deviation of the noise [N m or N].
     floor: Array
+    #: (n, ORDER) coefficients of the noise's autoregression [-].
     ar: Array
+    #: (n,) standard deviation of the whitened noise [N m or N].
     sigma: Array
+    #: (n,) degrees of freedom behind ``sigma``.
     degrees: Array
+    #: REPETITION, SPECTRUM or RESIDUAL (a guess: the model's error is in it).
     source: str
+    #: (M, n) flags of the rows where the repetition shows an event.
     suspect: NDArray[np.bool_]
+    #: (M, n) factor by which the motion swells the noise, around 1 [-].
     profile: Array
+    #: (M, n) standard deviation of what friction adds while a joint stands still [N m
+    #: or N].
     held: Array
+    #: Rows whose motion repeats at other instants.
     repeats: tuple[Repeat, ...] = ()
 
     @cached_property
@@ -140,8 +142,8 @@ class Noise:
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
     def whiten(self, values: Array, joint: int, pieces: Pieces) -> Array:
-        """Whiten columns of a joint: make its noise independent from row to row, of
-        variance 1.
+        """Whiten columns of a joint (from 0): make its noise independent from row to
+        row, of variance 1.
 
         Each row is replaced by (x_i - sum_k a_k x_(i-k)) / scale_i, with the
         autoregression a of the joint's noise.
@@ -150,8 +152,6 @@ class Noise:
         ----------
         values : (M, k) or (M,) array
             Columns, or a series, at all rows.
-        joint : int
-            The joint, from 0.
         pieces : Pieces
             Uninterrupted pieces of rows. The first ORDER rows of each have no past;
             they become zero.
@@ -182,8 +182,6 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
 
     Parameters
     ----------
-    runs : SegmentedRuns
-        The rows.
     noise_runs : SegmentedRuns, optional
         The complete measurements, where ``runs`` are windows of them: a motion may
         repeat in them, but not within a window.
@@ -226,8 +224,6 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
 
     Parameters
     ----------
-    runs : SegmentedRuns
-        The rows.
     residual : (M, n) array
         Measured less modelled torque [N m or N].
 
@@ -301,14 +297,19 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
 
 @dataclass(frozen=True)
 class _JointNoise:
-    """The noise of one joint: the fields of :class:`Noise` with the same names, without
-    the axis of the joints."""
+    """The noise of one joint, as :class:`Noise` describes it for all."""
 
+    #: Standard deviation of the noise [N m or N].
     floor: float
+    #: (ORDER,) coefficients of the noise's autoregression [-].
     ar: Array
+    #: Standard deviation of the whitened noise [N m or N].
     sigma: float
+    #: Degrees of freedom behind ``sigma``.
     degrees: float
+    #: (M,) flags of the rows where the repetition shows an event.
     suspect: NDArray[np.bool_]
+    #: (M,) factor by which the motion swells the noise, around 1 [-].
     profile: Array
 
 
@@ -483,8 +484,6 @@ def _without_events(
         Columns that drifts leave in them.
     rates : (D, r) array
         Squared rates that may increase the noise.
-    pieces : Pieces
-        Uninterrupted differences.
     tests : int
         Number of joints that are searched for events (for the rate of false events).
     comes_back : callable
@@ -545,11 +544,6 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     floor^2 = mean over all frequencies of S |H|^2, plus the part of the positions'
     noise (:func:`_floor_of_positions`). S is the density of the torque's noise
     (:func:`~sdp_vs_penalty.signals.spectrum.torque_spectrum`), and H its low-pass.
-
-    Parameters
-    ----------
-    runs : SegmentedRuns
-        The rows.
 
     Returns
     -------

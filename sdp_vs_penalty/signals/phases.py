@@ -29,16 +29,15 @@ _LARGEST_TRACK_RATE_HZ = 100.0
 
 @dataclass(frozen=True)
 class MotionClock:
-    """The clock of one run's motion.
+    """The clock of one run's motion."""
 
-    motion : runs of the same number show the same motion; start [s] : the run's instant
-    at which its clock shows zero; length [s] : the period, or how long a motion lasts
-    that does not repeat itself.
-    """
-
+    #: Number of the motion; runs of the same number show the same motion.
     motion: int
+    #: The run's instant at which its clock shows zero [s].
     start: float
+    #: The period, or how long a motion lasts that does not repeat itself [s].
     length: float
+    #: Whether the motion repeats itself within the run.
     periodic: bool
 
     def at(self, t: ArrayLike) -> Array:
@@ -68,11 +67,6 @@ def tracks_of(measurements: Measurements) -> list[Track]:
 
     The rate is 100 Hz at most, because a robot's motion holds little above half of it,
     and low enough that a run has no more than SAMPLES samples.
-
-    Parameters
-    ----------
-    measurements : Measurements
-        The runs.
 
     Returns
     -------
@@ -131,32 +125,21 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
 @dataclass(frozen=True)
 class PhaseFolds:
     """Folds of runs: fold k tests on the k-th of ``count`` equal stretches of every
-    motion's clock.
+    motion's clock."""
 
-    clocks : one a run; guard [s] : by which training keeps off the tested stretch, on
-    either side and, where a motion is periodic, around its period.
-    """
-
+    #: The clocks of the runs, one a run.
     clocks: tuple[MotionClock, ...]
+    #: Number of folds.
     count: int
+    #: Time by which training keeps off the tested stretch, on either side and, where a
+    #: motion is periodic, around its period [s].
     guard: float = 0.0
 
     def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
-        """Return the fold that tests on each instant of a run.
+        """Return the fold (N,), from 0, that tests on each instant t (N,) [s] of a run
+        (from 0).
 
         The fold is floor(count phase), with the phase in [0, 1] of the motion's clock.
-
-        Parameters
-        ----------
-        run : int
-            Number of the run, from 0.
-        t : (N,) array
-            Instants [s].
-
-        Returns
-        -------
-        (N,) array of int
-            Folds, from 0.
         """
         clock = self.clocks[run]
         phase = clock.at(t) / clock.length
@@ -164,22 +147,11 @@ class PhaseFolds:
         return np.clip(slot, 0, self.count - 1)
 
     def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
-        """Return the cell in which each instant of a run lies.
+        """Return the cell (N,) in which each instant t (N,) [s] of a run (from 0) lies,
+        counted from 0 through all motions.
 
         Cells cut each motion's clock at the borders of folds and of their guards, so
         that a fold tests, trains on or leaves out whole cells.
-
-        Parameters
-        ----------
-        run : int
-            Number of the run, from 0.
-        t : (N,) array
-            Instants [s].
-
-        Returns
-        -------
-        (N,) array of int
-            Cells, counted from 0 through all motions.
         """
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
@@ -233,19 +205,8 @@ class PhaseFolds:
         return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
-        """Return the first and last instant of a fold's stretch on the clock of the
-        first run's motion.
-
-        Parameters
-        ----------
-        fold : int
-            Index of the fold.
-
-        Returns
-        -------
-        tuple of float
-            Instants [s].
-        """
+        """Return the first and last instant [s] of a fold's stretch on the clock of the
+        first run's motion."""
         length = self.clocks[0].length
         return fold * length / self.count, (fold + 1) * length / self.count
 
@@ -303,17 +264,8 @@ def phase_folds(
 
     Parameters
     ----------
-    measurements : Measurements
-        The runs.
     settings : Preprocessing
         Filters, resolved: their cut-off frequencies are numbers.
-    count : int
-        Number of folds.
-
-    Returns
-    -------
-    PhaseFolds
-        The folds.
     """
     guard = max(filter_reach(run, settings) for run in measurements.runs())
     return PhaseFolds(motion_clocks(tracks_of(measurements)), count, guard)

@@ -63,19 +63,18 @@ _COLUMN_RATE = 30.0
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """Settings of the filters; None is chosen from the data by :meth:`resolve`.
+    """Settings of the filters; None is chosen from the data by :meth:`resolve`."""
 
-    torque_cutoff : [Hz] of columns and torque. Default: ten times the highest
-    excitation harmonic; less where the torque was smoothed before it was logged.
-    state_cutoff : [Hz] of q, dq, ddq. Default: three times as much, so that it takes
-    nothing away that the torque's low-pass passes; less where the positions' noise
-    would let dry friction turn round at the wrong time. standstill : rows are dropped where no joint has
-    moved faster than this share of its own maximum for half a second: they repeat one
-    static friction state that no model of sliding friction explains.
-    """
-
+    #: Cut-off of q, dq, ddq [Hz]. Default: three times the torque's, so that it takes
+    #: nothing away that the torque's low-pass passes; less where the positions' noise
+    #: would let dry friction turn round at the wrong time.
     state_cutoff: float | None = None
+    #: Cut-off of columns and torque [Hz]. Default: ten times the highest excitation
+    #: harmonic; less where the torque was smoothed before it was logged.
     torque_cutoff: float | None = None
+    #: Share of a joint's maximum velocity [-]. Rows are dropped where no joint has
+    #: moved faster than this share of its own maximum for half a second: they repeat
+    #: one static friction state that no model of sliding friction explains.
     standstill: float = 2e-3
 
     def __post_init__(self) -> None:
@@ -196,8 +195,6 @@ class RunFilter:
 
         Parameters
         ----------
-        part : Stretch
-            The log, without gaps.
         at : (M,) array of int
             Ascending samples of the log, which become rows.
 
@@ -252,10 +249,6 @@ class RunFilter:
 
         Parameters
         ----------
-        part : Stretch
-            The log.
-        first, last : int
-            Samples of the log.
         states : q, dq, ddq, each (K, n), optional
             On the grid, if they are known.
 

@@ -30,20 +30,11 @@ _FEWEST_ROWS = 2 * ORDER
 
 
 def motion_scale(q: Array) -> Array | None:
-    """Return the size of each joint's motion: the standard deviation of its position.
+    """Return the size (n,) of each joint's motion [rad or m], the standard deviation of
+    its positions q (N, n); None if no joint moves.
 
     It is at least ALIKE (1 %) of the largest joint's, because the noise of a joint that
     hardly moves is no motion.
-
-    Parameters
-    ----------
-    q : (N, n) array
-        Positions [rad or m].
-
-    Returns
-    -------
-    (n,) array or None
-        Sizes [rad or m]; None if no joint moves.
     """
     size = q.std(axis=0)
     largest = size.max()
@@ -51,23 +42,12 @@ def motion_scale(q: Array) -> Array | None:
 
 
 def repeat_period(t: Array, q: Array) -> float | None:
-    """Find the period after which a run repeats its motion.
+    """Find the period [s] after which a run repeats its motion, positions q (M, n) [rad
+    or m] at instants t (M,) [s]; None if it does not repeat.
 
     Standstill at either end is cut off first. Then up to ``_SHORTEST`` seconds are cut
     off both ends if needed, where the motion may be another one (an approach, a ramp).
     Repetitions have to overlap by ``_SHORTEST`` seconds or more.
-
-    Parameters
-    ----------
-    t : (M,) array
-        Instants of one run [s].
-    q : (M, n) array
-        Positions [rad or m].
-
-    Returns
-    -------
-    float or None
-        The period [s]; None if the motion does not repeat.
     """
     scale = motion_scale(q)
     if scale is None:
@@ -116,10 +96,10 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     """Find by how much the clock of one track differs from that of another with the
     same motion.
 
+    The track ``a`` has instants (M,) [s] and positions (M, n) [rad or m].
+
     Parameters
     ----------
-    a : (t (M,), q (M, n))
-        Instants [s] and positions.
     b : (t (N,), q (N, n))
         The track that may repeat ``a``.
     slip : float
@@ -158,20 +138,17 @@ def _valleys(
 ) -> list[tuple[float, float]]:
     """List the lags at which track b may repeat track a: minima of their difference.
 
-    The difference is the mean square D(lag) of b(t_b0 + k step + lag) - a(t_a0 + k
-    step) over k and joints, each joint in units of its scale. All lags are computed by
-    one correlation, as sum x^2 + sum y^2 - 2 sum x y. Between lags D is a parabola.
+    The difference at each of L consecutive lags, in steps, is the mean square D(lag) of
+    b(t_b0 + k step + lag) - a(t_a0 + k step) over k and joints, each joint in units of
+    its scale. All lags are computed by one correlation, as sum x^2 + sum y^2 - 2 sum x
+    y. Between lags D is a parabola.
 
     Parameters
     ----------
-    a, b : Track
-        Instants and positions.
     scale : (n,) array
         Size of each joint's motion [rad or m].
     step : float
         Time from one lag to the next [s].
-    lags : (L,) array of int
-        Consecutive lags, in steps.
 
     Returns
     -------
@@ -262,30 +239,29 @@ def _difference(q: Array, other: Array, scale: Array) -> float:
 
 @dataclass(frozen=True)
 class Filtered:
-    """The filtered positions of a segment, to find repeated motion in.
+    """The filtered positions of a segment, to find repeated motion in."""
 
-    t (M,) : instants of the rows [s]; keep (M,) : which rows count; q_dense (D, n) :
-    positions at t_dense (D,), close enough to be interpolated.
-    """
-
+    #: (M,) instants of the rows [s].
     t: Array
+    #: (M,) flags of the rows that count.
     keep: NDArray[np.bool_]
+    #: (D,) instants [s], close enough to interpolate positions between them.
     t_dense: Array
+    #: (D, n) positions at these instants [rad or m].
     q_dense: Array
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """M rows of a segment whose motion repeats at other instants.
+    """M rows of a segment whose motion repeats at other instants."""
 
-    rows (M,) : numbers among the rows of all segments; other : number of the segment
-    that repeats them; later (M,) : instants of that segment with the same motion [s];
-    there (M,) : its first rows from those instants on, numbers among all rows.
-    """
-
+    #: (M,) numbers of the rows among the rows of all segments.
     rows: NDArray[np.intp]
+    #: Number of the segment that repeats the rows' motion.
     other: int
+    #: (M,) instants of that segment with the same motion [s].
     later: Array
+    #: (M,) first rows of that segment from those instants on, numbers among all rows.
     there: NDArray[np.intp]
 
 
@@ -401,8 +377,6 @@ def new_differences(both: NDArray[np.intp], count: int) -> int:
     ----------
     both : (D, 2) array of int
         Pairs of rows with the same motion, from :func:`pairs`.
-    count : int
-        Number of all rows.
 
     Returns
     -------
@@ -421,8 +395,6 @@ def phases(both: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     ----------
     both : (D, 2) array of int
         Pairs of rows with the same motion, from :func:`pairs`.
-    count : int
-        Number of all rows.
 
     Returns
     -------
@@ -459,8 +431,8 @@ def recurring(
     reach: int,
     marked: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """Return which marked differences recur between two other instants of the same
-    phase.
+    """Return which of the marked differences (D,) recur between two other instants of
+    the same phase, as flags (D,).
 
     A difference that recurs is noise that the motion amplifies; one that does not is an
     event at one instant.
@@ -473,13 +445,6 @@ def recurring(
         Phase of each difference, from :func:`phases`.
     reach : int
         Number of rows within which two phases count as the same.
-    marked : (D,) array of bool
-        The differences in question.
-
-    Returns
-    -------
-    (D,) array of bool
-        Those of them that recur.
     """
     recurs = np.zeros(len(phase), bool)
     candidates = np.flatnonzero(marked)

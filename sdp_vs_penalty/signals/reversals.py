@@ -9,12 +9,11 @@ from sdp_vs_penalty.robot.arrays import Array
 def since_reversal(
     t: Array, velocity: Array, segment: NDArray[np.integer] | None = None
 ) -> tuple[Array, Array]:
-    """Compute the time from a joint's nearest reversal, and the direction after it.
+    """Compute the time from a joint's nearest reversal, at instants t (M,) [s], and the
+    direction after it.
 
     Parameters
     ----------
-    t
-        (M,) instants [s].
     velocity
         (M,) velocity of the joint [rad/s, m/s]; it reverses between two rows whose
         velocities have different signs.

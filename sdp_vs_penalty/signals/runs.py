@@ -27,16 +27,6 @@ def sample_rate(run: Measurements) -> float:
     """Return the sample rate of a run [Hz]: one over the median time step.
 
     :func:`~sdp_vs_penalty.data.stretches.usual_step` says what counts as a step.
-
-    Parameters
-    ----------
-    run : Measurements
-        A single run.
-
-    Returns
-    -------
-    float
-        Samples per second.
     """
     return 1.0 / usual_step(run.t)
 
@@ -94,18 +84,7 @@ class Movement:
         self.moves = np.concatenate(parts)
 
     def at(self, t: Array) -> NDArray[np.bool_]:
-        """Tell which instants belong to motion.
-
-        Parameters
-        ----------
-        t
-            (M,) instants [s].
-
-        Returns
-        -------
-        NDArray
-            (M,) flags.
-        """
+        """Return for instants t (M,) [s] whether each belongs to motion."""
         sample = np.searchsorted(self.t, t)
         drop_pages(self.t)
         inside = np.clip(sample, 0, len(self.t) - 1)
@@ -117,8 +96,6 @@ def still_seconds(run: Measurements, movement: Movement) -> float:
 
     Parameters
     ----------
-    run : Measurements
-        The run.
     movement : Movement
         Which of its samples belong to motion.
     """
@@ -136,12 +113,7 @@ def _ways(run: Measurements) -> Iterator[Array]:
 
 
 def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Find the stretches of consecutive True flags.
-
-    Parameters
-    ----------
-    flags : (N,) array of bool
-        Flags.
+    """Find the stretches of consecutive True flags (N,).
 
     Returns
     -------
@@ -162,17 +134,23 @@ class Stretch:
     """The part of a run between two gaps of its clock.
 
     It is as logged (N samples), and can be resampled to the even grid t[0] + k dt.
-    temperature, qcmd, sum, qmot (N, n) : further channels, if logged: the commanded
-    position, the integral of the position over time, the position of the motor.
     """
 
+    #: (N,) instants [s].
     t: Array
+    #: (N, n) positions [rad or m].
     q: Array
+    #: (N, n) torque [N m or N].
     tau: Array
+    #: Sample time of the even grid [s].
     dt: float
+    #: (N, n) temperatures [degrees Celsius], None if not logged.
     temperature: Array | None = None
+    #: (N, n) commanded positions [rad or m], None if not logged.
     qcmd: Array | None = None
+    #: (N, n) integrals of the position over time [rad s or m s], None if not logged.
     sum: Array | None = None
+    #: (N, n) positions of the motors [rad or m], None if not logged.
     qmot: Array | None = None
 
     @property
@@ -204,22 +182,11 @@ class Stretch:
 
 
 def interpolated(at: Array, t: Array, values: Array) -> Array:
-    """Interpolate channels linearly.
+    """Interpolate channels (N, n), known at instants t (N,) [s], linearly at M
+    ascending instants ``at`` [s].
 
-    Parameters
-    ----------
-    at : (M,) array
-        Instants to interpolate at, in ascending order [s].
-    t : (N,) array
-        Instants at which the channels are known [s].
-    values : (N, n) array
-        The channels.
-
-    Returns
-    -------
-    (M, n) array
-        Their values; each column is contiguous in memory. Beyond the ends they are
-        those of the ends.
+    Returns (M, n) values; each column is contiguous in memory. Beyond the ends they are
+    those of the ends.
     """
     out = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):

@@ -60,14 +60,13 @@ Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
 @dataclass(frozen=True)
 class ColumnCache:
-    """Low-passed columns of effects at the rows of all segments.
+    """Low-passed columns of effects at the rows of all segments."""
 
-    parts : low-pass (M, N) and motion of each segment; cache : columns made before, in
-    two: those that depend on the motion alone, which all models share, and those that
-    depend on the torque and links of this model.
-    """
-
+    #: Low-pass (M, N) from the column grid to the rows, and motion, of each segment.
     parts: Sequence[tuple[Decimator, Motion]]
+    #: Columns computed before, in two dictionaries: those that depend on the motion
+    #: alone, which all models share, and those that depend on the torque and links of
+    #: this model.
     cache: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
 
     def of(self, effect: Effect, keep: bool) -> list[Block]:
@@ -125,21 +124,24 @@ class ColumnCache:
 
 @dataclass(frozen=True)
 class Segment(Filtered):
-    """One uninterrupted piece of a run, filtered: M rows of n joints.
+    """One uninterrupted piece of a run, filtered: M rows of n joints."""
 
-    motion : on the column grid of N samples; torque (M, n) : at the rows [N m or N];
-    stretch : of the log; still : returns the share (M, n) of each row that comes from a
-    standstill of the joint; low_pass (M, N), dense (D, N) : from the column grid to the
-    rows, and to the dense grid of D samples; torque_dense (D, n) : there.
-    """
-
+    #: Number of the run, from 0.
     run: int
+    #: States on the column grid of N samples.
     motion: Motion
+    #: (M, n) filtered torque at the rows [N m or N].
     torque: Array
+    #: The stretch of the log.
     stretch: Stretch
+    #: Returns the share (M, n) of each row that comes from a standstill of the joint
+    #: [-].
     still: Callable[[], Array]
+    #: Low-pass (M, N) from the column grid to the rows.
     low_pass: Decimator
+    #: (D, n) filtered torque on the dense grid [N m or N].
     torque_dense: Array
+    #: Low-pass (D, N) from the column grid to the dense grid of D samples.
     dense: Decimator
 
     @property
@@ -150,26 +152,31 @@ class Segment(Filtered):
 
 @dataclass(frozen=True)
 class SegmentedRuns:
-    """All segments of all runs, their rows stacked in order (M in all); rate : rows a
-    second.
+    """All segments of all runs, their M rows stacked in order."""
 
-    masked (M, n) : rows that do not count for a joint although its segment keeps them
-    (events); columns : of effects on the rows; repeats : says which rows come back
-    where; with_shifted_encoders : each run by itself, without a model, read by encoders
-    whose steps lie elsewhere; attached : the arguments of :meth:`with_model`; cutoff,
-    state_cutoff : of the low-passes of torque and positions [Hz].
-    """
-
+    #: The segments.
     segments: tuple[Segment, ...]
+    #: Number of joints.
     n: int
+    #: Cut-off of the torque's low-pass [Hz].
     cutoff: float
+    #: Cut-off of the positions' low-pass [Hz].
     state_cutoff: float
+    #: Rows per second [Hz].
     rate: float
+    #: Names of the runs.
     names: tuple[str, ...]
+    #: Columns of effects on the rows.
     columns: ColumnCache
+    #: Returns the rows whose motion comes back, and where.
     repeats: Callable[[], tuple[Repeat, ...]]
+    #: Returns each run by itself, without a model, read by encoders whose steps lie
+    #: elsewhere.
     with_shifted_encoders: Callable[[], Iterable[SegmentedRuns]]
+    #: (M, n) flags of the rows that do not count for a joint although its segment keeps
+    #: them (events).
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
+    #: The arguments of :meth:`with_model`; empty without a model.
     attached: tuple[Any, ...] = ()
 
     @property
@@ -244,13 +251,8 @@ class SegmentedRuns:
         return motion.mean_inertias
 
     def seen(self, joint: int) -> JointCoverage:
-        """Return how much of a joint the runs show: its travel and both ends of it, the
-        resolution of its position, and how often it stands still.
-
-        Parameters
-        ----------
-        joint : int
-            The joint, from 0.
+        """Return how much of a joint (from 0) the runs show: its travel and both ends
+        of it, the resolution of its position, and how often it stands still.
 
         Returns
         -------
@@ -406,14 +408,8 @@ class SegmentedRuns:
         return replace(self, columns=ColumnCache(parts, (self.columns.cache[0], {})))
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
-        """Return an effect's columns at the rows, as the torque channels read them.
-
-        Parameters
-        ----------
-        effect : Effect
-            Of the torque.
-        keep : bool
-            Whether to cache them.
+        """Return an effect's columns at the rows, as the torque channels read them;
+        ``keep`` caches them.
 
         Returns
         -------
@@ -433,8 +429,6 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
 
     Parameters
     ----------
-    measurements : Measurements
-        The runs.
     settings : Preprocessing
         Filters, resolved: their cut-off frequencies are numbers.
 
@@ -535,8 +529,6 @@ def window_subsample(
 
     Parameters
     ----------
-    measurements : Measurements
-        The runs.
     settings : Preprocessing
         Filters, resolved: their cut-off frequencies are numbers.
 

@@ -31,22 +31,12 @@ _SMALLEST_POWER = 1e-4
 
 
 def highest_harmonic(run: Measurements) -> float:
-    """Return the highest frequency at which some joint's position has 1 % of its
+    """Return the highest frequency [Hz] at which some joint's position has 1 % of its
     largest amplitude.
 
     The reference is the largest amplitude in the run, not in the stretch: in a short
     stretch between two gaps a joint may hardly move, and its noise would count as
     motion.
-
-    Parameters
-    ----------
-    run : Measurements
-        A single run.
-
-    Returns
-    -------
-    float
-        Frequency [Hz].
 
     Raises
     ------
@@ -93,23 +83,10 @@ def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
 
 
 def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
-    """Estimate the power spectra of n signals of a stretch.
+    """Estimate the power spectra (F, n) of n signals (N, n) of a stretch, in units of
+    the signals' variance, and their frequencies (F,) [Hz].
 
     A long stretch is cut into pieces, whose periodograms are averaged (Welch 1967).
-
-    Parameters
-    ----------
-    part : Stretch
-        Of the log.
-    values : (N, n) array
-        Signals at its samples.
-
-    Returns
-    -------
-    (F, n) array
-        Power, in units of the signal's variance.
-    (F,) array
-        Frequencies [Hz].
     """
     length = min(part.count, c.SAMPLES)
     n_pieces = -(-part.count // length)  # rounded up
@@ -121,16 +98,14 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
 
 
 def periodograms(x: Array, length: int, degree: int = 0) -> Array:
-    """Compute periodograms of overlapping windows; white noise of unit variance has a
-    mean of one.
+    """Compute periodograms of overlapping windows of n signals x (N, n); white noise of
+    unit variance has a mean of one.
 
     A polynomial is taken out of each window first: a slow course would leak into higher
     frequencies, and hide that a torque was smoothed.
 
     Parameters
     ----------
-    x : (N, n) array
-        Signals.
     length : int
         Samples of a window; windows overlap by half.
     degree : int
@@ -168,19 +143,14 @@ def sharpest_cutoff(
     with an acceleration a. That time has to be short, EARLY, beside the time constant
     1 / (2 pi torque_cutoff) over which the torque is averaged.
 
+    Returns the cut-off [Hz].
+
     Parameters
     ----------
-    runs : sequence of Measurements
-        The runs.
     torque_cutoff : float
         Cut-off of the torque's low-pass [Hz], the lowest that is tried.
     highest : float
         The highest cut-off that is tried [Hz].
-
-    Returns
-    -------
-    float
-        The cut-off [Hz].
     """
     n_octaves = np.log2(max(min(c.WIDER, highest / torque_cutoff), 1.0))
     widths = 2.0 ** np.linspace(n_octaves, 0.0, 1 + int(np.ceil(4.0 * n_octaves)))
@@ -227,21 +197,16 @@ def unbent_cutoff(
     not taken. Robots that stick at reversals move more sharply than commanded, and
     need a higher cut-off.
 
+    Returns the cut-off [Hz].
+
     Parameters
     ----------
-    runs : sequence of Measurements
-        The runs.
     cutoff : float
         The lowest cut-off that is tried [Hz].
     band : float
         Cut-off of the torque's low-pass [Hz].
     highest : float
         The highest cut-off that is tried [Hz].
-
-    Returns
-    -------
-    float
-        The cut-off [Hz].
     """
     n_octaves = np.log2(max(highest / cutoff, 1.0))
     steps = np.arange(1 + int(2.0 * n_octaves))
@@ -264,8 +229,6 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
 
     Parameters
     ----------
-    run : Measurements
-        A single run.
     cutoffs : (C,) array
         Cut-offs of the low-pass of the states [Hz].
     band : float
@@ -317,21 +280,21 @@ def _gain(kernel: Kernel, length: int) -> Array:
 
 @dataclass(frozen=True)
 class TorqueNoise:
-    """The noise of a torque above a low-pass, as a first-order autoregression.
+    """The noise of a torque above a low-pass, as a first-order autoregression."""
 
-    frequency : (F,) [Hz]. spectrum : (n, F), of unit mean for white noise of unit
-    variance. is_smoothed : the torque was smoothed before it was logged. is_uneven :
-    loud windows are far above quiet ones, so that it is not noise alone.
-    """
-
+    #: (F,) frequencies [Hz].
     frequency: Array
+    #: (n, F) power, of unit mean for white noise of unit variance.
     spectrum: Array
+    #: Whether the torque was smoothed before it was logged.
     is_smoothed: bool
+    #: Whether loud windows are far above quiet ones, so that it is not noise alone.
     is_uneven: bool
 
 
 def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | None:
-    """Fit the noise of the torque above a low-pass by a first-order autoregression.
+    """Fit the noise of the torque above a low-pass, with its cut-off [Hz], by a
+    first-order autoregression.
 
     Its spectrum is S(w) = c / (1 + a^2 - 2 a cos(w)), w [rad/sample]. It is fitted to a
     low quantile (QUIET) of periodograms over windows, because friction at reversals, or
@@ -345,8 +308,6 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     ----------
     parts : sequence of Stretch
         The stretches; only those with the first one's sample time are used.
-    cutoff : float
-        The low-pass [Hz].
 
     Returns
     -------
@@ -488,26 +449,13 @@ def _autoregression(
     powers: Array, angle: Array, band: NDArray[np.bool_]
 ) -> tuple[Array, float]:
     """Fit the spectrum of a first-order autoregression, c / (1 + a^2 - 2 a cos(w)), to
-    the powers of n joints.
+    the powers (F, n) of n joints at frequencies w (F,) [rad/sample].
 
-    Parameters
-    ----------
-    powers : (F, n) array
-        Power at each frequency.
-    angle : (F,) array
-        Frequencies w [rad/sample].
-    band : (F,) array of bool
-        Frequencies that are fitted.
-
-    Returns
-    -------
-    spectra : (n, F) array
-        Fitted, at all frequencies.
-    deviation : float
-        How far the spectra are off the law, in natural logarithms of power, for the
-        joint with the largest: the median of the absolute deviation over the band, or
-        how much louder the band's lowest half octave is, from which the law is
-        continued to the motion's frequencies.
+    Only the frequencies that ``band`` (F,) flags are fitted. Returns the fitted spectra
+    (n, F) at all frequencies, and how far the spectra are off the law, in natural
+    logarithms of power, for the joint with the largest: the median of the absolute
+    deviation over the band, or how much louder the band's lowest half octave is, from
+    which the law is continued to the motion's frequencies.
     """
     # Colours that are tried; beyond, the corner is far below the band.
     a = np.linspace(-0.9, 0.9, 181)[:, None]
@@ -527,18 +475,11 @@ def _autoregression(
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
-    """Lower the cut-off of a torque filter, if the torque was smoothed before it was
-    logged.
+    """Lower the cut-off [Hz] of a torque filter, if the torque was smoothed before it
+    was logged.
 
     It is then the highest frequency at which some joint's torque has 1 % of its largest
     amplitude: above it the columns of a model would hold torque that the log has lost.
-
-    Parameters
-    ----------
-    runs : sequence of Measurements
-        The runs.
-    cutoff : float
-        The given cut-off [Hz].
 
     Returns
     -------

@@ -22,15 +22,7 @@ class CubicSpline:
     """
 
     def __init__(self, x: ArrayLike, values: ArrayLike) -> None:
-        """Interpolate samples.
-
-        Parameters
-        ----------
-        x : (N,) array
-            Knots, ascending; at least two.
-        values : (N, d) array
-            Samples at the knots.
-        """
+        """Interpolate samples (N, d) at ascending knots x (N,), at least two."""
         self.x: Array = np.asarray(x, float)
         y: Array = np.asarray(values, float)
         width = np.diff(self.x)[:, None]

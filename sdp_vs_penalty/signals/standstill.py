@@ -30,7 +30,8 @@ SLOW = 0.1
 def standstill_leakage(
     stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]
 ) -> Array:
-    """Return the share of each filtered row that comes from a joint's standstill.
+    """Return the share (M, n) of each filtered row, at samples ``rows`` (M,) of the
+    stretch, that comes from a joint's standstill [-].
 
     It is what the low-passes pass of 1 while the joint stands still, in absolute
     values, so that it bounds any torque at standstill. The low-pass of states counts as
@@ -38,17 +39,8 @@ def standstill_leakage(
 
     Parameters
     ----------
-    stretch : Stretch
-        The log.
     kernels : sequence of Kernel
         The low-passes of states and of torques.
-    rows : (M,) array of int
-        Samples of the stretch.
-
-    Returns
-    -------
-    (M, n) array
-        Shares [-].
     """
     positions = stretch.resampled(stretch.q, 0, stretch.count)
     reaching = is_still(positions).astype(float)
@@ -120,24 +112,11 @@ def _displacement(positions: Array, steps: int) -> Array:
 
 
 def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
-    """Return the largest or smallest of ``width`` consecutive samples, at each place.
+    """Return the largest (numpy.maximum) or smallest (numpy.minimum) of ``width``
+    consecutive samples of signals x (n, N), at each place (n, N - width + 1).
 
     Extremes of 1, 2, 4, ... neighbours are computed one from the other; two overlapping
     ones then cover the width. (scipy.ndimage does the same; its import takes longer.)
-
-    Parameters
-    ----------
-    extreme : ufunc
-        numpy.maximum or numpy.minimum.
-    x : (n, N) array
-        Signals as rows.
-    width : int
-        Number of samples.
-
-    Returns
-    -------
-    (n, N - width + 1) array
-        Extremes.
     """
     size = 1
     while 2 * size <= width:
@@ -169,14 +148,13 @@ def resolution(q: Array) -> Array:
 
 
 def friction_laws(motion: Motion, joint: int) -> Array:
-    """Compute a joint's friction torque by the usual laws, each of unit size.
+    """Compute the friction torque of a joint (from 0) by the usual laws, each of unit
+    size.
 
     Parameters
     ----------
     motion : Motion
         The motion at N instants.
-    joint : int
-        The joint, from 0.
 
     Returns
     -------
