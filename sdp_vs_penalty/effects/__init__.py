@@ -47,13 +47,6 @@ def parse_effects(
     ----------
     texts
         One text with commas, or several; an Effect among these stays as it is.
-    robot
-        The robot.
-
-    Returns
-    -------
-    tuple of Effect
-        The effects.
     """
     words = texts.split(",") if isinstance(texts, str) else list(texts)
     effects = list[Effect]()

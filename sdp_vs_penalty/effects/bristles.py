@@ -32,16 +32,13 @@ class Bristles:
     """k friction states z in [-1, 1] that follow the motion.
 
     State i turns over the distance d_i of the path s_i = directions_i q.
-
-    Parameters
-    ----------
-    directions : (k, n) ratios of the joints
-    distances : (k,) travel over which each state turns [rad, m]
-    law : function that follows a state along a path, :func:`dahl` or :func:`stop`
     """
 
+    #: (k, n) ratios of the joints.
     directions: Array
+    #: (k,) travel over which each state turns [rad, m].
     distances: Array
+    #: Function that follows a state along a path: :func:`dahl` or :func:`stop`.
     law: Law
 
     def along(self, motion: Motion) -> Array:
@@ -106,14 +103,12 @@ class StatefulEffect(Effect):
 
     @abstractmethod
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        """Compute the columns at instants whose states are known.
+        """Compute the columns at N instants whose states z (N, k) are known.
 
         Parameters
         ----------
         motion
             The motion at N instants.
-        z
-            (N, k) states.
 
         Returns
         -------
@@ -157,11 +152,10 @@ class StatefulEffect(Effect):
 
 
 def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
-    """Follow Dahl's friction state along a path.
+    """Follow Dahl's friction state z along a path, from z[0] = ``start``.
 
-    Exact for motion that is monotone between samples: while q runs in direction s,
-    z = s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop is a reversal, not a
-    sample.
+    Exact for motion that is monotone between samples: while q runs in direction s, z =
+    s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop is a reversal, not a sample.
 
     Parameters
     ----------
@@ -169,8 +163,6 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
         (N,) positions, or the legs of a path.
     d
         Travel over which the friction turns [rad, m].
-    start
-        z[0].
 
     Returns
     -------
@@ -194,11 +186,12 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
 
 
 def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
-    """Follow a spring and a slider in series along a path.
+    """Follow the state z of a spring and a slider in series along a path, from z[0] =
+    ``start``.
 
-    Exact for motion that is monotone between samples: from one reversal to the next
-    the state is the straight line of its spring, cut off at +-1. One step of the loop
-    is a reversal, not a sample.
+    Exact for motion that is monotone between samples: from one reversal to the next the
+    state is the straight line of its spring, cut off at +-1. One step of the loop is a
+    reversal, not a sample.
 
     Parameters
     ----------
@@ -206,8 +199,6 @@ def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
         (N,) positions, or the legs of a path.
     d
         Travel after which the slider moves [rad, m].
-    start
-        z[0].
 
     Returns
     -------

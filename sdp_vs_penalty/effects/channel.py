@@ -301,22 +301,8 @@ class TorqueFilter(DelayedTorque):
 
 
 def first_order_lag(x: Array, t: Array, T: float) -> Array:
-    """Filter by T dy/dt + y = x, beginning in the steady state; exact where x is linear
-    between samples.
-
-    Parameters
-    ----------
-    x
-        (N, n) input.
-    t
-        (N,) instants, evenly spaced [s].
-    T
-        Time constant [s].
-
-    Returns
-    -------
-    Array
-        (N, n) output.
+    """Filter x (N, n) by T dy/dt + y = x [T in s] at evenly spaced instants t (N,) [s],
+    beginning in the steady state; y (N, n) is exact where x is linear between samples.
     """
     if len(t) < 2:
         return x

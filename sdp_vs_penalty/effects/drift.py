@@ -56,21 +56,11 @@ class Drift(JointEffect):
         return ("form", "T") if self.exponential else ("form",)
 
     def course(self, motion: Motion) -> Array:
-        """Compute how the effect follows time: t [s] for linear forms, exp(-|t| / T)
-        [-] for settling ones.
+        """Compute how the effect follows time at N instants (N,): t [s] for linear
+        forms, exp(-|t| / T) [-] for settling ones.
 
         Time counts from t0. A settling effect fades before t0 too: in an older run
         exp(-t / T) would grow without end.
-
-        Parameters
-        ----------
-        motion
-            The motion at N instants.
-
-        Returns
-        -------
-        Array
-            (N,) course.
         """
         t = motion.t - self.shape["t0"]
         return np.exp(-np.abs(t) / self.shape["T"]) if self.exponential else t
@@ -114,14 +104,13 @@ class Rubbing(JointEffect):
         return f"{torque}*s/{position}" if self.viscous else torque
 
     def rubbing(self, motion: Motion, joint: int) -> Array:
-        """Compute the friction of unit size: the velocity, or its smooth sign.
+        """Compute the friction of unit size on a joint (from 0): the velocity, or its
+        smooth sign.
 
         Parameters
         ----------
         motion
             The motion at N instants.
-        joint
-            The joint from 0.
 
         Returns
         -------

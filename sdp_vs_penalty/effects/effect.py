@@ -39,37 +39,29 @@ from sdp_vs_penalty.robot.robot import Robot
 
 @dataclass(frozen=True)
 class Parameter:
-    """One entry of theta.
+    """One entry of theta."""
 
-    Parameters
-    ----------
-    name : such as "f_v3"
-    unit : such as "N*m*s/rad"
-    effect : name of its effect
-    joint : joint from 1; 0 for the whole robot
-    lower : lower bound, 0 where physics fixes the sign
-    """
-
+    #: Name, such as "f_v3".
     name: str
+    #: Unit, such as "N*m*s/rad".
     unit: str
+    #: Name of the parameter's effect.
     effect: str
+    #: Number of the joint, from 1; 0 for the whole robot.
     joint: int
+    #: Lower bound, 0 where physics fixes the sign.
     lower: float = -np.inf
 
 
 @dataclass(frozen=True)
 class Block:
-    """Columns (N, k) of the regressor of one joint's torque.
+    """Columns (N, k) of the regressor of one joint's torque."""
 
-    Parameters
-    ----------
-    joint : joint from 0
-    parameters : (k,) places of the columns' parameters among those of the effect
-    columns : (N, k) torque [N m, N] from one unit of each parameter
-    """
-
+    #: Number of the joint, from 0.
     joint: int
+    #: (k,) places of the columns' parameters among those of the effect.
     parameters: NDArray[np.intp]
+    #: (N, k) torque [N m, N] from one unit of each parameter.
     columns: Array
 
 
@@ -95,21 +87,17 @@ WAVES_TO_REPEAT = 2.0
 
 @dataclass(frozen=True)
 class JointCoverage:
-    """What runs show of a joint.
+    """What runs show of a joint."""
 
-    Parameters
-    ----------
-    travel : distance between its lowest and highest position [rad, m]
-    resolution : smallest step of its positions [rad, m]
-    stands : fraction of the samples in which it stands still
-    lowest : its lowest position [rad, m]
-    highest : its highest position [rad, m]
-    """
-
+    #: Distance between the joint's lowest and highest position [rad, m].
     travel: float = np.inf
+    #: Smallest step of the joint's positions [rad, m].
     resolution: float = 0.0
+    #: Share of the samples in which the joint stands still, 0 to 1.
     stands: float = 0.0
+    #: Lowest position of the joint [rad, m].
     lowest: float = -np.inf
+    #: Highest position of the joint [rad, m].
     highest: float = np.inf
 
 
@@ -234,8 +222,6 @@ class Effect(ABC):
 
         Parameters
         ----------
-        robot : Robot
-            The robot.
         joints : sequence of int, optional
             Joints from 0 on which the effect acts; None for all.
         **shape : float
@@ -840,11 +826,11 @@ class EffectEntry(JsonRecord):
     """What files hold of an effect; :func:`~sdp_vs_penalty.effects.make_effect` makes it
     again."""
 
-    #: Its name, as `list effects` has it.
+    #: Name of the effect, as `list effects` has it.
     effect: str
-    #: From 1; None for all joints.
+    #: Numbers of the joints, from 1; None for all joints.
     joints: tuple[int, ...] | None
-    #: Its shape constants.
+    #: Shape constants of the effect by name.
     shape: Mapping[str, float]
 
 
@@ -856,8 +842,6 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
 
     Parameters
     ----------
-    effect
-        The effect.
     signal
         "q" for positions, "dq" for velocities.
 

@@ -39,24 +39,21 @@ _ARRIVED = 1e-11
 
 
 class State(NamedTuple):
-    """W simulations at one instant.
+    """W simulations at one instant."""
 
-    Parameters
-    ----------
-    t : (W,) time [s]
-    q, dq : (W, n) positions [rad, m] and velocities
-    ddq : (W, n) accelerations of the last step
-    z : (W, k) internal states of the friction, in [-1, 1]
-    temperature : (W, n) of the joints, constant [degrees Celsius]; NaN where unknown
-    position_integral : (W, n) integrals of q [rad s, m s]; NaN where unknown
-    """
-
+    #: (W,) time [s].
     t: Array
+    #: (W, n) positions [rad, m].
     q: Array
+    #: (W, n) velocities [rad/s, m/s].
     dq: Array
+    #: (W, n) accelerations of the last step [rad/s^2, m/s^2].
     ddq: Array
+    #: (W, k) internal states of the friction, in [-1, 1].
     z: Array
+    #: (W, n) temperatures of the joints, constant [degrees Celsius]; NaN where unknown.
     temperature: Array
+    #: (W, n) integrals of the positions over time [rad s, m s]; NaN where unknown.
     position_integral: Array
 
     def rows(self, which: slice | NDArray[np.intp]) -> State:
@@ -66,15 +63,11 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class _Probe(Motion):
-    """A motion in which the direction of dry friction is prescribed.
+    """A motion in which the direction of dry friction is prescribed."""
 
-    Parameters
-    ----------
-    contacts : (m, n) ratios of the joints along which there is dry friction
-    signs : (N, m) direction of the friction along each contact, -1 to 1
-    """
-
+    #: (m, n) ratios of the joints along which there is dry friction.
     contacts: Array | None = None
+    #: (N, m) direction of the friction along each contact, -1 to 1.
     signs: Array | None = None
 
     def sign(self, joint: int, width: float | None = None) -> Array:
@@ -159,20 +152,8 @@ class Plant:
         return tuple(e.text for e in self.model.effects if e.forward == "left out")
 
     def true_torque(self, t: Array, torque: Array) -> Array:
-        """Recover the joints' torque from what the channels read.
-
-        Parameters
-        ----------
-        t
-            (N,) instants [s].
-        torque
-            (N, n) what the channels read [N m, N].
-
-        Returns
-        -------
-        Array
-            (N, n) torque by the first row of parameters [N m, N].
-        """
+        """Recover the joints' torque (N, n) [N m, N], by the first row of parameters,
+        from what the channels read (N, n) [N m, N] at instants t (N,) [s]."""
         if self.model.gains is not None:
             torque = torque / np.array(self.model.gains)
         for effect, k in self.channels:
@@ -244,27 +225,12 @@ class Plant:
 
     def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:
         """Compute the terms of the equation of motion for W simulations at the middle
-        of a step.
+        of a step h [s].
 
-        The middle is predicted as if the acceleration of the last step went on.
-
-        Parameters
-        ----------
-        state
-            States of W simulations.
-        h
-            Step [s].
-
-        Returns
-        -------
-        mass : (W, n, n) array
-            Mass matrices.
-        force : (W, n) array
-            Bias and all other forces but dry friction [N m, N].
-        slope : (W, n) array
-            Derivative of the force by the velocity.
-        dry : (W, m) array
-            Sizes of the dry friction along the m contacts [N m, N].
+        Returns mass matrices (W, n, n), the bias with all other forces but dry friction
+        (W, n) [N m, N], the derivative of this force by the velocity (W, n), and sizes
+        of the dry friction along the m contacts (W, m) [N m, N]. The middle is
+        predicted as if the acceleration of the last step went on.
         """
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
@@ -444,8 +410,8 @@ class Plant:
         """List the m directions along which dry friction may act: each joint, and each
         combination of joints of an effect.
 
-        Returns (m, n) ratios of the joints, and (m,) widths [rad/s, m/s] over which the
-        friction turns.
+        They are ratios of the joints (m, n), with widths (m,) [rad/s, m/s] over which
+        the friction turns.
         """
         n = self.robot.n
         widths = list(self.model.sign_width)
@@ -462,8 +428,8 @@ class Plant:
 def advance(
     plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None
 ) -> State:
-    """Take one step of all simulations; positions move with the mean velocity of the
-    step.
+    """Take one step h [s] of all simulations; positions move with the mean velocity of
+    the step.
 
     Friction and everything else that grows with velocity is implicit (see
     ``Plant.terms``).
@@ -472,12 +438,8 @@ def advance(
     ----------
     plant
         The robot with its effects.
-    state
-        States of W simulations.
     torque
         (W, n) torque at the middle of the step, predicted as if accelerations stayed.
-    h
-        Step [s].
     damping
         (W, n, n) decrease of a controller's torque per unit of velocity there.
 
@@ -546,24 +508,9 @@ class ServoLoop:
         return -load
 
     def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
-        """Make the initial states of W simulations, with the velocity of the command.
-
-        Parameters
-        ----------
-        command
-            Command of the drives.
-        t
-            (W,) instants [s].
-        q
-            (W, n) positions [rad, m].
-        path
-            (W, n) integrals of the positions over time [rad s, m s].
-
-        Returns
-        -------
-        State
-            W states.
-        """
+        """Make the initial states of W simulations at instants t (W,) [s], with
+        positions q (W, n) [rad, m], their integrals over time (W, n) [rad s, m s], and
+        the velocity of the command."""
         dq = command.velocity(t)
         zero = np.zeros_like(q)
         motion = Motion(t, q, dq, zero, command=command, position_integral=path)
@@ -575,24 +522,10 @@ class ServoLoop:
         return State(t, q, dq, zero, z, np.full_like(q, np.nan), path)
 
     def step(self, state: State, command: Command, h: float) -> State:
-        """Take one step of the simulated control loop.
+        """Take one step h [s] of the simulated control loop.
 
         The drives' stiffness and damping are implicit: their torque is linearised in
         the velocity at the middle of the step, so that stiff drives are stable.
-
-        Parameters
-        ----------
-        state
-            States of W simulations.
-        command
-            Command of the drives.
-        h
-            Step [s].
-
-        Returns
-        -------
-        State
-            The states after the step.
         """
         # Motion at the middle of the step, as if the acceleration stayed.
         half = 0.5 * h

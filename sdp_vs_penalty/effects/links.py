@@ -312,14 +312,12 @@ class LinkDeviation(Effect):
     signless = True
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        """Compute the torque from one unit of the deviation of one joint.
+        """Compute the torque from one unit of the deviation of one joint (from 0).
 
         Parameters
         ----------
         motion
             The motion at N instants.
-        joint
-            The joint from 0.
 
         Returns
         -------

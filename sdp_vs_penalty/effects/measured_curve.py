@@ -25,34 +25,20 @@ WORDS = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)", "temp", "none")
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable over which a table of torques runs.
+    """A variable over which a table of torques runs."""
 
-    Parameters
-    ----------
-    word : one of WORDS; "tau" is the torque of the current model
-    joint : joint from 0
-    other : joint from 0 that is added to a position or velocity; -1 for none
-    ratio : factor of the added joint
-    """
-
+    #: Quantity, one of WORDS; "tau" is the torque of the current model.
     word: str
+    #: Number of the joint, from 0.
     joint: int = 0
+    #: Number of the joint, from 0, that is added to a position or velocity; -1 for
+    #: none.
     other: int = -1
+    #: Factor of the added joint.
     ratio: float = 1.0
 
     def along(self, motion: Motion) -> Array:
-        """Compute the variable along a motion.
-
-        Parameters
-        ----------
-        motion
-            The motion at N instants.
-
-        Returns
-        -------
-        Array
-            (N,) values.
-        """
+        """Compute the variable (N,) along a motion of N instants."""
         j = self.joint
         if self.word == "t":
             return motion.t
@@ -98,11 +84,6 @@ class Variable:
         ----------
         text
             Text such as "q4", "sign(dq4)" or "t".
-
-        Returns
-        -------
-        Variable
-            The variable.
 
         Raises
         ------
@@ -361,18 +342,8 @@ class MeasuredCurve(JointEffect):
         }
 
     def variables(self, joint: int) -> tuple[Variable, ...]:
-        """Return the variables over which the table of a joint runs.
-
-        Parameters
-        ----------
-        joint
-            The joint from 0.
-
-        Returns
-        -------
-        tuple of Variable
-            One or two variables.
-        """
+        """Return the one or two variables over which the table of a joint (from 0)
+        runs."""
         parsed = (_variable(self.shape, axis, joint) for axis in "xy")
         return tuple(v for v in parsed if v is not None)
 
@@ -389,19 +360,8 @@ class MeasuredCurve(JointEffect):
         return f"{self.text.partition('@')[0]} ({self.constants})"
 
     def of(self, joint: int) -> tuple[str, ...]:
-        """Return the names of the variables of one joint's table, such as "q4" or
-        "sign(dq4)".
-
-        Parameters
-        ----------
-        joint
-            The joint from 0.
-
-        Returns
-        -------
-        tuple of str
-            One or two names.
-        """
+        """Return the names of the one or two variables of the table of a joint (from
+        0), such as "q4" or "sign(dq4)"."""
         return tuple(v.name for v in self.variables(joint))
 
     def parameter_name(self, joint: int) -> str:
@@ -413,7 +373,8 @@ class MeasuredCurve(JointEffect):
         return self._interpolated(self._table, motion, joint)
 
     def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
-        """Interpolate a table (xn, yn) linearly along a motion; returns (N,) values.
+        """Interpolate a table (xn, yn) linearly along a motion of N instants, to values
+        (N,).
 
         Values of the variables from ``low`` to ``high`` are mapped to places 0 to n - 1
         of the table; beyond the ends the value at the end counts. A table over one

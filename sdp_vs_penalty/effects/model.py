@@ -27,15 +27,11 @@ _PART = 1 << 13
 
 @dataclass(frozen=True)
 class JointColumns:
-    """The regressor of one joint's torque.
+    """The regressor of one joint's torque."""
 
-    Parameters
-    ----------
-    indices : (k,) indices into theta of the columns' parameters
-    columns : (N, k) torque [N m, N] from one unit of each parameter
-    """
-
+    #: (k,) indices into theta of the columns' parameters.
     indices: NDArray[np.intp]
+    #: (N, k) torque [N m, N] from one unit of each parameter.
     columns: Array
 
     def dense_columns(self, p: int) -> Array:
@@ -61,28 +57,24 @@ class Model:
     """A robot and its effects: tau = sum over effects of Y_e theta_e.
 
     theta (p,) holds the effects' parameters one after the other.
-
-    Parameters
-    ----------
-    robot : the robot
-    effects : the effects, in the order of theta
-    reference : (p,) parameters of the current model, to which effects refer whose
-        columns need a torque (a gain) or the links (elasticity); None where no effect
-        needs it
-    gains : (n,) reading of each torque channel over the true torque, where it is known:
-        theta is then in true units, and the modelled torque in those of the channels.
-        None: 1
-    allow_duplicates : whether an effect may come twice, the second time for what has
-        changed since the first was identified
-    known : values of given parameters by name, which no data change: equalities of the
-        optimisation problem
     """
 
+    #: The robot.
     robot: Robot
+    #: The effects, in the order of theta.
     effects: tuple[Effect, ...]
+    #: (p,) parameters of the current model, to which effects refer whose columns need a
+    #: torque (a gain) or the links (elasticity); None where no effect needs it.
     reference: Array | None = None
+    #: (n,) reading of each torque channel over the true torque, where it is known:
+    #: theta is then in true units, and the modelled torque in those of the channels.
+    #: None: 1.
     gains: tuple[float, ...] | None = None
+    #: Whether an effect may come twice, the second time for what has changed since the
+    #: first was identified.
     allow_duplicates: bool = False
+    #: Values of given parameters by name, which no data change: equalities of the
+    #: optimisation problem.
     known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -213,17 +205,12 @@ class Model:
         return sizes
 
     def columns(self, motion: Motion) -> list[JointColumns]:
-        """Compute the regressor of a motion, joint by joint.
+        """Compute the regressor of a motion, joint by joint, for all n joints.
 
         Parameters
         ----------
         motion
             The motion at N instants.
-
-        Returns
-        -------
-        list of JointColumns
-            n entries.
         """
         return self.joined(self.blocks(motion), len(motion.t))
 
@@ -323,13 +310,6 @@ class Model:
         ----------
         blocks
             Blocks by the place of their effect in the model.
-        count
-            Number of instants.
-
-        Returns
-        -------
-        list of JointColumns
-            n entries.
         """
         # Of each joint the indices into theta and the columns, to be concatenated.
         indices_of_joint = [[np.arange(0)] for _ in range(self.robot.n)]
@@ -403,11 +383,6 @@ class Model:
     def with_known(self, theta: Array) -> Array:
         """Put the given values into theta.
 
-        Parameters
-        ----------
-        theta
-            (p,) parameters.
-
         Returns
         -------
         Array
@@ -449,13 +424,11 @@ class Model:
         return CurrentModel(self.robot, links if len(links) else massless)
 
     def seen_along(self, theta: Array, motion: Motion) -> Motion:
-        """Attach the current model to a motion, for effects whose columns depend on its
-        links or torque.
+        """Attach the current model, with parameters theta (p,), to a motion, for
+        effects whose columns depend on its links or torque.
 
         Parameters
         ----------
-        theta
-            (p,) parameters.
         motion
             The motion at N instants.
 
@@ -472,21 +445,10 @@ class Model:
         return replace(attached, logged=logged, sign_width=self.sign_width)
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
-        """Compute the torque of the model: tau = Y(motion) theta.
+        """Compute the torque (N, n) [N m, N] of the model with parameters theta (p,)
+        along a motion of N instants: tau = Y(motion) theta.
 
         Long motions are computed part by part, to keep the columns within the memory.
-
-        Parameters
-        ----------
-        theta
-            (p,) parameters.
-        motion
-            The motion at N instants.
-
-        Returns
-        -------
-        Array
-            (N, n) torque [N m, N].
         """
         theta = np.asarray(theta, float)
         count = len(motion.t)
@@ -533,8 +495,6 @@ def turning(motion: Motion, effect: Effect) -> Motion:
 
     Parameters
     ----------
-    motion
-        The motion.
     effect
         An effect with a shape constant ``v_s`` [rad/s, m/s], or without one.
 
@@ -553,11 +513,6 @@ def turning(motion: Motion, effect: Effect) -> Motion:
 
 def depends(effect: Effect) -> bool:
     """Tell whether an effect's columns need a current model.
-
-    Parameters
-    ----------
-    effect
-        The effect.
 
     Returns
     -------

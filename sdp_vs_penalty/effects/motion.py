@@ -27,15 +27,11 @@ _ROWS_AT_A_TIME = 8192
 
 @dataclass(frozen=True)
 class CurrentModel:
-    """The model to which torque-dependent effects refer.
+    """The model to which torque-dependent effects refer."""
 
-    Parameters
-    ----------
-    robot : the robot
-    links : (n, 10) standard parameters of its links
-    """
-
+    #: The robot.
     robot: Robot
+    #: (n, 10) standard parameters of its links.
     links: Array
 
     @cached_property
@@ -60,15 +56,11 @@ class CurrentModel:
 
 @dataclass(frozen=True)
 class Sampling:
-    """Samples of the log for which one instant of a motion stands.
+    """Samples of the log for which one instant of a motion stands."""
 
-    Parameters
-    ----------
-    count : number of samples; 1 for the instant itself
-    dt : time between two of them [s]
-    """
-
+    #: Number of samples; 1 for the instant itself.
     count: int = 1
+    #: Time between two of them [s].
     dt: float = 0.0
 
 
@@ -77,20 +69,17 @@ class Command:
     """The command of the drives, at N evenly spaced instants.
 
     Between two instants Taylor's series is followed.
-
-    Parameters
-    ----------
-    t : (N,) instants [s]
-    q : (N, n) commanded positions [rad, m]
-    dq : (N, n) commanded velocities
-    ddq : (N, n) commanded accelerations
-    position_integral : (N, n) integral of the position over time [rad s, m s]
     """
 
+    #: (N,) instants [s].
     t: Array
+    #: (N, n) commanded positions [rad, m].
     q: Array
+    #: (N, n) commanded velocities [rad/s, m/s].
     dq: Array
+    #: (N, n) commanded accelerations [rad/s^2, m/s^2].
     ddq: Array
+    #: (N, n) integral of the commanded position over time [rad s, m s].
     position_integral: Array
 
     def position(self, t: Array) -> Array:
@@ -132,21 +121,12 @@ class Command:
         return np.asarray(self.dq[k] + h * self.ddq[k])
 
     def integral(self, t: Array) -> Array:
-        """Return the integral of the commanded position over time.
+        """Return the integral (N, n) of the commanded position over time [rad s, m s]
+        at instants t (N,) [s].
 
-        From the nearest sample k, with h = t - t_k and the integral I_k there:
-        I(t) = I_k + h q_k + h^2 / 2 dq_k. Before the first and after the last sample
-        the position is constant, so the integral grows linearly with q_k.
-
-        Parameters
-        ----------
-        t
-            (N,) instants [s].
-
-        Returns
-        -------
-        Array
-            (N, n) integrals [rad s, m s].
+        From the nearest sample k, with h = t - t_k and the integral I_k there: I(t) =
+        I_k + h q_k + h^2 / 2 dq_k. Before the first and after the last sample the
+        position is constant, so the integral grows linearly with q_k.
         """
         k, h = self._nearest_sample(t)
         # Time beyond the ends of the command, where h is 0; 0 between the ends.
@@ -175,37 +155,21 @@ class Command:
 
 @dataclass(frozen=True)
 class Legs:
-    """A path (N,) cut at its reversals into L legs of one direction.
+    """A path (N,) cut at its reversals into L legs of one direction."""
 
-    Parameters
-    ----------
-    corners : (L + 1,) positions at the ends of the legs [rad, m]
-    direction : (L,) 1 forwards, -1 backwards, 0 where the path never moves
-    leg : (N - 1,) leg of each step; a step without motion belongs to the leg before it
-    travel : (N - 1,) signed distance from the leg's beginning to the step's end [rad,
-        m]
-    """
-
+    #: (L + 1,) positions at the ends of the legs [rad, m].
     corners: Array
+    #: (L,) 1 forwards, -1 backwards, 0 where the path never moves.
     direction: Array
+    #: (N - 1,) leg of each step; a step without motion belongs to the leg before it.
     leg: NDArray[np.intp]
+    #: (N - 1,) signed distance from the leg's beginning to the step's end [rad, m].
     travel: Array
 
     @classmethod
     def of(cls, q: Array) -> Legs:
-        """Cut a path into legs at its reversals: within a leg the position is monotone.
-
-        Parameters
-        ----------
-        q
-            (N,) positions [rad, m].
-
-        Returns
-        -------
-        Legs
-            Positions of the corners (reversals and both ends), direction of each leg, and
-            for each step its leg and its travel since the leg's beginning.
-        """
+        """Cut a path q (N,) [rad, m] into legs at its reversals: within a leg the
+        position is monotone."""
         sign = np.sign(np.diff(q))
         moving_steps = np.flatnonzero(sign)
         changes = np.flatnonzero(np.diff(sign[moving_steps]))
@@ -244,19 +208,24 @@ def _logged(field: str, what: str, columns: str) -> Any:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the
-    current model.
+    """A motion at N evenly spaced instants.
 
     Effects that need a torque read ``torque``, those that need inverse dynamics
     ``current``: both come from the model as it stands (in a diagnosis with what was
     found so far), never from the measured torque.
     """
 
+    #: (N,) instants [s].
     t: Array
+    #: (N, n) positions [rad, m].
     q: Array
+    #: (N, n) velocities [rad/s, m/s].
     dq: Array
+    #: (N, n) accelerations [rad/s^2, m/s^2].
     ddq: Array
+    #: (N, n) torque of the current model [N m, N]; None without one.
     torque: Array | None = None
+    #: The model to which torque-dependent effects refer; None without one.
     current: CurrentModel | None = None
     #: Velocities [rad/s, m/s] over which the sign of a velocity is smoothed: one for
     #: all joints, or one a joint. The model's own for Coulomb.
@@ -265,9 +234,10 @@ class Motion:
     within: Sampling | None = None
     #: (N, n) of each joint's gear or motor [degrees Celsius], where the log holds them.
     temperature: Array | None = None
-    #: What the drives were told, where that was logged, and (N, n) the integral of q
-    #: over time since the same instant.
+    #: The command of the drives, None where it was not logged.
     command: Command | None = None
+    #: (N, n) integral of the positions over time since the same instant as the
+    #: command's [rad s, m s].
     position_integral: Array | None = None
     #: (N, n) accelerations of the motors on their joints' side of the gear, where the
     #: log holds both.
@@ -288,11 +258,6 @@ class Motion:
 
     def part(self, which: slice | NDArray[np.integer]) -> Motion:
         """Return the motion at some of its instants.
-
-        Parameters
-        ----------
-        which
-            Slice or indices.
 
         Returns
         -------
@@ -339,12 +304,10 @@ class Motion:
         return out
 
     def sign(self, joint: int, width: float | None = None) -> Array:
-        """Compute the smooth sign of a joint's velocity.
+        """Compute the smooth sign of the velocity of a joint (from 0).
 
         Parameters
         ----------
-        joint
-            The joint from 0.
         width
             Velocity over which the sign turns [rad/s, m/s]; None: the joint's own.
 
@@ -358,12 +321,10 @@ class Motion:
         return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
 
     def sign_ahead(self, joint: int, lead: float) -> Array:
-        """Compute the smooth sign of a joint's velocity a little later.
+        """Compute the smooth sign of the velocity of a joint (from 0) a little later.
 
         Parameters
         ----------
-        joint
-            The joint from 0.
         lead
             How much later [s]: the velocity there is dq + lead ddq, to first order.
 
@@ -406,11 +367,6 @@ class Motion:
         ----------
         ratios
             (n,) factors of the joints' positions.
-
-        Returns
-        -------
-        Legs
-            The legs between reversals.
         """
         joint = _single_joint(ratios)
         return Legs.of(self.q @ ratios) if joint is None else self._legs[joint]
@@ -428,18 +384,8 @@ class Motion:
         return [Legs.of(q) for q in self.q.T]
 
     def width(self, joint: int) -> float:
-        """Return the velocity over which a joint's sign is smoothed.
-
-        Parameters
-        ----------
-        joint
-            The joint from 0.
-
-        Returns
-        -------
-        float
-            Width [rad/s, m/s].
-        """
+        """Return the velocity over which the sign of a joint (from 0) is smoothed
+        [rad/s, m/s]."""
         w = self.sign_width
         return w[joint] if isinstance(w, tuple) else w
 
@@ -468,20 +414,11 @@ class Motion:
         )
 
     def late_torque_rate(self, T: float) -> Array:
-        """Compute (tau(t) - tau(t - T)) / T of the current model's torque.
+        """Compute (tau(t) - tau(t - T)) / T (N, n) [N m/s, N/s] of the current model's
+        torque, with a delay T [s].
 
         For a T below two samples it is the difference over two samples about the same
         middle.
-
-        Parameters
-        ----------
-        T
-            Delay [s].
-
-        Returns
-        -------
-        Array
-            (N, n) rate [N m/s, N/s].
         """
         step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         middle = self.t - 0.5 * T  # of the interval from t - T to t
@@ -510,24 +447,13 @@ class Motion:
         return values, rate, _time_derivative(rate, self.t)
 
     def smoothed(self, values: Array, band: float) -> Array:
-        """Remove from values what is faster than a frequency.
+        """Remove from values (N, ...) at these instants what is faster than the
+        frequency ``band`` [Hz].
 
         The gain is 1 / (1 + (f / band)^8): a Butterworth filter of fourth order,
         forwards and backwards. Values are continued as odd functions beyond both ends,
         so a sine transform of their deviation from the straight line between the ends
         applies it.
-
-        Parameters
-        ----------
-        values
-            (N, ...) values at these instants.
-        band
-            Frequency [Hz].
-
-        Returns
-        -------
-        Array
-            (N, ...) smooth values.
         """
         # Sampling rate [Hz]; the tiny number avoids a division by zero.
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
@@ -569,12 +495,7 @@ class Motion:
 
     def derivatives(self, joint: int) -> tuple[Array, Array, Array]:
         """Return derivatives of the inverse dynamics of the current model's links by
-        the state of one joint.
-
-        Parameters
-        ----------
-        joint
-            The joint from 0.
+        the state of one joint (from 0).
 
         Returns
         -------
@@ -636,8 +557,8 @@ def smooth_sign(
     rate: Array | None = None,
     within: Sampling | None = None,
 ) -> Array:
-    """Compute tanh(dq / width), a sign of the velocity that does not jump with noise
-    near zero.
+    """Compute tanh(dq / width), a sign of velocities dq (N,) [rad/s, m/s] that does not
+    jump with noise near zero.
 
     Where each instant stands for several samples of the log (a motion at a lower rate),
     the mean of the sign over these samples is returned: a sign read at every fourth
@@ -645,8 +566,6 @@ def smooth_sign(
 
     Parameters
     ----------
-    velocity
-        (N,) velocities [rad/s, m/s].
     width
         Velocity over which the sign turns [rad/s, m/s].
     rate

@@ -48,11 +48,6 @@ class WithPartner(JointEffect):
         ----------
         joint
             The joint from 0 that is acted on.
-
-        Returns
-        -------
-        int
-            The partner from 0.
         """
         if self.shape["i"] > 0.0:
             return int(self.shape["i"]) - 1

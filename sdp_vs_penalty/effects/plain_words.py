@@ -27,11 +27,6 @@ def effect_name(name: str) -> str:
     name : str
         The effect's name in commands and files.
 
-    Returns
-    -------
-    str
-        The name in words.
-
     Examples
     --------
     >>> effect_name("joint_spring"), effect_name("presliding_hysteresis")
@@ -84,11 +79,6 @@ def effects_in_words(texts: Sequence[str]) -> str:
     texts : sequence of str
         Names with joints and shape constants.
 
-    Returns
-    -------
-    str
-        Words for a sentence.
-
     Examples
     --------
     >>> effects_in_words(["stiction:3@d=0.1", "base_tilt", "stiction:4@d=0.2"])
@@ -121,23 +111,19 @@ def _short(value: str) -> str:
 
 @dataclass(frozen=True)
 class FittedEffect:
-    """An effect with the size that a fit gives it.
+    """An effect with the size that a fit gives it."""
 
-    Parameters
-    ----------
-    name : name in commands and files
-    joints : joints from 1; empty for the whole robot
-    size : size of the effect, in ``unit``
-    unit : such as "N*m"
-    parameters : fitted values by the parameters' names, in SI units
-    shape : shape constants by name, in SI units
-    """
-
+    #: Name of the effect in commands and files.
     name: str
+    #: Numbers of the joints, from 1; empty for the whole robot.
     joints: Sequence[int]
+    #: Size of the effect, in ``unit``.
     size: float
+    #: Unit of the size, such as "N*m".
     unit: str
+    #: Fitted values by the parameters' names, in SI units.
     parameters: Mapping[str, float]
+    #: Shape constants by name, in SI units.
     shape: Mapping[str, float]
 
 
@@ -158,11 +144,6 @@ class _Sign:
 
 def on_the_arm(fitted: FittedEffect) -> str:
     """Explain to a mechanical engineer what a fitted effect means on the arm.
-
-    Parameters
-    ----------
-    fitted : FittedEffect
-        The effect.
 
     Returns
     -------
@@ -222,19 +203,8 @@ def _is_slide(unit: str) -> bool:
 
 
 def length_or_angle(value: float, is_slide: bool) -> str:
-    """Format a joint's position in the units of engineers: degrees, or millimetres.
-
-    Parameters
-    ----------
-    value : float
-        Position [rad or m].
-    is_slide : bool
-        Whether the joint is prismatic.
-
-    Returns
-    -------
-    str
-        Number and unit.
+    """Format a joint's position [rad or m] in the units of engineers: degrees, or
+    millimetres if it is prismatic.
 
     Examples
     --------

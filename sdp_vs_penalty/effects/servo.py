@@ -55,20 +55,8 @@ class ServoGain(Servo):
         return self.blocks_per_joint([column[:, j] for j in self.joints])
 
     def drive(self, motion: Motion, at: Array) -> Array:
-        """Compute the torque on the load from gains of one.
-
-        Parameters
-        ----------
-        motion
-            The motion at N instants.
-        at
-            (N,) instants of the command [s].
-
-        Returns
-        -------
-        Array
-            (N, n) torque.
-        """
+        """Compute the torque (N, n) on the load from gains of one, with the command at
+        instants ``at`` (N,) [s]."""
         raise NotImplementedError
 
 

@@ -14,47 +14,38 @@ VELOCITY = ("rad/s", "m/s")
 
 @dataclass(frozen=True)
 class ShapeConstant:
-    """A shape constant: a number on which an effect's columns depend non-linearly.
+    """A shape constant: a number on which an effect's columns depend non-linearly."""
 
-    Parameters
-    ----------
-    default : value where none is given
-    unit : "-" for a number; a pair for a revolute and a prismatic joint
-    grid : values from which a search starts
-    bounds : range in which a search refines them; None: it stays on the grid
-    scale : spacing of neighbours: widths, exponents and times by a ratio ("log"), wave
-        numbers by a difference ("linear")
-    choices : the only allowed values, where these are few
-    metres : length [m] on a prismatic joint that stands for one radian of grid and
-        bounds
-    words : names of the choices in written effects
-    signed : whether the value may be zero or negative
-    role : "searched" by `diagnose` and `add` where it is not given; "estimated" by
-        `identify` as well; "clock", the instant from which time counts, taken from the
-        measurements
-    """
-
+    #: Value where none is given.
     default: float
+    #: Unit, "-" for a number; a pair for a revolute and a prismatic joint.
     unit: str | tuple[str, str] = "-"
+    #: Values from which a search starts.
     grid: tuple[float, ...] = ()
+    #: Range in which a search refines the values; None: they stay on the grid.
     bounds: tuple[float, float] | None = None
+    #: Spacing of neighbours: widths, exponents and times by a ratio ("log"), wave
+    #: numbers by a difference ("linear").
     scale: Literal["log", "linear"] = "log"
+    #: The only allowed values, where these are few.
     choices: tuple[float, ...] = ()
+    #: Length on a prismatic joint that stands for one radian of grid and bounds [m].
     metres: float = 1.0
+    #: Names of the choices in written effects.
     words: tuple[str, ...] = ()
+    #: Whether the value may be zero or negative.
     signed: bool = False
+    #: "searched" by `diagnose` and `add` where it is not given; "estimated" by
+    #: `identify` as well; "clock", the instant from which time counts, taken from the
+    #: measurements.
     role: Literal["searched", "estimated", "clock"] = "searched"
 
     def on(self, kind: str) -> ShapeConstant:
-        """Return the constant with grid and bounds for one kind of joint.
+        """Return the constant with grid and bounds for one kind of joint, "revolute" or
+        "prismatic".
 
         For a prismatic joint, both are multiplied by ``metres``: grids are written in
         rad.
-
-        Parameters
-        ----------
-        kind
-            "revolute" or "prismatic".
 
         Returns
         -------
@@ -71,11 +62,6 @@ class ShapeConstant:
 
     def complaint(self, value: float) -> str | None:
         """Say what is wrong with a value.
-
-        Parameters
-        ----------
-        value
-            The value.
 
         Returns
         -------
@@ -96,22 +82,8 @@ class ShapeConstant:
         return None
 
     def parsed(self, text: str) -> float:
-        """Parse the written value of the constant.
-
-        Parameters
-        ----------
-        text
-            A number, or one of the constant's words ("viscous").
-
-        Returns
-        -------
-        float
-            The value; words stand for whole numbers.
-
-        Raises
-        ------
-        ValueError
-            The text is neither.
+        """Parse the written value of the constant: a number, or one of its words
+        ("viscous"), which stand for whole numbers; ValueError if the text is neither.
         """
         word = text.strip()
         return (
@@ -120,11 +92,6 @@ class ShapeConstant:
 
     def written(self, value: float) -> str:
         """Format a value as :meth:`parsed` reads it.
-
-        Parameters
-        ----------
-        value
-            The value.
 
         Returns
         -------
@@ -140,31 +107,14 @@ class ShapeConstant:
         return text
 
     def unit_on(self, kind: str) -> str:
-        """Return the unit on one kind of joint.
-
-        Parameters
-        ----------
-        kind
-            "revolute" or "prismatic".
-
-        Returns
-        -------
-        str
-            The unit.
-        """
+        """Return the unit on one kind of joint, "revolute" or "prismatic"."""
         return (
             self.unit if isinstance(self.unit, str) else self.unit[kind == "prismatic"]
         )
 
     def format_with_unit(self, value: float, kind: str) -> str:
-        """Write a value with its unit, as a sentence says it.
-
-        Parameters
-        ----------
-        value
-            The value.
-        kind
-            "revolute" or "prismatic".
+        """Write a value with its unit on one kind of joint ("revolute" or "prismatic"),
+        as a sentence says it.
 
         Returns
         -------

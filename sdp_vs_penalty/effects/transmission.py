@@ -161,8 +161,6 @@ class ElasticCoupling(Effect):
 
         Parameters
         ----------
-        robot
-            The robot.
         joint
             The first joint, from 0.
         start, constants
@@ -366,8 +364,6 @@ class TransmissionFriction(StatefulEffect):
 
         Parameters
         ----------
-        robot
-            The robot.
         joint
             Joint from 0 with which the combinations begin.
         start
@@ -431,8 +427,6 @@ def list_joint_combinations(robot: Robot, first: int) -> list[dict[str, float]]:
 
     Parameters
     ----------
-    robot
-        The robot.
     first
         The joint from 0 with which a combination begins.
 
