@@ -28,8 +28,6 @@ def base_parameters(
 
     Parameters
     ----------
-    model : Model
-        The torque model.
     independent : sequence of str or None
         Names of the parameters theta_b to keep; None: the pivoting of a QR factorisation at
         random states chooses.
@@ -64,12 +62,14 @@ def base_parameters(
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """What makes torque of a whole model: rows (b, p) of combinations of theta (p,),
-    base parameters of the links first, then every other parameter; their names, and the
-    parameters that lead them."""
+    """What makes torque of a whole model: base parameters of the links first, then
+    every other parameter."""
 
+    #: (b, p) combinations of theta (p,).
     rows: Array
+    #: Names of the b base parameters.
     names: list[str]
+    #: Indices of the parameters that lead them.
     leading: list[int]
 
 
@@ -83,8 +83,6 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     ----------
     problem : Problem
         Names of the links' base parameters.
-    model : Model
-        Model with its effects.
 
     Returns
     -------
@@ -218,11 +216,6 @@ def structure(
 
 def base_parameter_symbols(problem: Problem) -> dict[str, str]:
     """Return each base parameter as a sum of standard ones, such as "Izz2 - 0.64 m2".
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem with its robot.
 
     Returns
     -------

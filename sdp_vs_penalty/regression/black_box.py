@@ -30,15 +30,15 @@ from sdp_vs_penalty.robot.robot import Robot
 
 @dataclass(frozen=True)
 class BlackBox:
-    """What a black box answered at K configurations.
+    """What a black box answered at K configurations."""
 
-    q (K, n) rad or m; gravity (K, n) joint torques at rest, N m or N; mass_matrix (K,
-    n, n) symmetric joint-space inertia, kg m^2; names : where the answers come from.
-    """
-
+    #: (K, n) configurations [rad or m].
     q: Array
+    #: (K, n) joint torques at rest [N m or N].
     gravity: Array
+    #: (K, n, n) symmetric joint-space inertia [kg m^2].
     mass_matrix: Array
+    #: Where the answers come from.
     names: tuple[str, ...] = ("black box",)
 
     @property
@@ -78,13 +78,6 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     ----------
     source : path or list of path
         File with the arrays q (K, n), gravity (K, n), mass_matrix (K, n, n).
-    joints : int, optional
-        Expected number of joints.
-
-    Returns
-    -------
-    BlackBox or None
-        The answers.
 
     Raises
     ------
@@ -180,15 +173,8 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
 
     Parameters
     ----------
-    box : BlackBox
-        The answers.
     model : Model
         Of the one effect rigid_body.
-
-    Returns
-    -------
-    Regression
-        One block.
 
     Raises
     ------

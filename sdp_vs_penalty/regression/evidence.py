@@ -26,8 +26,8 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 def deviance(
     squares: Array, degrees: ArrayLike, smallest_variance: float = 0.0
 ) -> Array:
-    """Return the deviance -2 log L of Gaussian residuals, each joint with a variance of
-    its own.
+    """Return the deviance D = -2 log L [-] of Gaussian residuals, each joint with a
+    variance of its own.
 
     It is D = sum_j N_j log V_j + S_j / V_j, with V_j = max(S_j / N_j,
     smallest_variance), up to a constant.
@@ -40,11 +40,6 @@ def deviance(
         N_j, number of independent rows of each joint.
     smallest_variance : float
         Lowest variance of a joint, in the residual's unit squared.
-
-    Returns
-    -------
-    (...) array
-        D [-].
     """
     variance = np.maximum(squares / np.asarray(degrees), smallest_variance)
     by_joint = degrees * np.log(variance) + squares / variance
@@ -74,21 +69,12 @@ def log_odds(squares_before: Array, squares_after: Array, degrees: ArrayLike) ->
 
 
 def independent_rows(residual: Array) -> float:
-    """Return the number of independent samples in M correlated rows of a residual.
+    """Return the number of independent samples, M at most, in M correlated rows of a
+    residual (n, M).
 
     It is M / (1 + 2 sum_k rho_k), rho_k the autocorrelation of the residual at lag k,
     summed up to the first lag at which it is not positive (Geyer 1992); the median over
     the joints.
-
-    Parameters
-    ----------
-    residual : (n, M) array
-        Of n joints.
-
-    Returns
-    -------
-    float
-        Number of samples, M at most.
     """
     n_rows = residual.shape[1]
     centred = residual - residual.mean(axis=1, keepdims=True)
@@ -105,7 +91,8 @@ def independent_rows(residual: Array) -> float:
 def cluster_sums(
     clusters: Sequence[NDArray[np.intp]], scores: Array
 ) -> Iterator[Array]:
-    """Yield the sums of scores over clusters of rows, for each way to cluster them.
+    """Yield the sums of scores (number of clusters, k) over clusters of rows, for each
+    way to cluster them.
 
     Parameters
     ----------
@@ -113,11 +100,6 @@ def cluster_sums(
         For each way the label (M,) of each row's cluster, from 0.
     scores
         (M, k) numbers to be summed.
-
-    Yields
-    ------
-    (number of clusters, k) array
-        The sums.
     """
     for labels in clusters:
         yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)
@@ -129,9 +111,10 @@ def rows_worth_one(
     """Return v, the number of correlated rows that carry the evidence of one
     independent row.
 
-    v = tr(A^-1 S) / freedom, at least 1. S = sum of u u' over clusters of rows, with u
-    the scores summed within a cluster: the middle of the sandwich covariance (Liang,
-    Zeger, Biometrika 1986). Of several ways to cluster rows the largest v counts.
+    v = tr(A^-1 S) / freedom, at least 1, with the effective number of coefficients
+    (``freedom``). S = sum of u u' over clusters of rows, with u the scores summed
+    within a cluster: the middle of the sandwich covariance (Liang, Zeger, Biometrika
+    1986). Of several ways to cluster rows the largest v counts.
 
     Parameters
     ----------
@@ -141,13 +124,6 @@ def rows_worth_one(
         (M, K) products of the candidate's columns with the residual, row by row.
     inverse
         (K, K) A^-1, the inverse information matrix.
-    freedom
-        Effective number of coefficients.
-
-    Returns
-    -------
-    float
-        v.
     """
     # tr(A^-1 sum u u') = sum of u' A^-1 u over the clusters' sums u.
     traces = [float(np.sum((u @ inverse) * u)) for u in cluster_sums(clusters, scores)]
@@ -155,20 +131,8 @@ def rows_worth_one(
 
 
 def jackknifed(estimates: Array) -> tuple[Array, Array]:
-    """Return means and jackknife standard deviations of leave-one-part-out estimates.
-
-    Parameters
-    ----------
-    estimates : (parts, ...) array
-        Estimates without one part each.
-
-    Returns
-    -------
-    array
-        Means.
-    array
-        Standard deviations, sqrt((parts - 1) var).
-    """
+    """Return means and jackknife standard deviations, sqrt((parts - 1) var), of
+    estimates (parts, ...) without one part each."""
     n_parts = len(estimates)
     # Numbers that the rows do not determine may be as large as floats can be.
     with np.errstate(over="ignore", invalid="ignore"):

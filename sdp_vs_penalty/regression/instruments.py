@@ -46,11 +46,6 @@ def commanded_motion(measured: Measurements) -> Measurements:
     """Return a log whose command is the motion "qsim", on which instruments are
     computed.
 
-    Parameters
-    ----------
-    measured : Measurements
-        A log with commands.
-
     Returns
     -------
     Measurements
@@ -73,20 +68,7 @@ def commanded_motion(measured: Measurements) -> Measurements:
 
 def free_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
     """Yield the rows of a run for what is free of a model: without the torque of its
-    known parameters, whose columns are zero.
-
-    Parameters
-    ----------
-    run : FilteredRun
-        The run.
-    model : Model
-        The model.
-
-    Returns
-    -------
-    iterator of Rows
-        Chunks of rows.
-    """
+    known parameters, whose columns are zero."""
     for rows in run.rows(model):
         columns, torque = model.without_known(rows.columns, rows.torque)
         yield replace(rows, columns=columns, torque=torque)
@@ -103,13 +85,6 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
     ----------
     run : FilteredRun
         Run with a simulated motion "qsim".
-    model : Model
-        Model with p parameters.
-
-    Returns
-    -------
-    iterator of Rows
-        Chunks of rows.
     """
     p = len(model.parameters)
     measured = free_rows(run, model)
@@ -136,8 +111,6 @@ def instrumented(
 
     Parameters
     ----------
-    model : Model
-        Model with p parameters.
     factors : sequence of (joint, indices, rows)
         Joint, parameters of the columns, and rows of each factor.
 

@@ -54,23 +54,11 @@ def _unit_columns(A: Array) -> tuple[Array, NDArray[np.intp], Array]:
 
 
 def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
-    """Return the least-squares theta of |A theta - b| that is nearest to ``near``.
+    """Return the least-squares theta (p,) of |A theta - b|, with A (r, p) and b (r,),
+    that is nearest to ``near``.
 
-    Distance is measured with columns at unit norm.
-
-    Parameters
-    ----------
-    A : (r, p) array
-        Columns.
-    b : (r,) array
-        Right side.
-    near : (p,) array or float
-        Value from which theta moves only in directions that A determines.
-
-    Returns
-    -------
-    (p,) array
-        theta.
+    Theta moves from ``near`` only in directions that A determines. Distance is measured
+    with columns at unit norm.
     """
     unit, nonzero, norms = _unit_columns(A)
     theta = np.broadcast_to(np.asarray(near, float), A.shape[1]).copy()
@@ -84,19 +72,8 @@ def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
 
 
 def deviations(A: Array) -> Array:
-    """Return standard deviations of least squares in rows with noise of variance one.
-
-    Parameters
-    ----------
-    A : (r, p) array
-        Columns.
-
-    Returns
-    -------
-    (p,) array
-        Standard deviation of each parameter; infinite where the columns do not
-        determine it.
-    """
+    """Return standard deviations (p,) of least squares in rows A (r, p) with noise of
+    variance one; infinite where the columns do not determine a parameter."""
     U, V = column_space(A)
     # Diagonal of V U^T A, the projection onto the visible directions: 1 where the
     # parameter itself is visible.
@@ -106,19 +83,10 @@ def deviations(A: Array) -> Array:
 
 
 def span(A: Array) -> Array:
-    """Return an orthonormal basis of the columns' span, by a pivoted QR.
+    """Return an orthonormal basis U (r, k) of the span of the columns of A (r, p), by a
+    pivoted QR.
 
     It takes a third of the time of :func:`column_space`.
-
-    Parameters
-    ----------
-    A : (r, p) array
-        Columns.
-
-    Returns
-    -------
-    (r, k) array
-        U, with U'U = 1.
     """
     unit, nonzero, _ = _unit_columns(A)
     if not len(nonzero):
@@ -130,20 +98,8 @@ def span(A: Array) -> Array:
 
 
 def partialled(A: Array, others: Array) -> Array:
-    """Return the residual of other columns after least squares in the columns of A.
-
-    Parameters
-    ----------
-    A : (r, p) array
-        Columns that explain.
-    others : (r, ...) array
-        Columns that are explained.
-
-    Returns
-    -------
-    (r, ...) array
-        Residuals, orthogonal to the columns of A.
-    """
+    """Return what least squares in the columns of A (r, p) leaves of other columns (r,
+    ...): residuals (r, ...), orthogonal to the columns of A."""
     U = span(A)
     return np.asarray(others - U @ (U.T @ others))
 
@@ -161,33 +117,11 @@ class InTurn:
         self._answer = (np.zeros(0), np.zeros(0))
 
     def residual(self, x: Array) -> Array:
-        """Return the residual vector r(x) of the least-squares problem.
-
-        Parameters
-        ----------
-        x : (p,) array
-            Variables.
-
-        Returns
-        -------
-        (m,) array
-            Residuals.
-        """
+        """Return the residual vector r(x) (m,) of the least-squares problem at x (p,)."""
         return self._both(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the Jacobian dr/dx of the residual vector.
-
-        Parameters
-        ----------
-        x : (p,) array
-            Variables.
-
-        Returns
-        -------
-        (m, p) array
-            Derivatives.
-        """
+        """Return the Jacobian dr/dx (m, p) of the residual vector at x (p,)."""
         return self._both(x)[1]
 
     def _both(self, x: Array) -> tuple[Array, Array]:
@@ -209,9 +143,11 @@ def least_squares(
     ftol: float,
     steps: int,
 ) -> tuple[Array, Array, Array]:
-    """Minimise |r(x)|^2 within bounds, by a trust-region reflective method.
+    """Minimise |r(x)|^2 between lower and upper bounds (``ends``), in at most ``steps``
+    evaluations; return x (p,), r (m,) and the Jacobian (m, p) there.
 
-    (Branch, Coleman, Li, SIAM J. Scientific Computing 1999, in SciPy.)
+    The method is trust-region reflective (Branch, Coleman, Li, SIAM J. Scientific
+    Computing 1999, in SciPy).
 
     Parameters
     ----------
@@ -219,24 +155,11 @@ def least_squares(
         Returns r (m,) and its Jacobian (m, p) of x (p,), computed together.
     start : (p,) array
         Start; clipped to the bounds.
-    ends : ((p,) array, (p,) array)
-        Lower and upper bounds.
     xtol : float
         Relative change of x that ends the search, as in
         ``scipy.optimize.least_squares``.
     ftol : float
         Relative change of |r|^2 that ends the search.
-    steps : int
-        Largest number of evaluations.
-
-    Returns
-    -------
-    (p,) array
-        x.
-    (m,) array
-        r at x.
-    (m, p) array
-        Jacobian at x.
     """
 
     function = InTurn(at)

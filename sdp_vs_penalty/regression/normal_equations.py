@@ -30,18 +30,19 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Of n joints' rows, of one log or of several (..., n).
+    """Normal equations of n joints' rows, of one log or of several (..., n), with own
+    columns projected out."""
 
-    gram (..., n, s, s), cross (..., n, s) : of the columns that joints share, with own
-    columns projected out; energy, total (..., n) : squared torque after and before;
-    own_solution (..., n, k, s + 1) : what the k own columns take of the shared ones and
-    of the torque.
-    """
-
+    #: (..., n, s, s) products of the s columns that joints share.
     gram: Array
+    #: (..., n, s) products of these columns with the torque.
     cross: Array
+    #: (..., n) squared torque after own columns are projected out.
     energy: Array
+    #: (..., n) squared torque before.
     total: Array
+    #: (..., n, k, s + 1) what the k own columns take of the shared ones and of the
+    #: torque.
     own_solution: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
@@ -55,13 +56,6 @@ class NormalEquations:
         ----------
         full : (..., n, w, w) array
             Gram matrices of n joints: own columns, shared columns, and the torque last.
-        n_own : int
-            Number of own columns.
-
-        Returns
-        -------
-        NormalEquations
-            In the shared columns.
         """
         # Blocks of the Gram matrix: A of own columns, B own by others, B^T.
         own = full[..., :n_own, :n_own]
@@ -130,20 +124,8 @@ class NormalEquations:
         return np.asarray(np.sum(v * (full @ v), axis=(-2, -1)))
 
     def normal(self, weights: Array) -> Normal:
-        """Return the weighted sum of the joints' normal equations.
-
-        Parameters
-        ----------
-        weights : (..., n) array
-            Weights of the joints.
-
-        Returns
-        -------
-        (..., s, s) array
-            Gram matrix.
-        (..., s) array
-            Right side.
-        """
+        """Return the sum of the joints' normal equations with weights (..., n): Gram
+        matrix (..., s, s) and right side (..., s)."""
         s = self.gram.shape[-1]
         leading_shape = self.gram.shape[:-2]
         flat = self.gram.reshape(*leading_shape, s * s)
@@ -152,15 +134,10 @@ class NormalEquations:
         return gram.reshape(*gram.shape[:-2], s, s), cross
 
     def fitted(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Fit the shared parameters, each joint weighted by its inverse squared
-        residual.
+        """Fit the shared parameters of the joints that ``chosen`` (n,) flags, each
+        joint weighted by its inverse squared residual.
 
         The weights depend on the fit: ROUNDS rounds settle them.
-
-        Parameters
-        ----------
-        chosen : (n,) array
-            Which joints move.
 
         Returns
         -------
@@ -182,20 +159,8 @@ class NormalEquations:
 
 
 def solve(gram: Array, right: Array) -> Array:
-    """Solve (G + ridge) X = B with the columns of G scaled to one.
-
-    Parameters
-    ----------
-    gram : (..., s, s) array
-        G, positive semidefinite.
-    right : (..., s, r) array
-        B.
-
-    Returns
-    -------
-    (..., s, r) array
-        X; zero for columns that are zero.
-    """
+    """Solve (G + ridge) X = B for X (..., s, r), with G (..., s, s) positive
+    semidefinite and its columns scaled to one; X is zero for columns that are zero."""
     squares = np.diagonal(gram, axis1=-2, axis2=-1)
     norms = np.sqrt(np.maximum(squares, 0.0))
     largest = norms.max(axis=-1, keepdims=True, initial=0.0)
@@ -211,17 +176,7 @@ def solve(gram: Array, right: Array) -> Array:
 
 
 def positive(energy: Array) -> Array:
-    """Raise energies (squared torques) that are zero to a tiny positive number.
-
-    Parameters
-    ----------
-    energy : (..., n) array
-        Nonnegative.
-
-    Returns
-    -------
-    (..., n) array
-        Positive: at least 1e-12 of the largest joint's.
-    """
+    """Raise energies (..., n) (squared torques) that are zero to a tiny positive
+    number, 1e-12 of the largest joint's."""
     largest = energy.max(axis=-1, keepdims=True, initial=0.0)
     return np.maximum(energy, 1e-12 * largest + 1e-280)

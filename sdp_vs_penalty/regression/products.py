@@ -26,12 +26,10 @@ _RIDGE = 1e-13
 
 @dataclass(frozen=True)
 class NormalEquations(LeastSquares):
-    """A least-squares problem by its products.
+    """A least-squares problem by its products; R (p, p) is their triangle, with a ridge
+    that keeps its diagonal above zero."""
 
-    products (p + 1, p + 1) : [Y tau]' [Y tau], the torque last; R (p, p) is their
-    triangle, with a ridge that keeps its diagonal above zero.
-    """
-
+    #: (p + 1, p + 1) [Y tau]' [Y tau], the torque last.
     products: Array = field(default_factory=lambda: np.zeros((1, 1)))
 
     @classmethod
@@ -98,14 +96,12 @@ class NormalEquations(LeastSquares):
     def with_observations(
         self, rows: Array, values: Array, weight: float
     ) -> NormalEquations:
-        """Return the data with observations of linear functions of the parameters.
+        """Return the data with observations (k,) of linear functions of the parameters.
 
         Parameters
         ----------
         rows
             (k, p) coefficients of the functions.
-        values
-            (k,) observed values.
         weight
             Weight of the squares [(N m)^2].
         """
@@ -116,11 +112,9 @@ class NormalEquations(LeastSquares):
 
 @dataclass(frozen=True)
 class ProductRegression(Regression):
-    """The compressed data of one model, with the products of its columns.
+    """The compressed data of one model, with the products of its columns."""
 
-    products (n, p + 1, p + 1) : [Y tau]' [Y tau] of each joint, the torque last.
-    """
-
+    #: (n, p + 1, p + 1) [Y tau]' [Y tau] of each joint, the torque last.
     products: Array = field(default_factory=lambda: np.zeros((0, 1, 1)))
 
     @classmethod
@@ -168,12 +162,7 @@ class ProductRegression(Regression):
         return NormalEquations.of(products, n_rows, float(products[-1, -1]))
 
     def joint_losses(self, theta: ArrayLike) -> Array:
-        """Return the squared torque error (n,) of each joint [(N m)^2].
-
-        Parameters
-        ----------
-        theta
-            (p,) parameters [SI].
-        """
+        """Return the squared torque error (n,) of each joint [(N m)^2] with parameters
+        theta (p,) [SI]."""
         signed = np.append(np.asarray(theta, float), -1.0)
         return np.maximum((self.products @ signed) @ signed, 0.0)

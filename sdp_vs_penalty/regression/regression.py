@@ -37,13 +37,17 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
 @dataclass(frozen=True)
 class Factor:
-    """One joint's rows in one block: [Y tau] (r, k + 1) for the k columns ``indices``,
-    as a triangle where there are more than twice k + 1."""
+    """One joint's rows in one block."""
 
+    #: Number of the joint, from 0.
     joint: int
+    #: Number of the block.
     block: int
+    #: (k,) numbers of the columns' parameters.
     indices: NDArray[np.intp]
+    #: (r, k + 1) [Y tau], as a triangle where there are more than twice k + 1 rows.
     triangle: Array
+    #: Number of rows of the data.
     rows: int
 
 
@@ -56,28 +60,28 @@ TimeBlock: TypeAlias = tuple[int, float, float]
 @dataclass(frozen=True)
 class LeastSquares:
     """The whole data as one problem: loss(theta) = |R theta - rho|^2 + residual_norm^2
-    [(N m)^2].
+    [(N m)^2]."""
 
-    R (r, p), rho (r,), residual_norm >= 0, tau_squared = |tau|^2 (weighted), rows: how
-    many it holds.
-    """
-
+    #: (r, p) compressed columns.
     R: Array
+    #: (r,) compressed torque.
     rho: Array
+    #: Norm of the residual that no theta can reduce, at least 0.
     residual_norm: float
+    #: |tau|^2 of the weighted torque [(N m)^2].
     tau_squared: float
+    #: Number of rows of the data.
     rows: int
 
     @classmethod
     def stacked(
         cls, stack: Sequence[Array], rows: int, tau_squared: float | None = None
     ) -> LeastSquares:
-        """Compress stacked rows [Y, tau] to a triangle by a QR factorisation.
+        """Compress stacked rows [Y, tau], parts of (k, p + 1), to a triangle by a QR
+        factorisation.
 
         Parameters
         ----------
-        stack : sequence of (k, p + 1) arrays
-            Rows [Y, tau].
         rows : int
             Number of rows of the data.
         tau_squared : float, optional
@@ -107,38 +111,19 @@ class LeastSquares:
         return 2.0 * (self.R.T @ self.R)
 
     def loss(self, theta: ArrayLike) -> float:
-        """Return the squared torque error, with weighted joints.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            Parameters [SI].
-
-        Returns
-        -------
-        float
-            |R theta - rho|^2 + residual_norm^2 [(N m)^2].
-        """
+        """Return the squared torque error |R theta - rho|^2 + residual_norm^2 [(N
+        m)^2], with weighted joints, for theta (p,) [SI]."""
         residual = self.R @ np.asarray(theta, float) - self.rho
         return float(residual @ residual) + self.residual_norm**2
 
     def loss_scale(self, theta: ArrayLike) -> float:
-        """Return the number by which a certified gap is divided.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            Parameters [SI].
-
-        Returns
-        -------
-        float
-            The loss [(N m)^2], at least 1e-12 |tau|^2 (for exact data).
-        """
+        """Return the number by which a certified gap is divided: the loss at theta (p,)
+        [(N m)^2], at least 1e-12 |tau|^2 (for exact data)."""
         return max(self.loss(theta), 1e-12 * self.tau_squared)
 
     def gap(self, upper: float, lower: float, theta: ArrayLike) -> float:
-        """Return the relative distance of an objective from its lower bound.
+        """Return the relative distance of an objective from its lower bound, at theta
+        (p,) [SI].
 
         Parameters
         ----------
@@ -146,8 +131,6 @@ class LeastSquares:
             Objective at theta [(N m)^2].
         lower : float
             Lower bound of the optimum [(N m)^2].
-        theta : (p,) array
-            Parameters [SI].
 
         Returns
         -------
@@ -158,34 +141,19 @@ class LeastSquares:
         return (upper - lower) / scale if scale > 0.0 else 0.0
 
     def gradient(self, theta: ArrayLike) -> Array:
-        """Return the gradient of :meth:`loss`.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            Parameters [SI].
-
-        Returns
-        -------
-        (p,) array
-            2 R' (R theta - rho).
-        """
+        """Return the gradient 2 R' (R theta - rho) (p,) of :meth:`loss` at theta (p,)
+        [SI]."""
         residual = self.R @ np.asarray(theta, float) - self.rho
         return 2.0 * self.R.T @ residual
 
     def nearest(self, near: ArrayLike) -> Array:
-        """Return the least-squares parameters that are nearest to given ones.
+        """Return the least-squares parameters (p,) [SI] that are nearest to given ones.
 
         Parameters
         ----------
         near : (p,) array or float
             Parameters [SI], from which these differ only in directions that the data
             determine.
-
-        Returns
-        -------
-        (p,) array
-            Parameters [SI].
         """
         return min_norm_lstsq(self.R, self.rho, np.asarray(near, float))
 
@@ -212,14 +180,11 @@ class LeastSquares:
     def with_observations(
         self, rows: Array, values: Array, weight: float
     ) -> LeastSquares:
-        """Return the data with observations of linear functions of the parameters.
+        """Return the data with observed values (k,) of linear functions of the
+        parameters, with coefficients (k, p).
 
         Parameters
         ----------
-        rows : (k, p) array
-            Coefficients of the functions.
-        values : (k,) array
-            Observed values.
         weight : float
             Weight of the squares [(N m)^2].
 
@@ -257,25 +222,29 @@ class LeastSquares:
 
 
 class BlocksOfJoint(NamedTuple):
-    """One joint's rows, block by block.
+    """One joint's rows, block by block."""
 
-    joint : from 0; indices (k,) : its columns' parameters; blocks (B,) : which show it;
-    rows (B, r, k + 1) : [Y tau] of each.
-    """
-
+    #: Number of the joint, from 0.
     joint: int
+    #: (k,) numbers of the columns' parameters.
     indices: NDArray[np.intp]
+    #: (B,) numbers of the blocks that show the joint.
     blocks: NDArray[np.intp]
+    #: (B, r, k + 1) rows [Y tau] of each block.
     rows: Array
 
 
 @dataclass(frozen=True)
 class Regression:
-    """The compressed data of one model: ``factors`` for each joint and block."""
+    """The compressed data of one model, joint by joint and block by block."""
 
+    #: The p parameters of the model.
     parameters: tuple[Parameter, ...]
+    #: Number of joints.
     joints: int
+    #: The blocks of time.
     blocks: tuple[TimeBlock, ...]
+    #: The rows of each joint in each block.
     factors: tuple[Factor, ...]
     #: Rows per independent sample: filtered rows are decimated to a multiple of their
     #: bandwidth.
@@ -320,18 +289,8 @@ class Regression:
         return replace(self, blocks=chosen, factors=tuple(factors))
 
     def keeping(self, kept_columns: NDArray[np.bool_]) -> Regression:
-        """Return the data in some of the parameters.
-
-        Parameters
-        ----------
-        kept_columns : (p,) array of bool
-            Which parameters to keep.
-
-        Returns
-        -------
-        Regression
-            With fewer columns, in the same order.
-        """
+        """Return the data in the parameters that ``kept_columns`` (p,) flags, in the
+        same order."""
         if kept_columns.all():
             return self
         new_place = np.cumsum(kept_columns) - 1
@@ -412,11 +371,6 @@ class Regression:
         ----------
         weights : (n,) array, optional
             Factor of each joint's rows; default: 1.
-
-        Returns
-        -------
-        LeastSquares
-            In all p parameters.
         """
         scale = np.ones(self.joints)
         if weights is not None:
@@ -459,18 +413,8 @@ class Regression:
             yield BlocksOfJoint(joint, factors[0].indices, np.array(list(parts)), rows)
 
     def joint_losses(self, theta: ArrayLike) -> Array:
-        """Return the squared torque error of each joint.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            Parameters [SI].
-
-        Returns
-        -------
-        (n,) array
-            Sums over the joint's rows [(N m)^2].
-        """
+        """Return the squared torque error (n,) of each joint, summed over its rows [(N
+        m)^2], with parameters theta (p,) [SI]."""
         parameters = np.asarray(theta, float)
         losses = []
         for factor in self.per_joint:
@@ -486,18 +430,8 @@ class Regression:
 
 
 def triangular(parts: Sequence[Array]) -> Array:
-    """Return the R factor of stacked matrices, with a nonnegative diagonal.
-
-    Parameters
-    ----------
-    parts : sequence of (r, k) arrays
-        Matrices to stack.
-
-    Returns
-    -------
-    (s, k) array
-        Upper triangular, s <= k; the same inner products of columns.
-    """
+    """Return the upper triangular R factor (s, k), s <= k, of stacked matrices (r, k),
+    with a nonnegative diagonal; it has the same inner products of columns."""
     stacked = np.vstack(parts)
     triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"))
     is_negative = np.diagonal(triangle) < 0
@@ -523,8 +457,6 @@ def compress(
 
     Parameters
     ----------
-    runs : FilteredRuns
-        Runs behind their filters.
     model : Model
         Model whose columns are used.
     blocks_per_run : int
@@ -553,8 +485,9 @@ def compress(
 
 @dataclass(frozen=True)
 class _TimeBlocks:
-    """Cells of time: ``edges`` [s] of each run's blocks."""
+    """Cells of time of each run."""
 
+    #: Edges of each run's blocks [s].
     edges: tuple[Array, ...]
 
     @property
@@ -567,28 +500,15 @@ class _TimeBlocks:
         ]
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        """Return the block of each instant of a run.
-
-        Parameters
-        ----------
-        run : int
-            Number of the run.
-        t : (M,) array
-            Instants [s].
-
-        Returns
-        -------
-        (M,) array of int
-            Numbers of blocks, counted over all runs.
-        """
+        """Return the block of each instant t (M,) [s] of a run, counted over all runs."""
         n_before = sum(len(edges) - 1 for edges in self.edges[:run])
         inner_edges = self.edges[run][1:-1]
         return n_before + np.searchsorted(inner_edges, t, side="right")
 
 
 class Cells(Protocol):
-    """places : run, start and stop [s] of each block; cell : the blocks (M,) of a run's
-    instants t."""
+    """Blocks of time: run, start and stop [s] of each (``places``), and the blocks (M,)
+    of instants t (M,) of a run (``cell``)."""
 
     @property
     def places(self) -> Sequence[TimeBlock]: ...
@@ -607,8 +527,6 @@ def compress_cells(
 
     Parameters
     ----------
-    runs : FilteredRuns
-        Runs behind their filters.
     model : Model
         Model whose columns are used.
     folds : Cells
