@@ -142,19 +142,10 @@ def _read_effects(
     effects: str | Diagnosis | Sequence[Finding | Retune | str],
     frozen: bool,
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
-    """Separate what is to be added to a model: new effects, and new constants of
-    effects that it has.
+    """Separate what is to be added to a model: new effects, and new values of shape
+    constants (such as a Stribeck velocity) of effects that it has.
 
-    Parameters
-    ----------
-    frozen
-        Whether the model's parameters stay fixed: then constants of its effects do,
-        too.
-
-    Returns
-    -------
-    list of ShapeEstimate
-        Shape constants (such as a Stribeck velocity) of the model's effects to change.
+    If the model's parameters stay fixed (``frozen``), constants of its effects do, too.
 
     Raises
     ------

@@ -799,11 +799,11 @@ def _predict_runs(
 
 @dataclass(frozen=True)
 class _ErrorStatistics:
-    """Errors of a model: mean_squared_error (n,) in (N m)^2 or N^2; r2 (n,), the
-    coefficient of determination, NaN for a constant torque.
-    """
+    """Errors of a model."""
 
+    #: (n,) mean squared error of each joint's torque [(N m)^2 or N^2].
     mean_squared_error: Array
+    #: (n,) coefficient of determination, NaN for a constant torque.
     r2: Array
     #: (n,) root mean square of the measured torque [N m or N].
     torque_rms: Array

@@ -378,7 +378,7 @@ class EvidenceScorer(WhiteFitter):
         self, T: Array, residual: Array, inverse: Array, freedom: float
     ) -> float:
         """Return v, the number of correlated rows that carry the evidence of one
-        independent row.
+        independent row, for an effective number of coefficients (``freedom``).
 
         Rows are clustered in two ways, by time and by phase of the motion; the larger v
         counts (:func:`~sdp_vs_penalty.regression.evidence.rows_worth_one`).

@@ -610,7 +610,8 @@ def with_replaced_joints(
 def least_squares_parameters(
     estimate: Estimate, columns: Columns, data: Regression
 ) -> Array:
-    """Fit effects by least squares, with priors from their plausible sizes.
+    """Fit effects by least squares, with priors from their plausible sizes; return
+    their parameters (p,) in SI units.
 
     In two rounds, the second with each joint weighted by its residual in the first.
 

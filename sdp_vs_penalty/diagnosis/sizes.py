@@ -409,7 +409,8 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
 
 
 def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
-    """Return one number for the size of an effect, and its standard deviation.
+    """Return one number for the size of an effect with parameters of covariance (k, k),
+    and its standard deviation.
 
     The effect declares which of its parameters are its size (the slice ``sized_by``).
     If there are several, such as the amplitudes of sine and cosine, the size is their

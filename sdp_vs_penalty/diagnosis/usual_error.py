@@ -30,7 +30,8 @@ _TURNING_WIDTH = 0.1
 
 
 def turning_columns(states: States, joint: int) -> Array:
-    """Return columns (M, 6) of friction that turns round over a short travel.
+    """Return columns (M, 6) of friction that turns round over a short travel, for one
+    joint (from 0).
 
     Returns
     -------
@@ -144,7 +145,7 @@ class UsualError:
 def usual_errors(
     states: States, refit: Refit, keep: NDArray[np.bool_]
 ) -> list[UsualError]:
-    """Return the usual error of every joint.
+    """Return the usual error of every joint, one for each in order.
 
     Parameters
     ----------

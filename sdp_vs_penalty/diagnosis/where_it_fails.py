@@ -813,11 +813,12 @@ _SCATTER_KNOWN = 1.2
 def torque_scatter(
     runs: Sequence[Measurements], joint: int, cutoff: float, hums: Sequence[Hum]
 ) -> float | None:
-    """Return the scatter of a joint's torque from sample to sample [N m or N].
+    """Return the scatter of the torque of a joint (from 0) from sample to sample [N m
+    or N].
 
-    It is the standard deviation of white noise with the third differences of the
-    quiet windows, less what hums make of them. Low-passes in a drive make it smaller
-    than the noise, in all joints alike.
+    It is the standard deviation of white noise with the third differences of the quiet
+    windows, less what hums make of them. Low-passes in a drive make it smaller than the
+    noise, in all joints alike.
 
     Parameters
     ----------

@@ -96,6 +96,7 @@ class Axis:
 class Basis:
     """Splines over one variable, or all products of the splines of two variables."""
 
+    #: The splines of each variable.
     axes: tuple[Axis, ...]
 
     @property

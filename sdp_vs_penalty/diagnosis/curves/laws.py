@@ -90,7 +90,8 @@ class Law:
         return np.stack([np.broadcast_to(g, shape) for g in terms], axis=-1)
 
     def text(self, names: Sequence[str], amplitudes: Array, constants: Array) -> str:
-        """Write the law as a formula with its numbers, such as "1.2 sin(3 q1 + 0.4)".
+        """Write the law with constants (c,) as a formula with its numbers, such as "1.2
+        sin(3 q1 + 0.4)".
 
         Parameters
         ----------

@@ -389,12 +389,10 @@ class _Measuring:
         return out
 
     def recognise(self, best: SplineFit) -> tuple[float, LawFit | None]:
-        """Find the law (simple formula) that a spline follows.
+        """Find the law (simple formula) that a spline follows, or None.
 
-        Returns
-        -------
-        float
-            Evidence of the law, or of the spline if it follows none.
+        Returns the evidence of the law, or of the spline if it follows none, and the
+        law.
         """
 
         def on_rows(law: Law, constants: Array) -> CurveColumns:

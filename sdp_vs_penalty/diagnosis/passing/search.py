@@ -275,7 +275,8 @@ def _without_repetition(
 def passing_causes(
     search: Search, terms: Sequence[ScoredEffect], is_suspected: bool = True
 ) -> tuple[PassingCause, ...]:
-    """Find what acts for a part of the runs only, beside the findings of a search.
+    """Find what acts for a part of the runs only, one cause or none, beside the
+    findings of a finished search.
 
     Parameters
     ----------
