@@ -40,27 +40,21 @@ class RepairedRows:
 
     Columns of one joint alone (friction, rotor, offset: "own" columns) are projected
     out of the s columns that joints share (links).
-
-    basis (n, M, k) : orthonormal basis of each joint's own columns; raw (n, M, s) :
-    shared columns; projected (n, M, s) : shared columns with the basis projected out;
-    gram (n, s, s) : Gram matrices of ``projected``.
     """
 
+    #: (n, M, k) orthonormal basis of each joint's own columns.
     basis: Array
+    #: (n, M, s) shared columns.
     raw: Array
+    #: (n, M, s) shared columns with the basis projected out.
     projected: Array
+    #: (n, s, s) Gram matrices of ``projected``.
     gram: Array
 
     @classmethod
     def of(cls, basis: Array, raw: Array) -> RepairedRows:
-        """Project each joint's own columns out of the shared columns.
-
-        Parameters
-        ----------
-        basis : (..., n, M, k) array
-            Orthonormal basis of each joint's own columns.
-        raw : (..., n, M, s) array
-            Columns that joints share.
+        """Project each joint's own columns, of orthonormal basis (..., n, M, k), out of
+        the shared columns raw (..., n, M, s).
 
         Returns
         -------
@@ -130,18 +124,19 @@ class RepairedRows:
 
 @dataclass
 class ArmFit:
-    """One arm fitted to one repaired log of n joints and M rows.
+    """One arm fitted to one repaired log of n joints and M rows."""
 
-    moving (n,) : which joints move; channels (n, M) : torque as repaired; theta (s,) :
-    the arm's shared parameters; energy_left, energy (n,) : sums over the rows of the
-    squared residual and of the squared torque [(N m)^2 or N^2].
-    """
-
+    #: (n,) which joints move.
     moving: NDArray[np.bool_]
+    #: Columns of the rows under the repair.
     rows: RepairedRows
+    #: (n, M) torque as repaired.
     channels: Array
+    #: (s,) the arm's shared parameters.
     theta: Array
+    #: (n,) sum over the rows of the squared residual [(N m)^2 or N^2].
     energy_left: Array
+    #: (n,) sum over the rows of the squared torque [(N m)^2 or N^2].
     energy: Array
 
     @cached_property
@@ -172,18 +167,7 @@ class ArmFit:
 
     def log_likelihood(self, samples: float) -> float:
         """Return the log-likelihood of the repair, up to a constant, if the residual
-        has so many independent samples.
-
-        Parameters
-        ----------
-        samples : float
-            Number of independent samples of each joint.
-
-        Returns
-        -------
-        float
-            Natural logarithm.
-        """
+        has so many independent samples of each joint."""
         return -0.5 * float(deviance(self.unexplained_shares[self.moving], samples))
 
     @property

@@ -12,12 +12,11 @@ POSSIBLE = "possible"
 
 @dataclass(frozen=True)
 class Certainty:
-    """How sure an issue is, and why; its text is "certain: read from the file".
+    """How sure an issue is, and why; its text is "certain: read from the file"."""
 
-    grade : CERTAIN, LIKELY or POSSIBLE; why : in words.
-    """
-
+    #: Grade: CERTAIN, LIKELY or POSSIBLE.
     grade: str
+    #: Why, in words.
     why: str
 
     def __str__(self) -> str:

@@ -109,10 +109,6 @@ def check_runs(
         Of the robot that was logged.
     runs : sequence of Measurements
         Single runs of one logger.
-    settings : Preprocessing
-        Filters.
-    thorough : bool
-        Also judge the excitation.
     are_plausible : bool
         Whether their positions are known to be possible for this robot.
 
@@ -179,15 +175,8 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     ----------
     problem : Problem
         Of the robot that was logged.
-    run : Measurements
-        A single run.
     settings : Preprocessing
         Filters, whose standstill says when the arm moves.
-
-    Returns
-    -------
-    Report
-        With facts alone.
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
@@ -251,11 +240,6 @@ def judge_ranges(
         Of a run, its facts and explanations.
     is_plausible : bool
         Whether its positions are known to be possible for this robot.
-
-    Returns
-    -------
-    Report
-        With issues about positions.
     """
     issues = [*report.issues]
     explained = "encoder offset", *POSITION_UNITS
@@ -353,10 +337,6 @@ def judge_excitation(
     ----------
     problem : Problem
         Of the robot that was logged.
-    report : Report
-        Of a run.
-    settings : Preprocessing
-        Filters.
 
     Returns
     -------

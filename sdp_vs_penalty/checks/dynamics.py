@@ -54,8 +54,6 @@ def judge_dynamics(
         Of the robot that was logged.
     reports : sequence of Report
         Of all runs, with their facts.
-    settings : Preprocessing
-        Filters.
 
     Returns
     -------
@@ -399,13 +397,6 @@ def _kinds_corrected(
 def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
     """Return the report with more issues behind its own.
 
-    Parameters
-    ----------
-    report : Report
-        Of one run.
-    issues : sequence of Issue
-        In any order.
-
     Returns
     -------
     Report
@@ -418,11 +409,6 @@ def has_dynamics(report: Report) -> bool:
     """Whether the dynamics of a run can be judged: torques were logged, and no fact
     rules it out.
 
-    Parameters
-    ----------
-    report : Report
-        Of one run.
-
     Returns
     -------
     bool
@@ -434,20 +420,7 @@ def has_dynamics(report: Report) -> bool:
 
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
     """Whether a fact of the run already explains an issue: all its joints are clipped,
-    or a one-off event lies where rows are missing.
-
-    Parameters
-    ----------
-    issue : Issue
-        An explanation.
-    report : Report
-        Of one run.
-
-    Returns
-    -------
-    bool
-        Whether it is.
-    """
+    or a one-off event lies where rows are missing."""
     if issue.kind == "one-off event":
         return _is_near_gap(report.repaired_all, issue.figures["t"])
     clipped: set[int] = set()

@@ -31,15 +31,16 @@ SAME_RATE = 0.01
 
 @dataclass(frozen=True)
 class Repaired:
-    """Repaired runs, and the errors without and with the repair.
+    """Repaired runs, and the errors without and with the repair."""
 
-    runs : repaired copies, in the order of the reports; issues : what was repaired of
-    each; before, after : error on motion left out [%], None where nothing could be
-    identified from the log as it is, or no torque was logged."""
-
+    #: Repaired copies, in the order of the reports.
     runs: tuple[Measurements, ...]
+    #: Issues that were repaired in each run.
     issues: tuple[tuple[Issue, ...], ...]
+    #: Error on motion left out before the repair [%]; None where nothing could be
+    #: identified from the log as it is, or no torque was logged.
     before: float | None = None
+    #: The same error after the repair [%].
     after: float | None = None
 
     @property
@@ -67,8 +68,6 @@ def fix_runs(
     ----------
     problem : Problem
         Of the robot that was logged.
-    runs : sequence of Measurements
-        As logged.
     reports : sequence of Report
         What :func:`check_runs` says of them.
     apply : sequence of str
@@ -164,24 +163,18 @@ def _checked_again(
     copies: tuple[Measurements, ...],
     issues: Sequence[Sequence[Issue]],
 ) -> tuple[tuple[Measurements, ...], list[tuple[str, Issue]]]:
-    """Check repaired copies, and repair facts of the same kinds again: a large fault may
-    hide smaller ones.
+    """Check repaired copies, and repair facts of the same kinds again: a large fault
+    may hide smaller ones.
+
+    Returns the copies, and what was repaired and is still found: the run's name and the
+    issue.
 
     Parameters
     ----------
     problem
         Of the robot that was logged.
-    copies
-        The repaired runs.
     issues
         What was repaired of each.
-
-    Returns
-    -------
-    tuple of Measurements
-        The copies.
-    list of (str, Issue)
-        What was repaired and is still found: the run's name and the issue.
     """
     from sdp_vs_penalty.checks.check import check_runs
 

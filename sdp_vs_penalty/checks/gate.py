@@ -36,8 +36,6 @@ def raise_on_errors(
     ----------
     problem : Problem
         Of the robot that was logged.
-    measurements : Measurements
-        All runs.
     verb : str
         What comes after the check.
     otherwise : str
@@ -126,11 +124,6 @@ def explanations_in_a_line(
         Of these runs; None: the line names `check` alone.
     explanations : sequence of (str, Issue)
         Each with its run's name.
-
-    Returns
-    -------
-    str
-        The line.
     """
     first = explanations[0][0]
     texts = list(dict.fromkeys(issue.what.rstrip(".") for _, issue in explanations))

@@ -35,16 +35,16 @@ CONTINUE = "continue the time at the usual step there"
 @dataclass(frozen=True)
 class RunSummary:
     """What the rules about rows, clock and channels know of a run of N rows and n
-    joints.
+    joints."""
 
-    standstill : share of its usual speed below which the robot stands still [-].
-    problem : of the robot, whose arm says what a torque that does not change may be; None:
-    nothing is said of it.
-    """
-
+    #: The run as logged.
     run: Measurements
+    #: The robot of n joints that was logged.
     robot: Robot
+    #: Share of its usual speed below which the robot stands still [-].
     standstill: float
+    #: Problem whose arm says what a torque that does not change may be; None: nothing
+    #: is said of it.
     problem: Problem | None = None
 
     @cached_property
@@ -92,19 +92,13 @@ class RunSummary:
             return None
 
     def one_arm_is_worse(self, j: int, at: Rows) -> float | None:
-        """Return how many times as large an error joint j's equations have if its torque
-        in some rows is what the channel holds.
+        """Return how many times as large an error joint j's equations have if its
+        torque in the rows ``at`` (N,) is what the channel holds.
 
         They are fitted, all parameters free, to all rows and to the others alone. The
-        larger root mean square error of the first, in the rows or elsewhere, is divided by
-        that of the second. It is near 1 where the rows are of the same arm (Chow's test).
-
-        Parameters
-        ----------
-        j : int
-            Joint, from 0.
-        at : (N,) bool array
-            The rows.
+        larger root mean square error of the first, in the rows or elsewhere, is divided
+        by that of the second. It is near 1 where the rows are of the same arm (Chow's
+        test).
 
         Returns
         -------
@@ -179,8 +173,6 @@ class RunSummary:
 
         Parameters
         ----------
-        kind : str
-            Of the issue.
         bad : mapping of str to (N,) bool array, or such an array
             Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
         what : str
@@ -190,15 +182,8 @@ class RunSummary:
             How certain it is, and why.
         unusable : bool
             Whether identification cannot read the rows.
-        remedy : str
-            What to do.
         **figures
             Further numbers for the sentence and JSON.
-
-        Returns
-        -------
-        iterator of Issue
-            At most one.
         """
         channels = bad if isinstance(bad, Mapping) else {"": bad}
         channels = {name: rows for name, rows in channels.items() if rows.any()}

@@ -16,40 +16,40 @@ EXPLANATION = "explanation"
 
 @dataclass(frozen=True, kw_only=True)
 class Issue:
-    """One thing that the check has to say of a run, as a sentence and as figures.
+    """One thing that the check has to say of a run, as a sentence and as figures."""
 
-    kind : what is wrong, in two or three words; where : joints, channels, rows or
-    instants; severity : "error" (identification would be meaningless), "warning" (it
-    would be worse than it need be) or "note" (a fact worth knowing).
-
-    what, remedy : one sentence each; certainty : "certain", "likely" or "possible", and
-    why, its text as well; repair : how a run is repaired, where that is safe (``remedy`` in words);
-    figures : the numbers behind it; gravity : where gravity points instead [m/s^2], for
-    an issue about it.
-
-    nature : FACT, which is read from the file, or EXPLANATION, which a model of the arm
-    gives: it competes with other explanations and is never an error. apply : the word
-    of `check --fix --apply`; equivalents : what explains as much, in words.
-
-    by_clock : of an issue that happens at an instant, figures["t"] [s] in the log of all
-    runs together: returns the issue in the words of that instant by one run's clock [s].
-    None for what happens at no instant. by_run : of an issue whose size belongs to each
-    run: returns the issue in the words of several runs; None for what all runs share.
-    """
-
+    #: What is wrong, in two or three words.
     kind: str
+    #: "error" (identification would be meaningless), "warning" (it would be worse than
+    #: it need be) or "note" (a fact worth knowing).
     severity: str
+    #: Where it is: joints, channels, rows or instants, in words.
     where: str
+    #: What is wrong, in one sentence.
     what: str
+    #: How sure it is, "certain", "likely" or "possible", and why.
     certainty: Certainty
+    #: What to do, in one sentence.
     remedy: str
+    #: How a run is repaired, where that is safe; ``remedy`` says it in words.
     repair: Callable[[Measurements], Measurements] | None = None
+    #: The numbers behind the issue.
     figures: Mapping[str, Any] = field(default_factory=dict)
+    #: Direction in which gravity points instead [m/s^2], for an issue about it.
     gravity: tuple[float, ...] | None = None
+    #: FACT, which is read from the file, or EXPLANATION, which a model of the arm
+    #: gives: it competes with other explanations and is never an error.
     nature: str = FACT
+    #: Word of `check --fix --apply` for the repair.
     apply: str = ""
+    #: What explains as much, in words.
     equivalents: tuple[str, ...] = ()
+    #: For an issue that happens at an instant, figures["t"] [s] in the log of all runs
+    #: together: returns the issue in the words of that instant by one run's clock [s];
+    #: None for what happens at no instant.
     by_clock: "Callable[[float], Issue] | None" = None
+    #: For an issue whose size belongs to each run: returns the issue in the words of
+    #: several runs; None for what all runs share.
     by_run: "Callable[[Sequence[Any]], Issue] | None" = None
 
     def __post_init__(self) -> None:
@@ -84,8 +84,6 @@ class Issue:
             From 0; empty for an issue about no joint.
         where : str
             The place; default: the joints in words.
-        **figures
-            Numbers behind the issue.
 
         Returns
         -------
@@ -166,15 +164,8 @@ def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:
 
     Parameters
     ----------
-    issue : Issue
-        The explanation.
     effects : sequence of str
         In words, such as "a tilted base".
-
-    Returns
-    -------
-    Issue
-        That names the effects.
     """
     if not effects:
         return issue
@@ -206,17 +197,6 @@ def rows_text(rows: Any) -> str:
 
 
 def gravest_first(issues: Sequence[Issue]) -> tuple[Issue, ...]:
-    """Sort issues by severity, errors first; those of one severity keep their order.
-
-    Parameters
-    ----------
-    issues : sequence of Issue
-        In any order.
-
-    Returns
-    -------
-    tuple of Issue
-        Sorted.
-    """
+    """Sort issues by severity, errors first; those of one severity keep their order."""
     grave = ("error", "warning", "note").index
     return tuple(sorted(issues, key=lambda issue: grave(issue.severity)))

@@ -175,18 +175,7 @@ class Likelihood:
         return self.select_rows(slice(None, None, 3))
 
     def select_rows(self, rows: slice) -> Likelihood:
-        """Return the likelihood of a slice of the rows.
-
-        Parameters
-        ----------
-        rows : slice
-            Which of the M rows.
-
-        Returns
-        -------
-        Likelihood
-            Of these rows.
-        """
+        """Return the likelihood of a slice of the rows."""
         return Likelihood(self.problem, self.data.select_rows(rows))
 
     def clear_caches(self) -> None:
@@ -229,16 +218,6 @@ class Likelihood:
         lag_j dx/dt), x = raw_k(t + lead_j), where s straightens a channel that bends
         towards its amplifier's limit. The torque is 0 where it is not used (see
         :meth:`torque_mask`).
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-
-        Returns
-        -------
-        (n, M) array
-            Torques.
         """
         return self.torques(repair) * self.torque_mask(repair)
 
@@ -263,20 +242,10 @@ class Likelihood:
 
     def torque_mask(self, repair: LogTransform) -> Array:
         """Return which torques are used, (n, M): 1, or 0 where the joint does not
-        slide.
+        slide; the repair's order of the position channels counts.
 
         A joint at rest is held by dry friction, which may have any value up to its
         size.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired; its order of the position channels counts.
-
-        Returns
-        -------
-        (n, M) array
-            0 or 1.
         """
         return self.data.torque_mask.T[list(repair.order)]
 
@@ -485,23 +454,11 @@ class Likelihood:
 
     def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
         """Return the torque (M, n) of the problem's nominal links on the repaired
-        motion [N m or N].
+        motion [N m or N], velocity and acceleration times ``speed``; 0: the full
+        weight.
 
         It stands for a plausible arm. Weight that a controller took out of the torques
         is left out.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-        speed : float
-            Factor of velocity and acceleration [-]; with 0 the result is the full
-            weight.
-
-        Returns
-        -------
-        (M, n) array
-            Torque.
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
@@ -558,22 +515,10 @@ class Likelihood:
         return np.asarray(shape * is_joint[:, :, None])
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:
-        """Return the torque (n, M) that the links of an arm do not explain, tau - Y
-        theta [N m or N].
+        """Return the torque (n, M) that the links of an arm, theta (s,), do not
+        explain, tau - Y theta [N m or N].
 
         Friction, rotor and offset of each joint are still in it.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-        theta : (s,) array
-            Parameters of the links, which joints share.
-
-        Returns
-        -------
-        (n, M) array
-            Residual.
         """
         return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
 
@@ -602,8 +547,6 @@ class Likelihood:
         grams : (n_parts, n, w, w) array
             One for each part and joint, of w columns in this order: the joint's own
             ones, the s of the links, the r further ones, the torque.
-        n_own : int
-            Number of own columns.
         """
         rows = self.rows(repair)
         torque = self.channels(repair)[:, :, None]
@@ -912,11 +855,6 @@ class Likelihood:
         ----------
         fit : ArmFit
             One arm fitted to the rows.
-
-        Returns
-        -------
-        float
-            Number of samples.
         """
         share = max(self.spare_share, _LEAST_SPARE_SHARE)
         return share * fit.independent_rows
@@ -939,8 +877,6 @@ class Likelihood:
         ----------
         fit : ArmFit
             The arm fitted to the log under the repair.
-        repair : LogTransform
-            The repair.
         samples : float
             Number of independent samples of the residual.
 

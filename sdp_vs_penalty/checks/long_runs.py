@@ -22,11 +22,6 @@ def windows_of(run: Measurements) -> list[Measurements]:
 
     A window's rows count from its first sample, which its name says.
 
-    Parameters
-    ----------
-    run : Measurements
-        As logged.
-
     Returns
     -------
     list of Measurements
@@ -46,11 +41,6 @@ def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]
 
     An issue of several windows is listed once, in the words of the first of them where
     it is gravest, and offers no repair.
-
-    Parameters
-    ----------
-    windows : sequence of (str, sequence of Issue)
-        Names and issues.
 
     Returns
     -------

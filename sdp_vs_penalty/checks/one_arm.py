@@ -95,17 +95,22 @@ _FARTHEST_LOAD = 2.0
 class Difference:
     """A hypothesis of how one run differs from the others.
 
-    It is one of three: a number (a gain, a zero, a load), whose ``columns`` (n, M, r)
-    are the torque per unit of the number, beside the arm's; a ``fault`` of the run's
-    log, with its ``repair``; or, with neither, another arm. run : the run's number from
-    0; joint : from 0, -1 for none.
+    It is one of three: a number (a gain, a zero, a load), a fault of the run's log, or,
+    with neither, another arm.
     """
 
+    #: Number of the run, from 0.
     run: int
+    #: Kind of the difference, such as a number's or a fault's name.
     kind: str
+    #: Joint, from 0; -1 for none.
     joint: int = -1
+    #: (n, M, r) torque per unit of the number, beside the arm's; None unless it is a
+    #: number.
     columns: Array | None = None
+    #: Fault of the run's log; None unless it is one.
     fault: Fault | None = None
+    #: Repair of that fault.
     repair: LogTransform | None = None
 
     @property
@@ -118,18 +123,19 @@ class Difference:
 
 @dataclass(frozen=True)
 class Cause:
-    """A difference of one run, and how well it explains the runs.
+    """A difference of one run, and how well it explains the runs."""
 
-    fall : of the logarithm of the squared residual on parts that nothing was fitted to,
-    all parts and joints added. clearness : the mean fall in standard errors. size : of
-    the number (a gain less one, an angle [rad], a length [m], a load [kg]), 0 for a
-    fault. equivalents : what explains as much, in words.
-    """
-
+    #: The difference of the run.
     difference: Difference
+    #: Fall of the logarithm of the squared residual on parts that nothing was fitted
+    #: to, all parts and joints added.
     fall: float
+    #: Mean fall, in standard errors.
     clearness: float
+    #: Size of the number (a gain less one, an angle [rad], a length [m], a load [kg]);
+    #: 0 for a fault.
     size: float = 0.0
+    #: What explains as much, in words.
     equivalents: tuple[str, ...] = ()
 
     @property
@@ -267,20 +273,10 @@ class RunComparison:
     def is_one_arm_worse(self, least_ratio: float) -> bool:
         """Whether one arm for all runs is clearly worse than an arm for each run.
 
-        Two conditions: the error ratio reaches ``least_ratio`` (and TIMES_BETTER), and
-        the log-likelihood ratio, N / 2 times the sum of the logarithms of the energy
-        ratios for N samples a run, exceeds _ODDS_OF_A_DIFFERENCE, because friction
-        never repeats exactly.
-
-        Parameters
-        ----------
-        least_ratio : float
-            Smallest error ratio that counts [-].
-
-        Returns
-        -------
-        bool
-            Whether both conditions hold.
+        Two conditions: the error ratio reaches ``least_ratio`` [-] (and TIMES_BETTER),
+        and the log-likelihood ratio, N / 2 times the sum of the logarithms of the
+        energy ratios for N samples a run, exceeds _ODDS_OF_A_DIFFERENCE, because
+        friction never repeats exactly.
         """
         odds = log_odds(
             self.energy_left_by_one_arm[self.moving],
@@ -660,11 +656,6 @@ class RunComparison:
         own beginning and end, if it may be a body. It explains as much unless it is
         clearly worse (:func:`~sdp_vs_penalty.checks.rival_effects.is_clearly_worse`).
 
-        Parameters
-        ----------
-        cause : Cause
-            The difference to report.
-
         Returns
         -------
         list of str
@@ -861,8 +852,6 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
 
     Parameters
     ----------
-    log : Likelihood
-        Rows of the run.
     repair : LogTransform
         The repair that all runs have in common.
 
@@ -999,8 +988,6 @@ def _list_numbers(
 
     Parameters
     ----------
-    log : Likelihood
-        Rows of the run.
     repair : LogTransform
         The repair of the run.
     theta : (s,) array

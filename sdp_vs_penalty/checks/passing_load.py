@@ -32,15 +32,14 @@ PARAMETERS_OF_LOAD = 10
 
 @dataclass(frozen=True)
 class PassingLoad:
-    """A load that R runs tell of, carried from one of their parts to another.
+    """A load that R runs tell of, carried from one of their parts to another."""
 
-    errors : (R PARTS, n) errors on parts left out in turn, over the mean energy of a
-    part of the run; parameters : (R PARTS, 10) of the load, fitted without each part;
-    what : in words, with the time in which it is carried [s].
-    """
-
+    #: (R PARTS, n) errors on parts left out in turn, over the mean energy of a part of
+    #: the run.
     errors: Array
+    #: (R PARTS, 10) parameters of the load, fitted without each part.
     parameters: Array
+    #: The load in words, with the time in which it is carried [s].
     what: str
 
 
@@ -76,11 +75,6 @@ def fit_passing_load(
         Weights of the joints' rows in each run; 0 for a joint that does not move.
     others : (gram (s, s), cross (s,)), optional
         Normal equations of further runs of the arm, without the load.
-
-    Returns
-    -------
-    PassingLoad
-        Of the likeliest stretch.
     """
     columns = [load_columns(run.log, run.repair) for run in runs]
     first, end = _likeliest_stretch(runs, columns, weights, others)

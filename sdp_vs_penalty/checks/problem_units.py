@@ -21,16 +21,6 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
     than SI: lengths in millimetres, masses in grams, inertias times 1e6.
 
     Nothing is yielded where the links are guesses of ours.
-
-    Parameters
-    ----------
-    problem : Problem
-        Whose links are judged.
-
-    Returns
-    -------
-    iterator of Issue
-        One for each quantity.
     """
     if np.all(problem.guessed_links):
         return

@@ -64,28 +64,30 @@ _VELOCITY = 2
 
 @dataclass(frozen=True)
 class RegressionData:
-    """M rows of one log at which the arm moves, of n joints, low-passed.
+    """M rows of one log at which the arm moves, of n joints, low-passed."""
 
-    shared : effects whose columns joints share (links, couplings); independent : which
-    of their columns span all of them, however the arm is mounted; motion : states (M,
-    n); torque : the n channels as splines over time; own_columns (n, M, k) : columns
-    that a joint's own motion makes (friction, rotor, offset); laws : by name the
-    columns (n, M, r) of LAWS; torque_mask (M, n) : 1 where a joint slides, 0 where its
-    torque is not used; moving (n,) : whether a joint moves; largest (n,) : largest
-    absolute value of each raw channel; cutoff : of the low-pass [Hz]; seconds : from the
-    log's first row to its last, of which the filters cut both ends.
-    """
-
+    #: Effects whose columns joints share (links, couplings); None without any.
     shared: Model | None
+    #: Indices of their columns that span all of them, however the arm is mounted.
     independent: tuple[int, ...]
+    #: States (M, n) at the rows.
     motion: Motion
+    #: The n torque channels as splines over time.
     torque: CubicSpline
+    #: (n, M, k) columns that a joint's own motion makes (friction, rotor, offset).
     own_columns: Array
+    #: Columns (n, M, r) of LAWS, by name.
     laws: dict[str, Array]
+    #: (M, n) 1 where a joint slides, 0 where its torque is not used.
     torque_mask: Array
+    #: (n,) whether a joint moves.
     moving: NDArray[np.bool_]
+    #: (n,) largest absolute value of each raw channel.
     largest: Array
+    #: Cut-off frequency of the low-pass [Hz].
     cutoff: float
+    #: Time from the log's first row to its last, of which the filters cut both ends
+    #: [s].
     seconds: float
 
     @property
@@ -94,18 +96,7 @@ class RegressionData:
         return len(self.motion.t)
 
     def select_rows(self, rows: slice) -> RegressionData:
-        """Return the data of a slice of the rows.
-
-        Parameters
-        ----------
-        rows : slice
-            Which of the M rows.
-
-        Returns
-        -------
-        RegressionData
-            Of these rows.
-        """
+        """Return the data of a slice of the rows."""
         laws = {name: columns[:, rows] for name, columns in self.laws.items()}
         return replace(
             self,
@@ -130,18 +121,7 @@ class RegressionData:
 
     def with_laws(self, torque: Array) -> RegressionData:
         """Return the data with more own columns: LAWS, and Coulomb friction that is
-        proportional to the size of a torque (M, n) [N m or N].
-
-        Parameters
-        ----------
-        torque : (M, n) array
-            Torque that loads the joints [N m or N].
-
-        Returns
-        -------
-        RegressionData
-            With more own columns.
-        """
+        proportional to the size of a torque (M, n) that loads the joints [N m or N]."""
         load = np.abs(torque)
         sharp_widths = COULOMB_WIDTHS[:2]
         load_friction = [
@@ -206,29 +186,14 @@ class RegressionData:
         ----------
         logs : sequence of RegressionData
             Of one robot and one logger.
-
-        Returns
-        -------
-        list of float
-            One a log.
         """
         if len(logs) < 2:
             return [0.0] * len(logs)
         return _seconds_to_follow_each_other(_thinned(logs))
 
     def with_later_clock(self, seconds: float) -> RegressionData:
-        """Return the data with the clock of motion and torque put forward [s].
-
-        Parameters
-        ----------
-        seconds : float
-            By how much later [s].
-
-        Returns
-        -------
-        RegressionData
-            With all instants later.
-        """
+        """Return the data with the clock of motion and torque put forward by
+        ``seconds`` [s]."""
         torque = CubicSpline(self.torque.x + seconds, self.torque(self.torque.x))
         motion = replace(self.motion, t=self.motion.t + seconds)
         return replace(self, motion=motion, torque=torque)
@@ -243,8 +208,6 @@ class RegressionData:
         ----------
         problem : Problem
             Of the robot that was logged.
-        run : Measurements
-            A single run.
         settings : Preprocessing
             Filters, resolved: their cutoff frequencies are numbers.
 
@@ -445,13 +408,6 @@ def split(model: Model) -> tuple[list[JointEffect], Model | None]:
 
 def on_robot(model: Model, robot: Robot) -> Model:
     """Return a model with the same effects of another robot.
-
-    Parameters
-    ----------
-    model : Model
-        Of the whole arm.
-    robot : Robot
-        The other robot.
 
     Returns
     -------

@@ -30,29 +30,17 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class LogEvent:
-    """A torque of one joint that is not the arm's.
+    """A torque of one joint that is not the arm's."""
 
-    at : None for a linear drift over the whole log; a time [s] for a step; the name of
-    a law of the joint's own motion ("a spring").
-    """
-
+    #: Joint, from 0.
     joint: int
+    #: None for a linear drift over the whole log; a time [s] for a step; the name of a
+    #: law of the joint's own motion ("a spring").
     at: float | str | None = None
 
     def shape(self, t: Array) -> Array:
         """Return the column (N, 1) of unit size at instants t (N,) [s]: a ramp from 0
-        to 1 for a drift, 0 before a step and 1 after it.
-
-        Parameters
-        ----------
-        t : (N,) array
-            Instants [s].
-
-        Returns
-        -------
-        (N, 1) array
-            The column.
-        """
+        to 1 for a drift, 0 before a step and 1 after it."""
         assert not isinstance(self.at, str)  # laws are columns of the data
         if self.at is None:
             ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
@@ -63,50 +51,42 @@ class LogEvent:
 
 @dataclass(frozen=True)
 class LogTransform:
-    """What is done to a log, and what its model has to assume; one entry a joint.
+    """What is done to a log, as in the module's equations, and what its model has to
+    assume; one entry a joint."""
 
-    Done to the log, as in the module's equations: order, tau_order : the channel that
-    each joint takes; scale, zero : of positions, q = scale q_raw + zero [rad, m]; gain
-    : of torques; lead, lag [s] : how much later a torque is, and the time constant of
-    its low-pass; rate, reversed : of the clock.
-
-    Assumed by the model: gravity [m/s^2] in the base frame; lacks : share of the arm's
-    weight that each torque lacks; longer [m] : how much farther a joint is from the one
-    before than the problem says; bend : largest torque over an amplifier's limit;
-    events : torques that are not the arm's.
-    """
-
+    #: Position channel that each joint takes.
     order: Order
+    #: Factor of positions, q = scale q_raw + zero [-].
     scale: Numbers
+    #: Zero of positions, q = scale q_raw + zero [rad, m].
     zero: Numbers
+    #: Torque channel that each joint takes.
     tau_order: Order
+    #: Factor of torques [-].
     gain: Numbers
+    #: How much later a torque is [s].
     lead: Numbers
+    #: Time constant of a torque's low-pass [s].
     lag: Numbers
+    #: Gravity in the base frame that the model assumes [m/s^2].
     gravity: tuple[float, ...]
+    #: Share of the arm's weight that each torque lacks [-].
     lacks: Numbers
+    #: How much farther a joint is from the one before than the problem says [m].
     longer: Numbers
+    #: Largest torque over an amplifier's limit [-].
     bend: Numbers
+    #: True time over the file's [-].
     rate: float = 1.0
+    #: Whether the clock runs backwards.
     reversed: bool = False
+    #: Torques that are not the arm's.
     events: tuple[LogEvent, ...] = ()
 
     @classmethod
     def unchanged(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
-        """Return the repair that changes nothing of n joints under a gravity [m/s^2].
-
-        Parameters
-        ----------
-        n : int
-            Number of joints.
-        gravity : tuple of float
-            In the base frame [m/s^2].
-
-        Returns
-        -------
-        LogTransform
-            Of n joints.
-        """
+        """Return the repair that changes nothing of n joints under a gravity in the
+        base frame [m/s^2]."""
         in_order = tuple(range(n))
         ones = (1.0,) * n
         zeros = (0.0,) * n
@@ -130,40 +110,14 @@ class LogTransform:
         return len(self.order)
 
     def with_rate(self, rate: float) -> LogTransform:
-        """Return the repair with true time running at ``rate`` times the file's.
-
-        Parameters
-        ----------
-        rate : float
-            True time over the file's [-].
-
-        Returns
-        -------
-        LogTransform
-            With another clock.
-        """
+        """Return the repair with true time running at ``rate`` times the file's [-]."""
         return replace(self, rate=rate)
 
     def with_entries(
         self, name: str, joints: Sequence[int], value: Any
     ) -> LogTransform:
         """Return the repair with ``value`` as the entry of some joints (from 0) of the
-        field ``name``: ``with_entries("gain", [2], 0.5)``.
-
-        Parameters
-        ----------
-        name : str
-            Of a field with an entry a joint: gain, zero ...
-        joints : sequence of int
-            From 0.
-        value : float
-            The new entry.
-
-        Returns
-        -------
-        LogTransform
-            With other entries.
-        """
+        field ``name``: ``with_entries("gain", [2], 0.5)``."""
         entries: Any = tuple(
             value if joint in joints else present
             for joint, present in enumerate(getattr(self, name))
@@ -174,22 +128,7 @@ class LogTransform:
         self, name: str, joints: Sequence[int], factor: float
     ) -> LogTransform:
         """Return the repair with the entries of some joints (from 0) of the field
-        ``name`` multiplied by a factor.
-
-        Parameters
-        ----------
-        name : str
-            Of a field with an entry a joint: gain, zero ...
-        joints : sequence of int
-            From 0.
-        factor : float
-            By which the entries are multiplied.
-
-        Returns
-        -------
-        LogTransform
-            With other entries.
-        """
+        ``name`` multiplied by a factor."""
         entries: Any = tuple(
             factor * present if joint in joints else present
             for joint, present in enumerate(getattr(self, name))
@@ -211,35 +150,13 @@ class LogTransform:
         return replace(self, **swapped)
 
     def with_event(self, event: LogEvent) -> LogTransform:
-        """Return the repair with one more event; itself where it has this event.
-
-        Parameters
-        ----------
-        event : LogEvent
-            Of one joint's torque.
-
-        Returns
-        -------
-        LogTransform
-            With the event.
-        """
+        """Return the repair with one more event; itself where it has this event."""
         if event in self.events:
             return self
         return replace(self, events=(*self.events, event))
 
     def without_event(self, event: LogEvent) -> LogTransform:
-        """Return the repair without an event.
-
-        Parameters
-        ----------
-        event : LogEvent
-            Of one joint's torque.
-
-        Returns
-        -------
-        LogTransform
-            Without it.
-        """
+        """Return the repair without an event."""
         others = tuple(other for other in self.events if other != event)
         return replace(self, events=others)
 
@@ -301,11 +218,6 @@ class LogTransform:
         ----------
         later : LogTransform
             What is done to the outcome of this one.
-
-        Returns
-        -------
-        LogTransform
-            Both repairs as one.
         """
         # Pairs (j, k): joint j of the outcome takes channel k of this repair's outcome.
         of_position = [*enumerate(later.order)]
@@ -347,11 +259,6 @@ class LogTransform:
         Gravity, missing weight, lengths, bends and events are what a model has to
         assume: they change nothing of the log. Rows at the ends for which a delay
         leaves no torque are dropped.
-
-        Parameters
-        ----------
-        run : Measurements
-            As logged.
 
         Returns
         -------

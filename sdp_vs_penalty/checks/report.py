@@ -25,25 +25,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Report(Record):
-    """What the check found in one run.
+    """What the check found in one run."""
 
-    issues : the gravest first; repaired_all : the run with every repair, likely ones
-    included; repaired_certain : with the certain repairs alone; unexplained : share of
-    the torques' energy that the arm's dynamics leave, after repair; None where there is
-    nothing to fit; gravity : that the torques show [m/s^2]; None for a run with fewer
-    samples than one arm has parameters; original : the run as logged; lockstep : joints
-    that move in proportion; None where none do; corrected : kinds of issue that
-    ``unexplained`` is corrected for, each once.
-    """
-
+    #: Name of the run.
     run: str
+    #: Issues of the run, the gravest first.
     issues: tuple[Issue, ...]
+    #: The run with every repair, likely ones included.
     repaired_all: Measurements
+    #: The run with the certain repairs alone.
     repaired_certain: Measurements
+    #: Share of the torques' energy that the arm's dynamics leave, after repair [-];
+    #: None where there is nothing to fit.
     unexplained: float | None = None
+    #: Gravity that the torques show [m/s^2]; None for a run with fewer samples than one
+    #: arm has parameters.
     gravity: tuple[float, ...] | None = field(default=None, compare=False, repr=False)
+    #: The run as logged.
     original: Measurements | None = field(default=None, compare=False, repr=False)
+    #: Joints that move in proportion; None where none do.
     lockstep: LockstepMotion | None = field(default=None, compare=False, repr=False)
+    #: Kinds of issue that ``unexplained`` is corrected for, each once.
     corrected: tuple[str, ...] = ()
 
     @property
@@ -141,15 +143,8 @@ class Report(Record):
 
         Parameters
         ----------
-        name : str
-            Of the file.
         done : sequence of Issue
             The issues that were repaired.
-
-        Returns
-        -------
-        str
-            Lines of text.
         """
         left = [f for f in self.errors_and_warnings if f not in done]
         title = (

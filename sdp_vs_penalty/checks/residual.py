@@ -42,11 +42,6 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
     ----------
     fit : ArmFit
         One arm fitted to the rows.
-
-    Returns
-    -------
-    iterator of Issue
-        At most one.
     """
     if fit.mean_unexplained_share <= c.UNRELATED:
         return
@@ -74,8 +69,6 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
 
     Parameters
     ----------
-    log : Likelihood
-        Rows of the log.
     repair : LogTransform
         How the log is repaired.
 
@@ -128,36 +121,17 @@ def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
 
     Parameters
     ----------
-    log : Likelihood
-        Rows of the log.
     fit : ArmFit
         One arm fitted to the rows.
-
-    Returns
-    -------
-    bool
-        Whether it does.
     """
     return fit.unexplained**0.5 > 2.0 * c.TYPICAL[log.problem.torque_side]
 
 
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
-    """Return the joints (from 0) that contradict the others: of their torque's energy
-    one arm leaves far more than a model of the joint alone does.
+    """Return the joints (K,), from 0, that contradict the others: of their torque's
+    energy one arm leaves far more than a model of the joint alone does.
 
     It has to be so with all laws of friction and position fitted as well.
-
-    Parameters
-    ----------
-    log : Likelihood
-        Rows of the log.
-    repair : LogTransform
-        How the log is repaired.
-
-    Returns
-    -------
-    (K,) array of int
-        Joints, from 0.
     """
     times, smallest = c.CONTRADICTS
     of_own_models = log.shares_left_by_own_models(repair)

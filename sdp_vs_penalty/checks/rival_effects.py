@@ -40,14 +40,13 @@ _STATIC_PARAMETERS = 4
 
 @dataclass(frozen=True)
 class RivalEffect:
-    """An effect of the arm: its words, such as "a tilted base", and its errors (PARTS,
-    n) on parts of the log left out, over the mean energy of a part.
+    """An effect of the arm that may explain a log as well as a fault does."""
 
-    is_of_gravity : whether it is the direction of gravity, which is a fault as well.
-    """
-
+    #: The effect in words, such as "a tilted base".
     what: str
+    #: (PARTS, n) errors on parts of the log left out, over the mean energy of a part.
     errors: Array
+    #: Whether it is the direction of gravity, which is a fault as well.
     is_of_gravity: bool = False
 
 
@@ -66,11 +65,6 @@ def is_clearly_worse(errors: Array, than: Array, moving: NDArray[np.bool_]) -> b
         Of the one and of the other.
     moving : (R, n) array
         Joints that count in each log.
-
-    Returns
-    -------
-    bool
-        Whether both hold.
     """
     counts = np.broadcast_to(moving[:, None], errors.shape)
     energies = [np.where(counts, x, 0.0).sum(axis=(0, 1)) for x in (errors, than)]

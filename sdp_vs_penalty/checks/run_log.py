@@ -8,10 +8,13 @@ from sdp_vs_penalty.checks.repair import LogTransform
 
 @dataclass(frozen=True)
 class RunLog:
-    """A run's rows, their repair, and the run's name; is_part : whether the rows are a
-    part of a run, whose clock the other parts share."""
+    """The rows of a run, or of a part of it, under a repair."""
 
+    #: Rows of the run.
     log: Likelihood
+    #: How these rows are repaired.
     repair: LogTransform
+    #: Name of the run.
     name: str
+    #: Whether the rows are a part of a run, whose clock the other parts share.
     is_part: bool = False

@@ -64,11 +64,13 @@ _PRECISION_OF_SIZE = 0.3
 
 
 class Rival(NamedTuple):
-    """What explains a log as well as a fault does: its kind of issue, joints (from 0),
-    and sentence."""
+    """What explains a log as well as a fault does."""
 
+    #: Kind of its issue.
     kind: str
+    #: Its joints, from 0.
     joints: tuple[int, ...]
+    #: What is wrong, in one sentence.
     what: str
 
 
@@ -148,11 +150,6 @@ class RepairSearch:
             One arm fitted to the rows under the repair.
         repair : LogTransform
             How the log is repaired.
-
-        Returns
-        -------
-        float
-            Natural logarithm.
         """
         cost = sum(
             e.log_odds_against + _ODDS_AGAINST_UNEVEN * e.has_uneven_size
@@ -197,11 +194,6 @@ class RepairSearch:
             The repair with one more correction.
         now : LogTransform
             The repair that it extends.
-
-        Returns
-        -------
-        list of Fault
-            Faults that ``repair`` corrects.
         """
         known = {fault.name: _extent(fault) for fault in self.list_faults(now)}
         faults = self.list_faults(repair)
@@ -564,8 +556,6 @@ class RepairSearch:
 
         Parameters
         ----------
-        log : Likelihood
-            The rows.
         repair : LogTransform
             The repair with the fault corrected.
         now : LogTransform
@@ -611,10 +601,6 @@ class RepairSearch:
         ----------
         falls : (K,) array
             Falls of the logarithm of each moving joint's error on parts left out.
-        repair : LogTransform
-            With one more fault.
-        now : LogTransform
-            Without it.
 
         Returns
         -------
@@ -826,16 +812,6 @@ class RepairSearch:
 
         Example: {("torque gain", (2,)): <size 0.69>}. Faults without a size are left
         out.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-
-        Returns
-        -------
-        dict
-            Sizes by (kind, joints).
         """
         faults = self.list_faults(repair)
         return {fault.name: fault.size for fault in faults if fault.size}

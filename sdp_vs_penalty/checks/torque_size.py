@@ -42,15 +42,8 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
 
     Parameters
     ----------
-    log : Likelihood
-        Rows of all runs.
     repair : LogTransform
         What is repaired in them.
-
-    Returns
-    -------
-    iterator of Issue
-        At most one.
     """
     shares = _shares_of_effort(log, repair)
     is_too_large = shares > c.EFFORT[1]
@@ -118,21 +111,23 @@ def _is_as_nominal(log: Likelihood, repair: LogTransform) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class _Size:
-    """How large the torques are, in two measures [-].
+    """How large the torques are, in two measures [-]."""
 
-    over : the largest torque over its joint's effort limit; -1 without limits. measured
-    : torque over that of an arm with the problem's nominal links; smallest, largest :
-    the possible range of ``measured``. is_mass_known : whether the masses are known;
-    without them ``measured`` is ``over``. description : in words.
-    """
-
+    #: Largest torque over its joint's effort limit; -1 without limits.
     over: float
+    #: Torque over that of an arm with the problem's nominal links.
     measured: float
+    #: Smallest possible value of ``measured``.
     smallest: float
+    #: Largest possible value of ``measured``.
     largest: float
+    #: Whether the torques are too large.
     is_large: bool
+    #: Whether the torques are too small.
     is_small: bool
+    #: Whether the masses are known; without them ``measured`` is ``over``.
     is_mass_known: bool
+    #: Size in words.
     description: str
 
     @property
@@ -193,8 +188,6 @@ def far_from_nominal(log: Likelihood, repair: LogTransform) -> float:
 
     Parameters
     ----------
-    log : Likelihood
-        Rows of the log.
     repair : LogTransform
         How the log is repaired.
 
@@ -224,14 +217,19 @@ def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str
 
 @dataclass(frozen=True)
 class _Reason:
-    """Why torques have an impossible size, in the words of an issue; factor : by which
-    they have to be multiplied, if that is known."""
+    """Why torques have an impossible size, in the words of an issue."""
 
+    #: Kind of the issue.
     kind: str
+    #: The reason, as a clause.
     why: str
+    #: What to do, in one sentence.
     remedy: str
+    #: Place of the issue, in words.
     where: str = "all torque channels"
+    #: Factor that makes the torques right, if that is known.
     factor: float | None = None
+    #: How sure the reason is.
     certainty: Certainty = _BY_SIZE
 
 
@@ -333,16 +331,6 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     weight of an arm alone, without inertia and friction.
 
     Nothing else can be learned from such torques.
-
-    Parameters
-    ----------
-    log : Likelihood
-        Rows of the log.
-
-    Returns
-    -------
-    iterator of Issue
-        At most one.
     """
     if (
         log.data.shared is None

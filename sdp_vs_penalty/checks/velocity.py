@@ -158,21 +158,12 @@ def _late(glance: RunSummary, lag: float) -> Issue:
 
 
 def velocity_ratios(glance: RunSummary) -> Array:
-    """Return the ratio (n,) of the logged velocity to the derivative of the position.
+    """Return the ratio (n,) [-] of the logged velocity to the derivative of the
+    position.
 
     Both are averaged over windows of a few rows; time steps ten times as long as usual
     are left out. The ratio is nan for joints at rest, and where the two are not
     proportional.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run.
-
-    Returns
-    -------
-    (n,) array
-        Ratios [-].
     """
     width = int(max(4, len(glance.run.t) // 2000))  # rows: 2000 windows at most
     count = len(glance.steps) // width
@@ -216,11 +207,6 @@ def velocity_lag(glance: RunSummary) -> float | None:
 
     It is the median over the moving joints of the lag at which the two correlate most;
     None where the joints differ by more than a sample.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run.
 
     Returns
     -------

@@ -21,7 +21,8 @@ class Ols(Estimator):
     """pi_hat = argmin |W pi - tau|^2 (Gautier, Khalil; Gaz et al. 2019, eq. 13).
 
     Determines base parameters only; theta is the minimiser nearest to the nominal
-    robot, and in general not physically consistent."""
+    robot, and in general not physically consistent.
+    """
 
     name = "ols"
     table_place: ClassVar[int | None] = 1

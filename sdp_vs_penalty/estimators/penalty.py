@@ -218,7 +218,8 @@ class ShiftedPenalty:
     """L(x; S, w) with f(x) = |R x - rho|^2, x = theta / theta_scale; losses and cones
     are of size one.
 
-    ``shifts`` has one array a part; received : convex, without what others imply."""
+    ``shifts`` has one array a part; received : convex, without what others imply.
+    """
 
     def __init__(
         self,
@@ -478,7 +479,7 @@ def minimise(
     Returns
     -------
     x : (p,) array
-        Minimiser, in scaled units.
+        The minimiser, in scaled units.
     shifts : list of arrays
         Multipliers, one array a part.
     spent : dict

@@ -81,10 +81,6 @@ def mended(
 
     Parameters
     ----------
-    run : Measurements
-        As logged.
-    robot : Robot
-        Whose joints have ranges.
     standstill : float
         Share of its speed below which the robot stands still.
     problem : Problem, optional

@@ -223,12 +223,8 @@ def find_coarse_sampling(
 
     Parameters
     ----------
-    glance : RunSummary
-        The run.
     motion : Motion
         Its states behind the filters.
-    settings : Preprocessing
-        The filters, resolved.
 
     Returns
     -------

@@ -22,14 +22,13 @@ _SHARE_OF_VARIANCE = 0.999
 
 @dataclass(frozen=True)
 class LockstepMotion:
-    """A motion in which joints move in proportion to each other.
+    """A motion in which joints move in proportion to each other."""
 
-    groups : of joints (from 0) that do; moving : number of joints that move; rank :
-    number of independent directions of their positions.
-    """
-
+    #: Groups of joints (from 0) that move in proportion.
     groups: tuple[tuple[int, ...], ...]
+    #: Number of joints that move.
     moving: int
+    #: Number of independent directions of the joints' positions.
     rank: int
 
     @property
@@ -87,15 +86,10 @@ class LockstepMotion:
 
 
 def lockstep_groups(q: Array) -> list[list[int]]:
-    """List groups of columns of positions q (N, n) that move in proportion.
+    """List groups of columns of positions q (N, n) [rad, m] that move in proportion.
 
     The columns of a group correlate by more than LOCKSTEP with its first one, whatever
     the sign. No column is in two groups; groups of one are left out.
-
-    Parameters
-    ----------
-    q : (N, n) array
-        Positions [rad, m].
 
     Returns
     -------
@@ -118,18 +112,7 @@ def lockstep_groups(q: Array) -> list[list[int]]:
 
 def motion_rank(q: Array) -> int:
     """Return the number of principal directions that hold 99.9 % of the variance of
-    positions q (N, n), each joint scaled to variance 1.
-
-    Parameters
-    ----------
-    q : (N, n) array
-        Positions [rad, m].
-
-    Returns
-    -------
-    int
-        Rank of the motion.
-    """
+    positions q (N, n) [rad, m], each joint scaled to variance 1."""
     power = np.linalg.svd(_standardised(q), compute_uv=False) ** 2
     shares = np.cumsum(power) / power.sum()
     return int(np.searchsorted(shares, _SHARE_OF_VARIANCE) + 1)

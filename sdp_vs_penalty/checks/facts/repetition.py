@@ -169,7 +169,8 @@ def _frozen_packets(glance: RunSummary, is_held: Rows) -> Rows:
     if a joint moves by more than four usual steps behind the stretch.
 
     Usual steps are those of a joint that moves: an arm that waits between the steps of
-    its command stands still in most rows."""
+    its command stands still in most rows.
+    """
     parts = spans(is_held)
     lengths = np.diff(parts)[:, 0]
     steps = np.abs(np.diff(glance.run.q, axis=0))

@@ -32,8 +32,6 @@ class Clock(Transformation):
         ----------
         log : Likelihood
             Rows that repairs are judged on.
-        now : LogTransform
-            The present repair.
         fit : ArmFit
             The arm fitted to the rows under ``now``.
 

@@ -43,8 +43,6 @@ class Delay(Transformation):
         ----------
         log : Likelihood
             Rows that repairs are judged on.
-        now : LogTransform
-            The present repair.
         fit : ArmFit
             The arm fitted to the rows under ``now``.
 

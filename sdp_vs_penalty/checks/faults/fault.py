@@ -79,24 +79,25 @@ APPLY = {
 
 @dataclass(frozen=True)
 class FaultSize:
-    """The size of a fault: one number of a repair, 0 where the log is right.
+    """The size of a fault: one number of a repair, 0 where the log is right."""
 
-    value : the size, in the number's own unit (rad, m, s, a share, or the natural
-    logarithm of a factor); repair_with : gives the repair with another size; tolerance
-    : by how much arms and loggers differ anyway; search_radius : how far to either side
-    of ``value`` the best size is looked for; in_words : size with its unit;
-    round_values : round sizes, tried beside it (90 degrees, a factor of 1000); widest :
-    widest 95 % interval, to either side, with which a size is claimed; number_told
-    : the number that the words tell, or one that rises with it.
-    """
-
+    #: The size, in the number's own unit (rad, m, s, a share, or the natural logarithm
+    #: of a factor).
     value: float
+    #: Function of another size that returns the repair with it.
     repair_with: At
+    #: Difference between arms and between loggers that is no fault.
     tolerance: float
+    #: How far to either side of ``value`` the best size is looked for.
     search_radius: float
+    #: Function of a size that returns it in words, with its unit.
     in_words: Callable[[float], str]
+    #: Round sizes, tried beside it (90 degrees, a factor of 1000).
     round_values: tuple[float, ...] = ()
+    #: Widest 95 % interval, to either side, with which a size is claimed.
     widest: float = WIDEST
+    #: Function of a size that returns the number in the words, or one that rises with
+    #: it.
     number_told: Callable[[float], float] = float
 
     def interval_in_words(self, ends: Sequence[float]) -> str:
@@ -179,41 +180,43 @@ def odds_against_one_of(count: int) -> float:
     ----------
     count : int
         Number of equally likely faults.
-
-    Returns
-    -------
-    float
-        Natural logarithm of odds.
     """
     return c.LOG_ODDS_AGAINST_FAULT + float(np.log(max(count, 1)))
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a log that a repair corrects, and what the user is told of it.
+    """One fault of a log that a repair corrects, and what the user is told of it."""
 
-    removal : how to leave the fault uncorrected: the repair without this correction, or
-    the fault's size, which is set to 0; log_odds_against : natural logarithm of the
-    prior odds against the fault; place : where it is, in words; empty: at its joints
-    (from 0); is_repairable : whether a repaired log can be written; figures : what JSON
-    says of it. by_clock : of a fault that happens at an instant, figures["t"] [s]: returns
-    the fault in the words of that instant by another clock [s]; None for what happens
-    at no instant. by_run : of a fault whose size belongs to each run: returns the
-    fault in the words of several runs; None for what all runs share.
-    """
-
+    #: What is wrong, in two or three words.
     kind: str
+    #: "error", "warning" or "note".
     severity: str
+    #: Joints that have the fault, from 0.
     joints: tuple[int, ...]
+    #: What is wrong, in one sentence.
     what: str
+    #: What to do, in one sentence.
     remedy: str
+    #: How the fault is left uncorrected: the repair without this correction, or the
+    #: fault's size, which is set to 0.
     removal: LogTransform | FaultSize
+    #: Natural logarithm of the prior odds against the fault.
     log_odds_against: float = c.LOG_ODDS_AGAINST_FAULT
+    #: Where the fault is, in words; empty: at its joints.
     place: str = ""
+    #: Whether a repaired log can be written.
     is_repairable: bool = True
+    #: What explains as much, in words.
     equivalents: tuple[str, ...] = ()
+    #: Numbers behind the fault, for JSON.
     figures: Mapping[str, Any] = field(default_factory=dict)
+    #: For a fault that happens at an instant, figures["t"] [s]: returns the fault in
+    #: the words of that instant by another clock [s]; None for what happens at no
+    #: instant.
     by_clock: "Callable[[float], Fault] | None" = None
+    #: For a fault whose size belongs to each run: returns the fault in the words of
+    #: several runs; None for what all runs share.
     by_run: "Callable[[Sequence[RunLog]], Fault] | None" = None
 
     @property
@@ -273,8 +276,6 @@ class Transformation(ABC):
         ----------
         log : Likelihood
             Rows that repairs are judged on.
-        now : LogTransform
-            The present repair.
         fit : ArmFit
             The arm fitted to the rows as ``now`` repairs them.
 

@@ -46,8 +46,6 @@ class Gain(Transformation):
         ----------
         log : Likelihood
             Rows that repairs are judged on.
-        now : LogTransform
-            The present repair.
         fit : ArmFit
             The arm fitted to the rows under ``now``.
 

@@ -31,8 +31,6 @@ class Exchange(Transformation):
         ----------
         log : Likelihood
             Rows that repairs are judged on.
-        now : LogTransform
-            The present repair.
         fit : ArmFit
             The arm fitted to the rows under ``now``.
 
@@ -73,15 +71,15 @@ class Exchange(Transformation):
 
 @dataclass(frozen=True)
 class _Channels:
-    """Channels that may be exchanged between joints.
+    """Channels that may be exchanged between joints."""
 
-    kind : of the issue; words : the channels' name; columns : theirs in a file; entries
-    : those of a repair that hold their order.
-    """
-
+    #: Kind of the issue.
     kind: str
+    #: Name of the channels, in words.
     words: str
+    #: Names of the channels' columns in a file.
     columns: str
+    #: Fields of a repair that hold the channels' order.
     entries: tuple[str, ...]
 
 

@@ -39,8 +39,6 @@ class Saturation(Transformation):
         ----------
         log : Likelihood
             Rows that repairs are judged on.
-        now : LogTransform
-            The present repair.
         fit : ArmFit
             The arm fitted to the rows under ``now``.
 

@@ -41,8 +41,6 @@ class Place(Transformation):
         ----------
         log : Likelihood
             Rows that repairs are judged on.
-        now : LogTransform
-            The present repair.
         fit : ArmFit
             The arm fitted to the rows under ``now``.
 
@@ -108,16 +106,15 @@ QUARTERS = -np.pi / 2, np.pi / 2, np.pi
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A length or a zero that may be another one.
+    """A length or a zero that may be another one."""
 
-    value : the present one [m, rad]; repair_with : the repair with another one; unit :
-    a radian, or a length that matters to torques as much [m]; turns : changes that are
-    tried beside the first-order one [rad].
-    """
-
+    #: Present value [m, rad].
     value: float
+    #: Function of another value that returns the repair with it.
     repair_with: At
+    #: A radian, or a length that matters to torques as much [m].
     unit: float
+    #: Changes that are tried beside the first-order one [rad].
     turns: tuple[float, ...] = ()
 
 
