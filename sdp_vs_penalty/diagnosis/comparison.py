@@ -838,14 +838,6 @@ class _ErrorStatistics:
 
 
 def predicted(rows: Rows, theta: Array) -> Array:
-    """Return the modelled torque (M, n) of filtered rows [N m or N], regressor times
-    theta.
-
-    Parameters
-    ----------
-    rows
-        M rows; the columns of each joint passed the same filter as the torque.
-    theta
-        (p,) parameters in SI units.
-    """
+    """Return the modelled torque (M, n) [N m or N] of M filtered rows, regressor times
+    theta (p,) in SI units; the columns passed the same filter as the torque."""
     return np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])

@@ -240,16 +240,6 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     errors of its joints more than it lowers them. Reasons about its surroundings: more
     torque remains unexplained than it explains; other findings can explain most of its
     torque; another cause would look like it; a measured curve fits better.
-
-    Parameters
-    ----------
-    x
-        The finding with all that it is judged by.
-
-    Returns
-    -------
-    tuple of Doubt
-        Empty for a confident finding.
     """
     return tuple(
         Doubt(reason, cause=x.looks_like if reason == "looks_like" else "")

@@ -365,11 +365,8 @@ class _Table:
     """
 
     def __init__(self, rows: SegmentedRuns, estimate: Estimate, frozen: bool) -> None:
-        """Compute the model's columns; those of effects follow when they are needed.
-
-        rows : the filtered rows; estimate : the model; frozen : whether its parameters
-        stay fixed.
-        """
+        """Compute the model's columns on filtered rows; those of effects follow when
+        they are needed."""
         self.rows = rows
         self.estimate = estimate
         self.frozen = frozen

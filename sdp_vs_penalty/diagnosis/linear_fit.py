@@ -480,16 +480,12 @@ class WhiteFit:
         return {j: z / self.level[j] for j, z in columns.items()}
 
     def residual_of(self, scaled: dict[int, Array]) -> Array:
-        """Subtract from weighted columns Z what the fit and the tolerated errors make
-        of them.
+        """Subtract from weighted columns Z, (M, k) by joint (from 0), divided by the
+        joint's level (:meth:`scaled`), what the fit and the tolerated errors make of
+        them.
 
         Returns P (Z - Q Q'P Z) (n joints, M, k), with the basis Q = A W / level of the
         fit.
-
-        Parameters
-        ----------
-        scaled
-            Z, (M, k) by joint from 0, divided by the joint's level (:meth:`scaled`).
         """
         return ColumnProducts.of(self, scaled).residual
 
@@ -745,13 +741,8 @@ class WhiteFitter:
         return self._fitted(design, products, tuple(columns), level)
 
     def at_level(self, fit: WhiteFit, level: Array) -> WhiteFit:
-        """Return a fit of the same columns with given levels.
-
-        Parameters
-        ----------
-        level
-            (n,) standard deviations by which the joints' rows are divided.
-        """
+        """Return a fit of the same columns with given levels (n,), standard deviations
+        by which the joints' rows are divided."""
         return self._fitted(
             fit.design,
             fit.products,

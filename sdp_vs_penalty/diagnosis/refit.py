@@ -94,15 +94,8 @@ def _compress_rows(columns: Array, target: Array) -> Array:
 
 
 def _squared_error(triangle: Array, step: Array) -> float:
-    """Return the squared error |b - A step|^2 of a compressed problem [A, b].
-
-    Parameters
-    ----------
-    triangle
-        (r, p + 1) the matrix [A, b] of :func:`_compress_rows`.
-    step
-        (p,) change of the parameters.
-    """
+    """Return the squared error |b - A step|^2 of a compressed problem [A, b] (r, p + 1)
+    (:func:`_compress_rows`), for a change of the parameters (p,)."""
     return float(np.sum((triangle[:, -1] - triangle[:, :-1] @ step) ** 2))
 
 

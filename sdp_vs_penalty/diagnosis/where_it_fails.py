@@ -436,7 +436,7 @@ def _dependence_sentence(causes: CauseShares, named: Sequence[str]) -> str:
 
 
 class Failures(Record, list[JointFailure]):
-    """Where a model fails, joint by joint; units : of the joints' torques."""
+    """Where a model fails, joint by joint, with the units of the joints' torques."""
 
     def __init__(
         self, failures: Iterable[JointFailure] = (), units: Sequence[str] = ()

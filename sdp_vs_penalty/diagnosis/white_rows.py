@@ -381,16 +381,9 @@ def model_columns(
 
 
 def cluster_rows(rows: SegmentedRuns) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Label rows whose errors are correlated, in two ways.
-
-    Returns
-    -------
-    (M,) array
-        Labels of intervals of time.
-    (M,) array
-        Labels of intervals of the motion's phase, since an error of the model recurs
-        whenever the motion repeats.
-    """
+    """Label rows whose errors are correlated, in two ways: by intervals of time (M,)
+    and by intervals of the motion's phase (M,), since an error of the model recurs
+    whenever the motion repeats."""
     # [1]: the labels of phase and motion together.
     return time_clusters(rows), phase_stretches(rows, CLUSTERS)[1]
 

@@ -104,19 +104,8 @@ class Rubbing(JointEffect):
         return f"{torque}*s/{position}" if self.viscous else torque
 
     def rubbing(self, motion: Motion, joint: int) -> Array:
-        """Compute the friction of unit size on a joint (from 0): the velocity, or its
-        smooth sign.
-
-        Parameters
-        ----------
-        motion
-            The motion at N instants.
-
-        Returns
-        -------
-        Array
-            (N,) velocity [rad/s, m/s], or sign in [-1, 1].
-        """
+        """Compute the friction of unit size on a joint (from 0) at N instants: the
+        velocity (N,) [rad/s, m/s], or its smooth sign (N,) in [-1, 1]."""
         return motion.dq[:, joint] if self.viscous else motion.sign(joint)
 
 

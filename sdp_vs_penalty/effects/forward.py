@@ -95,8 +95,8 @@ class _Probe(Motion):
 class Plant:
     """A robot model that can be simulated, with its parameters.
 
-    ``theta`` is (p,), or (W, p) with one row for each of W simulations. Raises
-    InputError where the model has no rigid body: without inertia nothing can move.
+    Raises InputError where the model has no rigid body: without inertia nothing can
+    move.
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
@@ -209,18 +209,8 @@ class Plant:
         return bool(np.linalg.eigvalsh(first.mass(poses)).min() > 0.0)
 
     def mass(self, q: Array) -> Array:
-        """Compute the mass matrices M(q).
-
-        Parameters
-        ----------
-        q
-            (W, n) configurations [rad, m].
-
-        Returns
-        -------
-        Array
-            (W, n, n) mass matrices [kg m^2, kg m, kg].
-        """
+        """Compute the mass matrices M(q) (W, n, n) [kg m^2, kg m, kg] of configurations
+        q (W, n) [rad, m]."""
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
     def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:

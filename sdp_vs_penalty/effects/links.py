@@ -312,18 +312,8 @@ class LinkDeviation(Effect):
     signless = True
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        """Compute the torque from one unit of the deviation of one joint (from 0).
-
-        Parameters
-        ----------
-        motion
-            The motion at N instants.
-
-        Returns
-        -------
-        Array
-            (N, n) torque on all joints.
-        """
+        """Compute the torque (N, n) on all joints from one unit of the deviation of one
+        joint (from 0), at N instants."""
         raise NotImplementedError
 
     def torques(self, motion: Motion) -> Array:

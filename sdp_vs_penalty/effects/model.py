@@ -205,13 +205,8 @@ class Model:
         return sizes
 
     def columns(self, motion: Motion) -> list[JointColumns]:
-        """Compute the regressor of a motion, joint by joint, for all n joints.
-
-        Parameters
-        ----------
-        motion
-            The motion at N instants.
-        """
+        """Compute the regressor of a motion of N instants, joint by joint, for all n
+        joints."""
         return self.joined(self.blocks(motion), len(motion.t))
 
     def dense_columns(self, motion: Motion) -> Array:
@@ -512,11 +507,6 @@ def turning(motion: Motion, effect: Effect) -> Motion:
 
 
 def depends(effect: Effect) -> bool:
-    """Tell whether an effect's columns need a current model.
-
-    Returns
-    -------
-    bool
-        True where it reads the model's torque or links.
-    """
+    """Tell whether an effect's columns need a current model, whose torque or links they
+    read."""
     return effect.needs_torque or effect.needs_links

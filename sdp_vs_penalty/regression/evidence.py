@@ -94,12 +94,8 @@ def cluster_sums(
     """Yield the sums of scores (number of clusters, k) over clusters of rows, for each
     way to cluster them.
 
-    Parameters
-    ----------
-    clusters
-        For each way the label (M,) of each row's cluster, from 0.
-    scores
-        (M, k) numbers to be summed.
+    The M rows have scores (M, k), and for each way the labels (M,) of their clusters,
+    from 0.
     """
     for labels in clusters:
         yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)

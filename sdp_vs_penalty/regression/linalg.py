@@ -109,9 +109,8 @@ class InTurn:
     of ``at``, which computes them together; once for each x."""
 
     def __init__(self, at: Callable[[Array], tuple[Array, Array]]) -> None:
-        """Take a function that returns residual (m,) and Jacobian (m, p) of x (p,)
-        together.
-        """
+        """Keep the function ``at`` that returns residual (m,) and Jacobian (m, p) of x
+        (p,) together."""
         self._at = at
         self._last_x = np.full(1, np.nan)
         self._answer = (np.zeros(0), np.zeros(0))

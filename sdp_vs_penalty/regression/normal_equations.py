@@ -79,18 +79,8 @@ class NormalEquations:
 
     @classmethod
     def together(cls, logs: Sequence[NormalEquations]) -> NormalEquations:
-        """Join the joints of several logs, to fit one arm to all of them.
-
-        Parameters
-        ----------
-        logs : sequence of NormalEquations
-            Arrays (1, n, ...) each.
-
-        Returns
-        -------
-        NormalEquations
-            Arrays (1, n times the number of logs, ...).
-        """
+        """Join the joints of several logs, arrays (1, n, ...) each, to fit one arm to
+        all of them: arrays (1, n times the number of logs, ...)."""
         return cls(
             gram=np.concatenate([log.gram for log in logs], axis=1),
             cross=np.concatenate([log.cross for log in logs], axis=1),

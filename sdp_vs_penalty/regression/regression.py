@@ -147,14 +147,8 @@ class LeastSquares:
         return 2.0 * self.R.T @ residual
 
     def nearest(self, near: ArrayLike) -> Array:
-        """Return the least-squares parameters (p,) [SI] that are nearest to given ones.
-
-        Parameters
-        ----------
-        near : (p,) array or float
-            Parameters [SI], from which these differ only in directions that the data
-            determine.
-        """
+        """Return the least-squares parameters (p,) [SI] that are nearest to given ones,
+        from which they differ only in directions that the data determine."""
         return min_norm_lstsq(self.R, self.rho, np.asarray(near, float))
 
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
@@ -387,16 +381,11 @@ class Regression:
         return LeastSquares.stacked(stack, n_rows)
 
     def by_joint(self) -> Iterator[BlocksOfJoint]:
-        """Yield each joint's blocks as one array (blocks, rows, columns + 1).
+        """Yield each joint's blocks as one array (blocks, rows, columns + 1), with the
+        torque in the last column.
 
         A block is a group of rows, such as a fold. Blocks with fewer rows are filled up
         with zero rows, which change no sum of squares. Joints without rows are skipped.
-
-        Returns
-        -------
-        iterator of BlocksOfJoint
-            Joint (from 0), indices of its parameters, numbers of its blocks, and the
-            rows with the torque in the last column.
         """
         for joint in range(self.joints):
             factors = [factor for factor in self.factors if factor.joint == joint]

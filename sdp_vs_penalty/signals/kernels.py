@@ -24,7 +24,7 @@ class LowPass:
     convolve samples with."""
 
     def __init__(self, value: Array) -> None:
-        """Make a low-pass of a symmetric kernel ``value`` (2 half + 1,)."""
+        """Keep the kernel ``value`` (2 half + 1,)."""
         self.value = value
         self.half = len(value) // 2
 

@@ -65,18 +65,8 @@ SPECTRUM_KNOWN = f"rough ({_HOW_ROUGH})"
 
 
 def said_before(text: str) -> str:
-    """Return a text of which the reader knows how rough a noise from the spectrum is.
-
-    Parameters
-    ----------
-    text : str
-        A text that may hold SPECTRUM_KNOWN.
-
-    Returns
-    -------
-    str
-        The text without what stands in parentheses there.
-    """
+    """Return a text without what stands in parentheses in SPECTRUM_KNOWN, for a reader
+    who knows how rough a noise from the spectrum is."""
     return text.replace(f" ({_HOW_ROUGH})", "")
 
 

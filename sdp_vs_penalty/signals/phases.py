@@ -170,37 +170,17 @@ class PhaseFolds:
         return places
 
     def tested(self, fold: int) -> list[int]:
-        """List the cells on which a fold tests.
+        """List the cells (from 0) on which a fold (from 0) tests.
 
         A cell is a stretch of a motion's clock between two borders of folds or guards.
-
-        Parameters
-        ----------
-        fold : int
-            Number of the fold, from 0.
-
-        Returns
-        -------
-        list of int
-            Numbers of the cells, from 0.
         """
         return np.flatnonzero(self._seconds_to_stretch(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
-        """List the cells on which a fold trains: those farther than the guard from
-        tested ones.
+        """List the cells (from 0) on which a fold (from 0) trains: those farther than
+        the guard from tested ones.
 
         A cell is a stretch of a motion's clock between two borders of folds or guards.
-
-        Parameters
-        ----------
-        fold : int
-            Number of the fold, from 0.
-
-        Returns
-        -------
-        list of int
-            Numbers of the cells, from 0.
         """
         return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 

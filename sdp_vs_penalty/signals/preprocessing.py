@@ -121,11 +121,8 @@ class RunFilter:
     """
 
     def __init__(self, run: Measurements, settings: Preprocessing) -> None:
-        """Make the kernels and grids of one run's filters.
-
-        settings : resolved, so that its cut-off frequencies are numbers. Raises
-        InputError for a run shorter than the filters.
-        """
+        """Make the kernels and grids of the filters; raise InputError for a run that is
+        shorter than they are."""
         assert settings.state_cutoff is not None
         assert settings.torque_cutoff is not None
         self.run = run

@@ -66,16 +66,13 @@ class Movement:
     """Which instants belong to motion rather than standstill, from positions half a
     second apart.
 
-    moves (N,) : of each sample whether some joint comes farther within half a second
-    than ``share`` of the farthest that it ever comes.
+    ``moves`` (N,) flags the samples at which some joint comes farther within half a
+    second than a share of the farthest that it ever comes.
     """
 
     def __init__(self, run: Measurements, share: float) -> None:
-        """Find the samples of a run at which the arm moves.
-
-        share : of the largest displacement in half a second of each joint, below which
-        it stands still [-].
-        """
+        """Find the samples of a run at which the arm moves; a joint stands still below
+        ``share`` [-] of its largest displacement in half a second."""
         self.t = run.t
         way = concatenate_chunks(_ways(run))
         largest = np.max([x.max(axis=0) for _, x in iter_chunks(way)], axis=0)

@@ -105,15 +105,11 @@ class Basis:
         return tuple(a.variable.name for a in self.axes)
 
     def evaluate(self, *values: Array) -> Array:
-        """Return all K basis functions (N, K) at N points.
+        """Return all K basis functions (N, K) at N points, from the values (N,) of each
+        variable in the order of ``axes``.
 
         Of one variable they are its splines. Of two they are all products of a spline
         of the first with a spline of the second; the second's index runs fastest.
-
-        Parameters
-        ----------
-        values
-            (N,) values of each variable, in the order of ``axes``.
         """
         return _products(
             [axis.columns(x) for axis, x in zip(self.axes, values, strict=True)]
@@ -294,18 +290,10 @@ class Variables:
         self._splines = lru_cache(self._splines_of)
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
-        """Return a quantity on the M filtered rows: low-passed as the torque is, then
-        resampled.
+        """Return a quantity on the M filtered rows of all segments, (M,) or (M, k):
+        low-passed as the torque is, then resampled.
 
-        Parameters
-        ----------
-        dense
-            Maps a motion with N samples to the quantity, (N,) or (N, k).
-
-        Returns
-        -------
-        (M,) or (M, k) array
-            Of all segments, one after the other.
+        ``dense`` maps a motion with N samples to the quantity, (N,) or (N, k).
         """
         return np.concatenate(
             [s.low_pass @ dense(s.motion) for s in self.rows.segments]

@@ -509,18 +509,12 @@ def _laws_with_starts(basis: Basis) -> list[tuple[Law, Array]]:
 
 def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
     """Return the normal equations of a law's amplitudes, C D C' (S, m, m) and C s (S,
-    m), for S sets of constants.
+    m), for S sets of constants with coefficients C (S, m, k) of the m terms in the k
+    splines.
 
-    Where a law overflows they are not finite, and :func:`_solve_amplitudes` ignores the
-    set.
-
-    Parameters
-    ----------
-    c
-        (S, m, k) coefficients C of the law's m terms in the k splines.
-    f
-        The splines on the rows: D (k, k) are their products with each other, s (k,)
-        those with the residual.
+    D (k, k) are the products of the splines with each other, s (k,) those with the
+    residual. Where a law overflows the equations are not finite, and
+    :func:`_solve_amplitudes` ignores the set.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
