@@ -49,12 +49,7 @@ class Change:
 
 
 class ChangeDetector:
-    """Search for the instant of a change, in preallocated arrays.
-
-    ``prior`` is of a payload; ``n_drifts`` offsets and shares of friction may drift. A
-    residual agrees with itself for ``correlation`` [s], the loop has the period
-    ``period`` [s], and data count exp(-1) after ``forgetting`` [s].
-    """
+    """Search for the instant of a change, in preallocated arrays."""
 
     def __init__(
         self,
@@ -71,9 +66,10 @@ class ChangeDetector:
         change, at an instant at which the payload may have changed. The ring reaches
         CHANGE_REACH seconds back.
 
-        prior : of a payload; n_drifts : d; correlation : correlation time of the
-        residual torque [s]; period : of the control loop [s]; forgetting : time after
-        which data count exp(-1) [s]; delay : of the filters [s].
+        ``prior`` is of a payload, and d = ``n_drifts`` offsets and shares of friction
+        may drift. The residual torque agrees with itself for ``correlation`` [s], the
+        control loop has the period ``period`` [s], data count exp(-1) after
+        ``forgetting`` [s], and the filters delay by ``delay`` [s].
         """
         self.is_carrying = False
         #: Information of the current stretch, fading: (11 + d, 11 + d), its seconds.

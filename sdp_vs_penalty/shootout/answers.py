@@ -31,17 +31,27 @@ CLAIMS = ("optimal", "infeasible", "unbounded", "inaccurate", "failed")
 
 @dataclass(frozen=True)
 class Given(JsonRecord):
-    """An answer in a file; its module says what each field is."""
+    """An answer in a file."""
 
+    #: Name of the instance.
     problem: str
+    #: Solver that found the answer.
     solver: str
+    #: Claim of the solver, one of :data:`CLAIMS`.
     claimed: str
+    #: Variables of the instance's problem.cbf or problem.dat-s; None where theta is.
     x: tuple[float, ...] | None = None
+    #: (p,) parameters in the instance's units; None where x is.
     theta: tuple[float, ...] | None = None
+    #: Processor time that the solver took [s]; NaN where it is not known.
     seconds: float = np.nan
+    #: Relative accuracy that was asked for.
     accuracy: float = 1e-8
+    #: The solver's status, in its words.
     status: str = ""
+    #: Version of the solver.
     version: str = ""
+    #: Hash of the instance that was solved; "": it is not checked.
     hash: str = ""
 
     def __post_init__(self) -> None:
@@ -70,8 +80,6 @@ def judge_answers(paths: list[Path], out: Path, say: Progress) -> runner.Results
 
     Parameters
     ----------
-    paths : list of Path
-        JSON files, as above.
     out : Path
         Folder of a shootout, or a new one; answers of the same solver to the same
         problem are replaced.

@@ -57,11 +57,11 @@ def options(accuracy: float) -> dict[str, Any]:
 class Chart:
     """theta (p,) of variables (n,): ten a link, then the other parameters in units of
     their size at the strictly feasible ``inside``, where the links' factors have rows
-    of length one and which ``start`` are the variables of.
+    of length one; ``start`` (n,) are the variables of ``inside``.
 
-    indices (links, 10), others (k,) : of the parameters in theta; shift (links, 16),
-    maps (links, 16, 10) : from a link's demand to its parameters; corners (links, 4, 1)
-    : units of the factors' rows. Raises LinAlgError where ``inside`` is not inside.
+    ``indices`` (links, 10) and ``others`` (k,) are places of the parameters in theta;
+    ``shift`` (links, 16) and ``maps`` (links, 16, 10) lead from a link's demand to its
+    parameters; ``corners`` (links, 4, 1) are units of the factors' rows.
     """
 
     #: Places of a factor's entries, by row, and of its diagonal.
@@ -73,14 +73,12 @@ class Chart:
 
         A link's 4x4 demand is P = L L^T with a lower triangular L. Its ten variables
         are the entries of L, scaled so that the rows have length 1 at ``inside``, with
-        logarithms on the diagonal.
+        logarithms on the diagonal. ``inside`` (p,) is strictly feasible.
 
         Parameters
         ----------
         demands : sequence of Constraint
             All constraints; those of 4x4 matrices define the links' variables.
-        inside : (p,) array
-            A strictly feasible point.
 
         Raises
         ------
@@ -147,17 +145,8 @@ class Chart:
         With G = df/dP of a link's matrix P = L L^T, it is df/dL = (G + G^T) L; a
         logarithm's derivative is that of its diagonal entry times the entry.
 
-        Parameters
-        ----------
-        factors : (links, 4, 4) array
-            The factor L of each link.
-        gradient : (p,) array
-            Gradient in the parameters.
-
-        Returns
-        -------
-        (n,) array
-            Gradient in the variables.
+        The gradient is (p,) in the parameters and (n,) in the variables; ``factors``
+        (links, 4, 4) hold L of each link.
         """
         # k: link; e: entry of its 4x4 matrix; i: one of its ten parameters.
         of_links = np.einsum("kei,ki->ke", self.maps, gradient[self.indices])
@@ -185,17 +174,19 @@ def _link_demands(demands: Sequence[Constraint]) -> list[Constraint]:
 
 @dataclass(frozen=True)
 class Round:
-    """One minimisation: the Lagrangian in z (n,) about x (n,), with these shifts.
+    """One minimisation: the Lagrangian in z (n,), x + T z, with these shifts."""
 
-    turn (n, n) : T with T' H T = 1 for the Gauss-Newton matrix H, so that steps of
-    L-BFGS are taken in T^-1 x.
-    """
-
+    #: The problem.
     instance: Instance
+    #: Map from the variables to theta.
     chart: Chart
+    #: Penalty of the demands that the variables do not fulfil by themselves.
     penalty: ShiftedPenalty
+    #: Shifts, one array for each part of the penalty.
     shifts: list[Array]
+    #: Weight of the penalty.
     weight: float
+    #: (n,) variables at which the minimisation starts.
     x: Array
 
     @cached_property
@@ -252,8 +243,6 @@ def solve(instance: Instance, accuracy: float) -> Answer:
 
     Parameters
     ----------
-    instance : Instance
-        The problem.
     accuracy : float
         Relative accuracy that is asked for.
 

@@ -62,11 +62,6 @@ def unscaled(instance: Instance) -> Instance:
 def unidentifiable(instance: Instance) -> Instance:
     """Drop all bounds on the size of links, so that the set of optima is unbounded.
 
-    Parameters
-    ----------
-    instance : Instance
-        A regular instance.
-
     Returns
     -------
     Instance
@@ -145,16 +140,6 @@ def too_thick(instance: Instance) -> Instance:
     """Demand thicker links than their bounds allow, so that nothing is feasible.
 
     Each link must have radii of gyration of 3 m.
-
-    Parameters
-    ----------
-    instance : Instance
-        A regular instance.
-
-    Returns
-    -------
-    Instance
-        Infeasible.
     """
     constraints_kept = [
         c for c in instance.constraints.convex if c.family != "minimum thickness"
@@ -173,11 +158,6 @@ def rank_deficient(instance: Instance) -> Instance:
 
 def noise_free(instance: Instance) -> Instance:
     """Replace the measured torque by that of the nominal robot, without noise.
-
-    Parameters
-    ----------
-    instance : Instance
-        A regular instance.
 
     Returns
     -------
@@ -267,6 +247,7 @@ NO_MEASUREMENTS = "its measurements are absent (SDP_VS_PENALTY_DATA)"
 class Entry:
     """An instance that exists, before it is built."""
 
+    #: Name of the instance.
     name: str
     #: A robot, "chains", or "ill-conditioned".
     group: str
@@ -276,6 +257,7 @@ class Entry:
     sentence: str
     #: Which arm it is about; every random arm is one.
     robot: str
+    #: Number of links of the arm.
     links: int
     #: What else it can be selected by: its source, step, shape and change.
     families: tuple[str, ...]
@@ -507,7 +489,7 @@ def instance(name: str) -> Instance:
     Raises
     ------
     InputError
-        For an unknown name.
+        No instance has this name.
     """
     entries = {e.name: e for e in everything()}
     if name not in entries:

@@ -34,8 +34,6 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
 
     Parameters
     ----------
-    instance : Instance
-        The problem.
     accuracy : float
         Ignored: nothing is passed to prob.solve() but the solver.
     solver : str or None
@@ -93,8 +91,6 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
 
     Parameters
     ----------
-    instance : Instance
-        The problem.
     accuracy : float
         Relative accuracy that is asked for.
 
@@ -125,6 +121,7 @@ ALL_OF_IT = "posing, solving, proving"
 class Contestant:
     """Who takes part, with all that is printed about it."""
 
+    #: Name by which the shootout knows it.
     name: str
     #: What it is, in a line.
     description: str
@@ -132,6 +129,7 @@ class Contestant:
     solve: Callable[[Instance, float], Answer]
     #: What is passed at an accuracy, by the names of its documentation.
     options: Callable[[float], dict[str, Any]]
+    #: Returns its version.
     version: Callable[[], str] = lambda: __version__
     #: Why it is not here, "" if it is.
     absent: str = ""
@@ -289,8 +287,6 @@ def _in_our_loop(
 
     Parameters
     ----------
-    instance : Instance
-        The problem.
     accuracy : float
         Relative gap up to which an optimum is claimed.
     solver : str or None

@@ -45,10 +45,12 @@ class Instance:
 
     #: Data, constraints and bounds in the instance's own units; nothing nonconvex.
     task: Task
+    #: The function of theta that is minimised.
     objective: Objective
     #: "residual": R and rho, for conic solvers centred and scaled. "rows" and "gram" are
     #: conic forms without either, as users write them (:func:`unscaled_sdp`).
     formulation: str = "residual"
+    #: Name of the instance; "" where it has none.
     name: str = ""
 
     def having(self, convex: Iterable[Constraint]) -> Self:
@@ -168,11 +170,7 @@ def unscaled_sdp(
     Parameters
     ----------
     data : LeastSquares
-        R (r, p), rho (r,).
-    constraints : sequence of Constraint
-        Constraints on theta (p,).
-    formulation : str
-        "gram" or "rows".
+        R (r, p) and rho (r,) of theta (p,).
 
     Returns
     -------
@@ -242,9 +240,11 @@ def exactly_squarable(data: LeastSquares) -> LeastSquares:
 
 @dataclass(frozen=True)
 class Units:
-    """Masses in ``mass`` kg and lengths in ``length`` m; seconds stay."""
+    """Units of mass and length; seconds stay."""
 
+    #: Unit of mass [kg].
     mass: float
+    #: Unit of length [m].
     length: float
 
     @property
@@ -306,8 +306,6 @@ class Units:
 
         Parameters
         ----------
-        c : Constraint
-            In SI units.
         parameters : (p,) array
             Factor of each parameter, the result of :meth:`parameters`.
 
@@ -331,16 +329,7 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
     """Return the same problem in other units of mass and length; seconds stay.
 
     Torques become tau / (mass length^2); parameters, bounds and constraint rows follow
-    their units.
-
-    Parameters
-    ----------
-    instance : Instance
-        In SI units.
-    mass : float
-        Unit of mass [kg].
-    length : float
-        Unit of length [m].
+    their units: ``mass`` [kg] and ``length`` [m].
 
     Returns
     -------
@@ -383,19 +372,12 @@ def recorded(
     ----------
     robot : str
         Name of a problem, such as "panda".
-    source : str
-        "simulated" or "measured".
     step : str
         "one-step" fits the torques, "two-step" the base parameters of a first fit.
     shape : str
         Demand on the links' shapes, as in :func:`posed`.
     stop : float
         Length of the run that is used [s].
-
-    Returns
-    -------
-    Instance
-        Without a name.
 
     Raises
     ------
@@ -410,19 +392,12 @@ def posed(task: Task, step: str, shape: str) -> Instance:
 
     Parameters
     ----------
-    task : Task
-        Data and constraints.
     step : str
         "one-step" minimises the torque error, "two-step" the distance of the base
         parameters from their least-squares estimate.
     shape : str
         "plain" adds nothing, "gyration" demands a minimal thickness, "regulariser" adds
         an entropic distance from the nominal links, "cones" limits the centres of mass.
-
-    Returns
-    -------
-    Instance
-        Without a name.
     """
     demands = list[Constraint]()
     if shape == "gyration":
@@ -446,16 +421,6 @@ def shape_cones(task: Task) -> list[Constraint]:
 
     The 2R of the paper has such cones. Each opens along z, and is wide enough to hold
     the link's nominal centre of mass.
-
-    Parameters
-    ----------
-    task : Task
-        With nominal links.
-
-    Returns
-    -------
-    list of Constraint
-        One for each link.
     """
     cones = []
     for k, indices in enumerate(task.links):
@@ -528,8 +493,6 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
 
     Parameters
     ----------
-    n : int
-        Number of links.
     draw : int
         Which of the arms of this size.
 
@@ -566,8 +529,6 @@ def chain_task(n: int, draw: int = 0) -> Task:
 
     Parameters
     ----------
-    n : int
-        Number of links.
     draw : int
         Number of the random arm of this size, from 0.
 
@@ -617,8 +578,6 @@ def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
 
     Parameters
     ----------
-    rng : Generator
-        Random numbers.
     problem : Problem
         Its links' reach [m] scales the centres of mass and the radii of gyration.
 

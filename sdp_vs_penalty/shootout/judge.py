@@ -46,22 +46,20 @@ JUDGED_TO = 1e-8
 
 @dataclass(frozen=True)
 class Reference(JsonRecord):
-    """lower <= optimum <= upper, both rigorous; scale : what errors are relative to."""
+    """What is proved of an instance's optimum."""
 
     #: "feasible" (with an interval that judges), "infeasible" (proved) or "unknown".
     verdict: str
+    #: Rigorous lower bound of the optimum.
     lower: float = -np.inf
+    #: Rigorous upper bound of the optimum.
     upper: float = np.inf
+    #: Size of the objective that errors are relative to.
     scale: float = 1.0
 
 
 def proved(instance: Instance) -> tuple[str, Proof | None]:
     """Prove an instance's optimum, or that it is infeasible, in rational arithmetic.
-
-    Parameters
-    ----------
-    instance : Instance
-        The problem.
 
     Returns
     -------
@@ -89,11 +87,6 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
 def reference(instance: Instance) -> Reference:
     """Return the proved interval of an instance's optimum, which judges all answers.
 
-    Parameters
-    ----------
-    instance : Instance
-        The problem.
-
     Returns
     -------
     Reference
@@ -116,19 +109,21 @@ def reference(instance: Instance) -> Reference:
 class Answer:
     """What a contestant returned."""
 
+    #: (p,) parameters in the instance's units; NaN without a solution.
     theta: Array
     #: "optimal", "inaccurate", "infeasible", "unbounded" or "failed".
     claims: str
-    #: Its own words.
+    #: The contestant's status, in its words.
     status: str
-    #: As of a Fit; None without a dual.
+    #: Multipliers of the constraints, as of a Fit; None without a dual.
     multipliers: Array | None = None
+    #: Slopes of the entropic terms, as of a Fit; None without a dual.
     entropy_slopes: Array | None = None
-    #: Runs that went into it, as far as the contestant starts several.
+    #: Number of runs that went into the answer, where the contestant starts several.
     attempts: int = 1
     #: Processor time of writing and reading files, which is no work of the solver [s].
     file_seconds: float = 0.0
-    #: Of the conic form that was handed out, if that was.
+    #: Solution of the conic form that was handed out; None where that was not.
     solution: Solution | None = None
 
 
@@ -138,16 +133,19 @@ class Judgement:
 
     #: "claim" (of an optimum, or that there is none), or its class at every accuracy.
     outcome: str
-    #: The larger of the next two; 0 for a claim that is proved right, inf for one that is
-    #: proved wrong.
+    #: The larger of ``objective_error`` and ``violation``; 0 for a claim that is proved
+    #: right, inf for one that is proved wrong.
     error: float = np.inf
     #: Distance of the objective from the proved interval, relative.
     objective_error: float = np.inf
+    #: Violation of the constraints, relative (:func:`relative_violation`).
     violation: float = np.inf
     #: From the proved upper bound to what the contestant's own multipliers prove, relative.
     own_gap: float = np.inf
+    #: What is wrong with the answer, in words; "" for nothing.
     remark: str = ""
-    #: Errors 1 to 6 (Mittelmann, Math. Program. 2003), NaN where they are not defined.
+    #: DIMACS errors 1 to 6 (Mittelmann, Math. Program. 2003); NaN where they are not
+    #: defined.
     dimacs: tuple[float, ...] = (np.nan,) * 6
 
 
@@ -160,13 +158,6 @@ def classes(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
 
 def no_answer(instance: Instance, error: InputError | str) -> Answer:
     """Return the answer of a contestant that found no solution.
-
-    Parameters
-    ----------
-    instance : Instance
-        The problem.
-    error : InputError or str
-        The contestant's message.
 
     Returns
     -------
@@ -181,15 +172,6 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
 
 def judge(instance: Instance, reference: Reference, answer: Answer) -> Judgement:
     """Judge an answer by the proved interval, whatever the contestant says of it.
-
-    Parameters
-    ----------
-    instance : Instance
-        The problem.
-    reference : Reference
-        Its proved interval.
-    answer : Answer
-        What the contestant returned.
 
     Returns
     -------
@@ -274,8 +256,6 @@ def _primal(
 
     Parameters
     ----------
-    instance : Instance
-        The problem.
     reference : Reference
         The proved interval of its optimum.
     theta : (p,) array
@@ -346,12 +326,10 @@ def relative_violation(
 
     Parameters
     ----------
-    constraints : sequence of Constraint
-        Convex constraints.
     theta : (p,) array
-        The judged parameters.
+        The parameters that are judged.
     inside : (p,) array
-        A strictly feasible point.
+        A point that is strictly feasible.
     bound : (p,) array
         Largest absolute value of each parameter.
     least_size : float

@@ -41,17 +41,8 @@ def write_library(
 
     Parameters
     ----------
-    folder : Path
-        Where to write.
-    entries : sequence of Entry
-        The instances.
     progress : callable
         Called with the number of instances written so far.
-
-    Returns
-    -------
-    list of dict
-        Rows of index.csv.
     """
     rows = []
     for k, item in enumerate(entries):
@@ -75,12 +66,8 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
 
     Parameters
     ----------
-    folder : Path
-        Folder of the instance.
     item : Entry
         Its name, group and sentence.
-    instance : Instance
-        The problem.
 
     Returns
     -------
@@ -152,8 +139,6 @@ def _interval_cells(
 
     Parameters
     ----------
-    instance : Instance
-        The problem.
     status : str
         "optimum proved", "proved infeasible" or "not proved".
     interval : (str, str), optional

@@ -88,13 +88,7 @@ class Results:
         return _frame([run.row for run in self._runs])
 
     def add(self, rows: list[Row]) -> None:
-        """Add runs, and write them to the disk at once.
-
-        Parameters
-        ----------
-        rows : list of dict
-            Rows of runs.csv.
-        """
+        """Add runs, and write them to the disk at once."""
         for row in rows:
             bisect.insort(self._runs, _WrittenRun.of(row))
         self._write()
@@ -114,13 +108,13 @@ class Results:
 
 @dataclass(frozen=True, order=True)
 class _WrittenRun:
-    """A run, and its line of runs.csv; runs are in the order of the file.
+    """A run, and its line of runs.csv; runs are in the order of the file."""
 
-    order : set, problem, solver, and loose accuracies before tight ones.
-    """
-
+    #: Set, problem, solver and negative accuracy, by which runs are sorted.
     order: tuple[str, str, str, float]
+    #: Line of runs.csv.
     line: str
+    #: Cells of the line by the names of the columns.
     row: Row = field(compare=False)
 
     @classmethod
@@ -162,18 +156,23 @@ def _read(path: Path) -> pandas.DataFrame:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Runs of one solver on one problem, or (solver "") the proof of the problem's
-    interval.
+    """Runs of one solver on one problem, or the proof of the problem's interval."""
 
-    time_limit [s] and memory [GB] are for each repetition, or the proof."""
-
+    #: Name of the problem.
     problem: str
+    #: Hash of the problem.
     hash: str
+    #: Processor time of each repetition, or of the proof [s].
     time_limit: float
+    #: Memory of each repetition, or of the proof [GB].
     memory: float
+    #: Name of the solver; "": the proof.
     solver: str = ""
+    #: Relative accuracies to ask for, from loose to tight.
     accuracies: tuple[float, ...] = ()
+    #: Proved interval of the optimum; None for the proof.
     reference: Reference | None = None
+    #: Number of repetitions of each run.
     repeats: int = 1
 
 
@@ -234,9 +233,11 @@ def perform(task: Assignment) -> list[Any]:
 class Proved(JsonRecord):
     """What is known of an instance before any run, as references.json holds it."""
 
+    #: Hash of the instance.
     hash: str
+    #: Proved interval of the optimum.
     reference: Reference
-    #: Why a proof failed.
+    #: Why the proof failed; "" where it did not.
     remark: str = ""
 
 
@@ -269,20 +270,11 @@ def run_one(
     ----------
     task : Assignment
         The assignment, with the proved interval of the optimum.
-    contestant : Contestant
-        The solver.
-    problem_instance : Instance
-        The problem.
     accuracy : float
         Relative accuracy that is asked for.
     stopped : str
         A looser setting that exceeded the time limit, or "". With one the run is not
         done, because it would exceed the limit, too.
-
-    Returns
-    -------
-    dict
-        A row of runs.csv.
     """
     proved = task.reference
     assert proved is not None
@@ -365,23 +357,29 @@ CLOCK_AT_LEAST = 3.0
 
 @dataclass(frozen=True)
 class Shootout:
-    """What to run and how. solvers : names, problems : tags or names, None: the declared
-    ones; time_limit [s] and memory [GB] are for each repetition of a run, proof_limit [s]
-    for each proof of an interval, which no run's limit is to end.
+    """What to run and how."""
 
-    Raises InputError for settings that make no sense, and on Windows.
-    """
-
+    #: Folder of runs.csv; runs that it holds are not repeated.
     out: Path
+    #: Names of the solvers; None: all that are installed.
     solvers: list[str] | None = None
+    #: Names or tags of the problems; None: the declared ones.
     problems: list[str] | None = None
+    #: Relative accuracies to ask for.
     accuracies: tuple[float, ...] = (1e-4, 1e-6, 1e-8)
+    #: Processor time of each repetition of a run [s].
     time_limit: float = 5.0
+    #: Memory of each repetition of a run, and of each proof [GB].
     memory: float = 4.0
+    #: Whether only a few instances run.
     quick: bool = False
+    #: Address of a scheduler that spreads the runs over computers; None: this one.
     scheduler: str | None = None
+    #: Number of parallel runs on this computer; 0: one per core.
     jobs: int = 0
+    #: Number of repetitions of each run.
     repeats: int = 5
+    #: Processor time of each proof of an interval [s], which no run's limit is to end.
     proof_limit: float = 900.0
 
     def __post_init__(self) -> None:
@@ -405,9 +403,13 @@ class Shootout:
 class Outcome:
     """The folder's runs after a shootout, and what was left out: why, by name."""
 
+    #: Every run of the folder.
     results: Results
+    #: Why a solver or problem was left out, by its name.
     absent: dict[str, str]
-    not_applicable: list[tuple[str, str, str]]  # problem, solver, reason
+    #: Problem, solver, and why the one cannot be posed to the other.
+    not_applicable: list[tuple[str, str, str]]
+    #: Sentences on runs that were dropped.
     notes: list[str]
 
 
@@ -461,7 +463,9 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
 class Facts:
     """What rows of runs.csv say beside what a worker returns."""
 
+    #: Entry of the catalogue of each problem, by its name.
     entry_by_name: Mapping[str, Entry]
+    #: Version of each solver, by its name.
     version_by_solver: Mapping[str, str]
 
     def of(self, task: Assignment) -> Row:
@@ -527,13 +531,9 @@ def _perform_all(
 
     Parameters
     ----------
-    tasks : sequence of Assignment
-        What to do.
     work : callable
         Spreads assignments over workers; yields the index and the rows of each that is
         done.
-    results : Results
-        Where rows are written.
     facts : Facts
         The cells that a worker does not return.
     say : callable
@@ -565,18 +565,11 @@ def proved_intervals(
     ----------
     setup : Shootout
         Output folder, and limits of each proof.
-    entries : sequence of Entry
-        The instances.
     say : callable
         Called with the number of proofs done.
     work : callable
         Spreads assignments over workers; yields the index and the rows of each that is
         done.
-
-    Returns
-    -------
-    dict of str to Proved
-        By name.
     """
     path = setup.out / "references.json"
     known = _known_references(path)
@@ -626,14 +619,6 @@ def _pending(
 
     Parameters
     ----------
-    setup : Shootout
-        Limits and accuracies.
-    entries : sequence of Entry
-        The problems.
-    competing : sequence of Contestant
-        The solvers.
-    references : mapping of str to Proved
-        By problem.
     results : Results
         The runs that the folder holds.
 

@@ -42,8 +42,6 @@ def beside(cells: pandas.DataFrame, one: str, other: str) -> dict[str, float]:
     ----------
     cells : DataFrame
         A row for each problem and solver: "problem", "solver", "right", "seconds".
-    one, other : str
-        Names of the solvers.
 
     Returns
     -------

@@ -56,13 +56,6 @@ def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     The fastest that is right; else its most accurate claim; else how it failed last.
     Unproved instances count for nobody.
 
-    Parameters
-    ----------
-    runs : DataFrame
-        Rows of runs.csv.
-    accuracy : float
-        Relative.
-
     Returns
     -------
     DataFrame
@@ -91,11 +84,6 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
     """Rank the contestants: those that are right most often first.
 
     Ties are ranked by fewer silently wrong answers, then by shorter time.
-
-    Parameters
-    ----------
-    cells : DataFrame
-        Result of :func:`best_answers`.
 
     Returns
     -------
@@ -151,11 +139,6 @@ def about_as_right(cells: pandas.DataFrame, table: pandas.DataFrame) -> list[str
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
     """Say which solvers are right, which of them are fast, and whom to check.
-
-    Parameters
-    ----------
-    runs : DataFrame
-        Rows of runs.csv.
 
     Returns
     -------
@@ -220,13 +203,6 @@ def profile(
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the performance profile of each solver (Dolan, More 2002).
 
-    Parameters
-    ----------
-    runs : DataFrame
-        Rows of runs.csv.
-    accuracy : float
-        Relative.
-
     Returns
     -------
     dict of str to ((k,) array, (k,) array)
@@ -246,11 +222,6 @@ def profile(
 
 def by_setting(runs: pandas.DataFrame) -> pandas.DataFrame:
     """Summarise each solver at each of its settings.
-
-    Parameters
-    ----------
-    runs : DataFrame
-        Rows of runs.csv.
 
     Returns
     -------
@@ -484,19 +455,10 @@ def write_summary(
 
     Parameters
     ----------
-    folder : Path
-        The shootout's output folder.
-    runs : DataFrame
-        Rows of runs.csv.
     absent : dict of str to str
         Why a solver or problem was left out, by its name.
     not_applicable : sequence of (str, str, str)
         Problem, solver, and why the one cannot be posed to the other.
-
-    Returns
-    -------
-    list of Path
-        The files written.
     """
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
     n_by_solver_and_reason = Counter((solver, why) for _, solver, why in not_applicable)

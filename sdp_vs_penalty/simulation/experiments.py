@@ -39,7 +39,8 @@ from sdp_vs_penalty.signals.kernels import autoregressive
 
 
 def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
-    """Return sigmoid friction, which is zero at rest (Gaz et al. 2019, eq. 12).
+    """Return sigmoid friction (N, n) [N m] at velocities (N, n) [rad/s], which is zero
+    at rest (Gaz et al. 2019, eq. 12).
 
     phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)).
 
@@ -47,13 +48,6 @@ def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
     ----------
     phi : (n, 3)
         phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s] of each joint.
-    dq : (N, n)
-        Velocities [rad/s].
-
-    Returns
-    -------
-    (N, n)
-        Friction torque [N m].
     """
     amplitude, slope, shift = np.asarray(phi, float).T
     expit = scipy.special.expit  # 1 / (1 + exp(-x))
@@ -62,22 +56,24 @@ def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a robot's log shows of the truth.
+    """What a robot's log shows of the truth."""
 
-    rate : [Hz] at which the controller renews positions and torques; between, the log repeats them.
-    torque_std : (n,) standard deviation of the torque noise [N m]; torque_ar : (n, k) coefficients of
-        the autoregressive process e_i = sum_m torque_ar[m] e_(i-m) + white, at ``rate``.
-    torque_step, position_step : (n,) quantisation [N m], [rad]; 0 for none.
-    log_step, log_jitter : mean and standard deviation [s] of the time between two log entries;
-        None: the log reads each of the controller's values exactly once.
-    """
-
+    #: Rate at which the controller renews positions and torques [Hz]; between, the log
+    #: repeats them.
     rate: float
+    #: (n,) standard deviation of the torque noise [N m].
     torque_std: Array
+    #: (n,) quantisation of the positions [rad]; 0 for none.
     position_step: ArrayLike = 0.0
+    #: (n,) quantisation of the torques [N m]; 0 for none.
     torque_step: ArrayLike = 0.0
+    #: (n, k) coefficients of the noise e_i = sum_m torque_ar[m] e_(i-m) + white, at
+    #: ``rate``; None: white noise.
     torque_ar: ArrayLike | None = None
+    #: Mean time between two log entries [s]; None: the log reads each of the
+    #: controller's values exactly once.
     log_step: float | None = None
+    #: Standard deviation of the time between two log entries [s].
     log_jitter: float = 0.0
 
     def __post_init__(self) -> None:
@@ -111,13 +107,6 @@ class Sensor:
 
         White noise passes the filter gain / poles (an autoregressive process), with the
         gain of :attr:`noise_gains`.
-
-        Parameters
-        ----------
-        count : int
-            Number of samples.
-        rng : numpy.random.Generator
-            Random numbers.
 
         Returns
         -------
@@ -165,8 +154,6 @@ class Sensor:
             True positions at :meth:`instants` [rad, m].
         torque : (N, n)
             True torques at the same instants [N m, N].
-        rng : numpy.random.Generator
-            Random numbers.
 
         Returns
         -------
@@ -234,16 +221,12 @@ def simulate(
 
     Parameters
     ----------
-    trajectory : FourierTrajectory
-        Motion of the joints.
     torque : callable
         Maps a motion to torques (N, n) [N m, N].
     sensor : Sensor
         What a log shows of the truth.
     seed : int or sequence of int
         Seed of noise and time stamps.
-    name : str
-        Name of the run.
 
     Returns
     -------
@@ -260,33 +243,31 @@ def simulate(
 
 @dataclass(frozen=True)
 class Experiment:
-    """links : (n, 10) true standard parameters; friction : (n, 3) phi of sigmoid
-    friction or None.
+    """A simulated experiment of a problem."""
 
-    effects : what an estimator models by default; validation : how many trajectories of
-    how many seconds the estimates are judged on.
-    """
-
+    #: The problem.
     problem: Problem
+    #: (n, 10) true standard parameters about the link frames.
     links: Array
+    #: (n, 3) phi of sigmoid friction; None without friction.
     friction: Array | None
+    #: Exciting trajectory.
     trajectory: FourierTrajectory
+    #: What a log shows of the truth.
     sensor: Sensor
+    #: Number and duration [s] of the trajectories that estimates are judged on.
     validation: tuple[int, float]
+    #: Effects that an estimator models by default.
     effects: tuple[str, ...]
 
     def torque(self, motion: Motion) -> Array:
-        """Return the true torque: rigid-body torque by Newton-Euler, plus friction.
+        """Return the true torque (N, n) [N m, N]: rigid-body torque by Newton-Euler,
+        plus friction.
 
         Parameters
         ----------
         motion : Motion
             N samples of the joints' motion.
-
-        Returns
-        -------
-        (N, n)
-            [N m, N].
         """
         links = self.links.ravel()
         rigid = self.problem.robot.inverse_dynamics(
@@ -298,11 +279,6 @@ class Experiment:
 
     def training_run(self, seed: int = 0) -> Measurements:
         """Simulate one measurement of the exciting trajectory.
-
-        Parameters
-        ----------
-        seed : int
-            Seed of the noise.
 
         Returns
         -------
@@ -365,7 +341,7 @@ def experiment(problem: Problem) -> Experiment:
     Raises
     ------
     InputError
-        For an incomplete simulation.toml.
+        The problem's simulation.toml is missing or incomplete.
     """
     if problem.folder is None or not (problem.folder / "simulation.toml").is_file():
         return _assumed(problem)

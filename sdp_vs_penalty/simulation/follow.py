@@ -45,16 +45,15 @@ _LEFT = {"rad": 0.5, "m": 0.1}
 
 @dataclass(frozen=True)
 class Ahead(JsonRecord):
-    """Errors after so many seconds, over all windows, each (n,) in rad (m) or rad/s
-    (m/s).
+    """Errors of simulated windows, of positions [rad, m] or velocities [rad/s, m/s]."""
 
-    rms : root mean square; band : (2, n) 5 and 95 % of the absolute errors; naive :
-    root mean square of going on at the measured velocity.
-    """
-
+    #: Time after the window's start [s].
     seconds: float
+    #: (n,) root mean square error over all windows.
     rms: Array
+    #: (2, n) 5 and 95 % of the absolute errors.
     band: Array
+    #: (n,) root mean square error of going on at the measured velocity.
     naive: Array
 
     @classmethod
@@ -82,22 +81,29 @@ class Ahead(JsonRecord):
 
 @dataclass(frozen=True)
 class FreeRun(JsonRecord):
-    """One run from its first state: errors (n,) until ``seconds``, where it ``left``
-    the measured motion or that ended; spread : half a 95 % band that the parameters'
-    intervals make of it, where they are known; loop : (n,) root mean square of what the
-    loop added [N m, N], torque : of the measured one; simulated : the motion; measured
-    : (N, n) positions then; cut : whether the run goes on."""
+    """One run, simulated from its first state until it leaves the measured motion or
+    that ends."""
 
     derived = ("run",)
 
+    #: Duration of the simulation [s].
     seconds: float
+    #: Whether it left the measured motion.
     left: bool
+    #: (n,) root mean square error of the positions [rad, m].
     rms: Array
+    #: (n,) half a 95 % band of the positions that the parameters' intervals make [rad,
+    #: m]; None where they are not known.
     spread: Array | None
+    #: (n,) root mean square torque that the loop added [N m, N]; None without a loop.
     loop: Array | None
+    #: (n,) root mean square of the measured torque [N m, N].
     torque: Array
+    #: Simulated motion at N instants.
     simulated: Measurements = field(metadata=NOT_STORED)
+    #: (N, n) measured positions at these instants [rad, m].
     measured: Array = field(metadata=NOT_STORED)
+    #: Whether the measured run goes on after a simulation that did not leave it.
     cut: bool
 
     @property
@@ -108,17 +114,21 @@ class FreeRun(JsonRecord):
 
 @dataclass(frozen=True, repr=False)
 class Following(Record, JsonRecord):
-    """What a model run forward makes of measured runs. one_step : velocity after one
-    step; ahead : position after a tenth of a second; left_out : effects that have no
-    forward meaning here."""
+    """What a model run forward makes of measured runs."""
 
     derived = ("verdict", "facts")
 
+    #: What drives the simulation: "torque", "pd" or "servo".
     drive: Drive
+    #: Unit of each joint's position, "rad" or "m".
     units: tuple[str, ...]
+    #: Errors of the velocity after one step.
     one_step: Ahead = field(metadata=stored_as("one_step_velocity"))
+    #: Errors of the position after a tenth of a second.
     ahead: Ahead = field(metadata=stored_as("ahead_position"))
+    #: Each run, simulated from its first state.
     free: tuple[FreeRun, ...] = field(metadata=stored_as("free_run"))
+    #: Effects that have no forward meaning here.
     left_out: tuple[str, ...]
 
     @property
@@ -416,12 +426,16 @@ def follow(
 
 @dataclass(frozen=True)
 class _Ride:
-    """Plants along a measured course, and what drives them: the measured torque, a loop
-    of the model's own mass beside it, at w [rad/s], or a servo."""
+    """Plants along a measured course, and what drives them."""
 
+    #: The plants that are simulated.
     plant: Plant
+    #: The measured course.
     course: Course
+    #: Loop beside the measured torque: plant of the model's mass and bandwidth w
+    #: [rad/s]; None without a loop.
     loop: tuple[Plant, float] | None
+    #: Servo that drives the plants in place of the measured torque; None without one.
     servo: ServoLoop | None
 
     @property
@@ -508,8 +522,6 @@ def _windows(
         Plant, measured run and drive.
     horizon : float
         Length of a window [s].
-    most_windows : int
-        Largest number of windows.
 
     Returns
     -------
@@ -555,8 +567,6 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
         The model; its uncertainty holds a factor of the covariance.
     seed : int
         Seed of the random numbers.
-    draws : int
-        Number of samples.
 
     Returns
     -------
@@ -586,12 +596,8 @@ def _free_run(
 
     Parameters
     ----------
-    estimate : Estimate
-        The model.
     drawn : (1 + d, p) array
         The parameters, then samples of them, which give the band of the result.
-    measured : _Ride
-        Measured run and drive.
     most_steps : int, optional
         Largest number of samples to simulate.
 

@@ -54,13 +54,17 @@ RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 @dataclass(frozen=True, repr=False)
 class HiddenRuns(Shown):
-    """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects,
-    sized."""
+    """Simulated runs of a robot with hidden effects."""
 
+    #: The robot as it is known.
     problem: Problem
+    #: The robot as it is.
     world: World
+    #: Runs as they are logged.
     runs: tuple[Measurements, ...]
+    #: Hidden effects with their sizes.
     hidden: tuple[Hidden, ...]
+    #: Content of truth.json: what is hidden, for a scorer.
     truth: dict[str, Any]
 
     @property
@@ -119,8 +123,6 @@ def refuse_foreign(folder: Path, truth: Mapping[str, Any]) -> None:
     ----------
     folder : Path
         Folder that runs are to be written into.
-    truth : mapping
-        Content of truth.json.
     """
     existing = [name for name in RUN_FILES if (folder / name).exists()]
     file = folder / "truth.json"
@@ -149,19 +151,21 @@ def refuse_foreign(folder: Path, truth: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """A simulation before its runs are made; making them takes most of the time.
+    """A simulation before its runs are made; making them takes most of the time."""
 
-    problem, world : the robot, as it is known and as it is; setup : its sensors;
-    hidden : effects with their sizes; trajectories : of each run; seed : of everything
-    random; truth : content of truth.json.
-    """
-
+    #: The robot as it is known.
     problem: Problem
+    #: The robot as it is.
     world: World
+    #: True links, friction and sensors.
     setup: Experiment
+    #: Hidden effects with their sizes.
     hidden: tuple[Hidden, ...]
+    #: Trajectory of each run.
     trajectories: tuple[FourierTrajectory, ...]
+    #: Seed of everything random.
     seed: int
+    #: Content of truth.json.
     truth: dict[str, Any]
 
     def simulated(self) -> HiddenRuns:
@@ -212,13 +216,8 @@ def planned(
     level: str | float = "strong",
     seed: int = 0,
 ) -> Plan:
-    """Return the plan of what :func:`simulate` simulates, of the same arguments.
-
-    Raises
-    ------
-    InputError
-        As :func:`simulate`.
-    """
+    """Return the plan of what :func:`simulate` simulates; arguments and errors are the
+    same."""
     robot = as_problem(problem, "simulate(problem=...)")
     size = level
     with suppress(ValueError):
@@ -242,8 +241,6 @@ def true_world(
 
     Parameters
     ----------
-    problem : Problem
-        The robot.
     setup : Experiment
         Its true links, friction and sensor noise.
     seed : int
@@ -298,18 +295,12 @@ def hidden_runs(
 
     Parameters
     ----------
-    problem : Problem
-        The robot.
     effects : sequence of (str, sequence of int)
         Name and joints (from 0) of each effect. Without joints it acts on every joint
         that it can act on, or on the whole robot.
     level : str or float
         Name in LEVELS, or the RMS of the hidden torque over the raw noise, on the joint
         that the effect moves most.
-    seed : int
-        Seed of everything random.
-    count : int
-        Number of runs.
     world : World, optional
         The true robot; by default that of the seed. Passing one measures the same robot
         with and without a load.

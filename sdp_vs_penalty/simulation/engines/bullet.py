@@ -53,22 +53,8 @@ class Bullet(Engine):
         self.bullet.setGravity(*self.robot.gravity)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the torque that Bullet's inverse dynamics gives for one state.
-
-        Parameters
-        ----------
-        q : (n,)
-            Positions [rad, m].
-        dq : (n,)
-            Velocities [rad/s, m/s].
-        ddq : (n,)
-            Accelerations [rad/s^2, m/s^2].
-
-        Returns
-        -------
-        (n,)
-            [N m, N].
-        """
+        """Return the torque (n,) [N m, N] that Bullet's inverse dynamics gives for one
+        state (n,) of positions, velocities and accelerations."""
         states = (x.tolist() for x in (q, dq, ddq))
         return np.array(self.bullet.calculateInverseDynamics(self.body, *states))
 

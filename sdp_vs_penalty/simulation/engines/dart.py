@@ -40,22 +40,8 @@ class Dart(Engine):
             self.skeleton.getJoint(k).setLimitEnforcement(False)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the torque that DART's inverse dynamics gives for one state.
-
-        Parameters
-        ----------
-        q : (n,)
-            Positions [rad, m].
-        dq : (n,)
-            Velocities [rad/s, m/s].
-        ddq : (n,)
-            Accelerations [rad/s^2, m/s^2].
-
-        Returns
-        -------
-        (n,)
-            [N m, N].
-        """
+        """Return the torque (n,) [N m, N] that DART's inverse dynamics gives for one
+        state (n,) of positions, velocities and accelerations."""
         self.skeleton.setPositions(q)
         self.skeleton.setVelocities(dq)
         self.skeleton.setAccelerations(ddq)

@@ -80,14 +80,7 @@ class Engine(ABC):
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Return the torques of N states by the engine's inverse dynamics.
 
-        Parameters
-        ----------
-        q : (N, n)
-            Positions [rad, m].
-        dq : (N, n)
-            Velocities [rad/s, m/s].
-        ddq : (N, n)
-            Accelerations [rad/s^2, m/s^2].
+        Positions q [rad, m], velocities dq and accelerations ddq are (N, n).
 
         Returns
         -------
@@ -101,14 +94,7 @@ class Engine(ABC):
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Return the torque of one state by the engine's inverse dynamics.
 
-        Parameters
-        ----------
-        q : (n,)
-            Positions [rad, m].
-        dq : (n,)
-            Velocities [rad/s, m/s].
-        ddq : (n,)
-            Accelerations [rad/s^2, m/s^2].
+        Positions q [rad, m], velocities dq and accelerations ddq are (n,).
 
         Returns
         -------
@@ -146,24 +132,17 @@ class Engine(ABC):
 
     @abstractmethod
     def begin(self, start: Array, step: float) -> None:
-        """Put the joints at rest at a position.
+        """Put the joints at rest at a position (n,) [rad, m].
 
         Parameters
         ----------
-        start : (n,)
-            Positions [rad, m].
         step : float
             Length of the steps that follow [s].
         """
 
     @abstractmethod
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """Simulate one step at a commanded velocity.
-
-        Parameters
-        ----------
-        velocity : (n,)
-            Joint velocities [rad/s, m/s].
+        """Simulate one step at a commanded velocity (n,) [rad/s, m/s].
 
         Returns
         -------

@@ -40,22 +40,8 @@ class MuJoCo(Engine):
         self.data: Any = mujoco.MjData(self.model)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the torque that MuJoCo's inverse dynamics gives for one state.
-
-        Parameters
-        ----------
-        q : (n,)
-            Positions [rad, m].
-        dq : (n,)
-            Velocities [rad/s, m/s].
-        ddq : (n,)
-            Accelerations [rad/s^2, m/s^2].
-
-        Returns
-        -------
-        (n,)
-            [N m, N].
-        """
+        """Return the torque (n,) [N m, N] that MuJoCo's inverse dynamics gives for one
+        state (n,) of positions, velocities and accelerations."""
         import mujoco
 
         self.data.qpos = q

@@ -38,23 +38,29 @@ LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
 
 @dataclass(frozen=True)
 class Hidden:
-    """change : (N, n) torque that an effect of a size adds; joints : from 0, none for
-    the whole robot; number : the library's parameter at size 1, None where it has no
-    single one; shift : (N,) by how much the joint's link stands elsewhere than its
-    encoder says, where that is how it acts; effect : the library's name of it, which
-    the tables of makers say; channel : whether it acts on what all others make; made_of
-    : world, joint (from 0) and random numbers of its maker, from which a pickle makes it
-    again; None for an effect that no table names."""
+    """An effect that is hidden in a simulated robot."""
 
+    #: Indices of the joints, from 0; none for the whole robot.
     joints: tuple[int, ...]
+    #: Returns the torque (N, n) [N m, N] that the effect adds at a size.
     change: Change
+    #: The library's parameter at size 1; None where it has no single one.
     number: float | None = 1.0
+    #: Constants of the law's shape by name.
     shape: Mapping[str, float] = field(default_factory=dict)
+    #: Factor on the effect.
     size: float = 1.0
+    #: Returns by how much (N,) [rad, m] the joint's link stands elsewhere than its
+    #: encoder says; None where the effect does not act that way.
     shift: Change | None = None
+    #: Further entries of truth.json.
     details: Mapping[str, Any] = field(default_factory=dict)
+    #: The library's name of the effect, from the tables of makers.
     effect: str = ""
+    #: Whether it acts on the sum of what all others add.
     channel: bool = False
+    #: World, joint (from 0) and random numbers of its maker, from which a pickle makes
+    #: the effect again; None for an effect that no table names.
     made_of: tuple[World, int, Generator] | None = field(default=None, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -66,19 +72,12 @@ class Hidden:
         return _made_again, (self.effect, self.made_of, self.size)
 
     def torque(self, world: World, motion: TrueMotion) -> Array:
-        """Return the torque that the effect adds at its size.
+        """Return the torque (N, n) [N m, N] that the effect adds at its size.
 
         Parameters
         ----------
-        world : World
-            The true robot.
         motion : TrueMotion
             N samples of the joints' motion.
-
-        Returns
-        -------
-        (N, n)
-            [N m, N].
         """
         return self.change(world, motion, self.size)
 
@@ -93,8 +92,6 @@ class Hidden:
 
         Parameters
         ----------
-        world : World
-            The true robot.
         motions : sequence of TrueMotion
             Motions over which the RMS is taken.
         factor : float
@@ -133,10 +130,6 @@ def made(name: str, world: World, joint: int, rng: Generator) -> Hidden:
 
     Parameters
     ----------
-    name : str
-        In :data:`MAKERS`.
-    world : World
-        The true robot.
     joint : int
         Index of the joint, from 0.
     rng : numpy.random.Generator
@@ -166,12 +159,8 @@ def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[
 
     Parameters
     ----------
-    world : World
-        The true robot.
     motion : TrueMotion
         N samples of the joints' motion.
-    hidden : sequence of Hidden
-        The effects.
 
     Returns
     -------
@@ -274,8 +263,6 @@ def shifted(
         Maps world, motion and size to the shift (N,) [rad, m].
     number : float
         The library's parameter at size 1.
-    size : float
-        Initial size.
     rates : bool
         Whether velocity and acceleration of the link follow the shift.
 
@@ -345,36 +332,21 @@ def with_shift(
 
 
 def sign(world: World, joint: int, motion: TrueMotion) -> Array:
-    """Return the direction of a joint's dry friction, smoothed as the world smooths it.
+    """Return the direction (N,) of a joint's dry friction, -1 to 1, smoothed as the
+    world smooths it.
 
     Parameters
     ----------
-    world : World
-        The true robot.
     joint : int
         Index of the joint, from 0.
     motion : TrueMotion
         N samples of the joints' motion.
-
-    Returns
-    -------
-    (N,)
-        -1 to 1.
     """
     return world.share(motion)[:, joint]
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw a number between two limits whose logarithm is uniformly distributed.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Random numbers.
-    low : float
-        Lower limit, above zero.
-    high : float
-        Upper limit.
 
     Returns
     -------
@@ -385,23 +357,10 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def first_order(x: Array, step: float, lag: float) -> Array:
-    """Filter samples by a first-order low-pass, y + lag dy/dt = x.
+    """Filter samples x (N, ...), ``step`` [s] apart, by a first-order low-pass, y + lag
+    dy/dt = x with ``lag`` [s].
 
     It starts at rest at the first sample; x is taken as linear between samples.
-
-    Parameters
-    ----------
-    x : (N, ...)
-        Input.
-    step : float
-        Time between samples [s].
-    lag : float
-        Time constant [s].
-
-    Returns
-    -------
-    (N, ...)
-        y.
     """
     decay = float(np.exp(-step / lag))
     half = 0.5 * (1.0 - decay)
@@ -958,12 +917,11 @@ def _gear_error(world: World, joint: int, rng: Generator) -> Hidden:
 def newmark(
     t: Array, mass: Array, damping: Array, stiffness: Array, force: Array
 ) -> Array:
-    """Solve m x'' + d x' + k x = force by Newmark's method of average acceleration.
+    """Solve m x'' + d x' + k x = force at equidistant instants t (N,) [s] by Newmark's
+    method of average acceleration.
 
     Parameters
     ----------
-    t : (N,)
-        Equidistant instants [s].
     mass, damping, stiffness, force : (N,)
         The coefficients at these instants, in SI units.
 

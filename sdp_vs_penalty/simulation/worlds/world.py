@@ -19,14 +19,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Arm:
-    """model : Pinocchio's; rotary (n,) : whether a joint turns; last : the model's
-    joint that bears the last link; follows (L, n), shift (L,) : the positions of its
-    joints are follows q + shift, of those q that move by themselves."""
+    """A robot in Pinocchio: the positions of its L joints are follows q + shift, of
+    those q (n,) that move by themselves."""
 
+    #: Pinocchio's model.
     model: Any
+    #: (n,) whether each joint turns.
     rotary: NDArray[np.bool_]
+    #: The model's joint that bears the last link.
     last: int
+    #: (L, n) motion of the model's joints per motion of those that move by themselves.
     follows: Array
+    #: (L,) positions of the model's joints at q = 0 [rad, m].
     shift: Array
 
     @property
@@ -40,26 +44,11 @@ class Arm:
         return np.where(self.rotary, 1.0, 0.5)
 
     def inverse_dynamics(self, model: Any, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the rigid-body torques of a Pinocchio model along a motion.
+        """Return the rigid-body torques (N, n) [N m, N] of a Pinocchio model along a
+        motion q, dq, ddq (N, n).
 
         With q_all = B q + shift for all joints, those that follow others included, the
         torque of the moving joints is B^T tau_all.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The links.
-        q : (N, n)
-            Positions [rad, m].
-        dq : (N, n)
-            Velocities [rad/s, m/s].
-        ddq : (N, n)
-            Accelerations [rad/s^2, m/s^2].
-
-        Returns
-        -------
-        (N, n)
-            [N m, N].
         """
         B = self.follows
         torque_of_all = inverse_dynamics(
@@ -68,16 +57,8 @@ class Arm:
         return torque_of_all @ B
 
     def last_jacobian(self, model: Any, data: Any, q: Array) -> Array:
-        """Return the Jacobian of the joint that carries the last link.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The links.
-        data : pin.Data
-            Workspace of the model.
-        q : (n,)
-            Positions [rad, m].
+        """Return the Jacobian of the joint that carries the last link at positions (n,)
+        [rad, m].
 
         Returns
         -------
@@ -102,8 +83,6 @@ def misplaced(
         Standard deviation of the shift along each axis [m].
     degrees : float
         Standard deviation of the rotation about each axis [deg].
-    rng : numpy.random.Generator
-        Random numbers.
 
     Returns
     -------
@@ -121,24 +100,8 @@ def misplaced(
 
 
 def inverse_dynamics(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return M(q) ddq + C(q, dq) dq + g(q) along a motion, by Pinocchio's RNEA.
-
-    Parameters
-    ----------
-    model : pin.Model
-        The links.
-    q : (N, n)
-        Positions [rad, m].
-    dq : (N, n)
-        Velocities [rad/s, m/s].
-    ddq : (N, n)
-        Accelerations [rad/s^2, m/s^2].
-
-    Returns
-    -------
-    (N, n)
-        [N m, N].
-    """
+    """Return the torque M(q) ddq + C(q, dq) dq + g(q) (N, n) [N m, N] along a motion
+    q, dq, ddq (N, n), by Pinocchio's RNEA."""
     data = model.createData()
     states = zip(q, dq, ddq, strict=True)
     return np.array([pin.rnea(model, data, *state) for state in states])
@@ -149,19 +112,23 @@ PAUSE = 30.0  # s between runs
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the
-    encoders show."""
+    """Motion of the motors, which the encoders show."""
 
+    #: (N,) instants on the clock of the sitting [s].
     t: Array
+    #: (N, n) positions [rad, m].
     q: Array
+    #: (N, n) velocities [rad/s, m/s].
     dq: Array
+    #: (N, n) accelerations [rad/s^2, m/s^2].
     ddq: Array
 
 
 @dataclass(frozen=True)
 class DryFriction:
-    """tanh(dq / width), width (n,) [rad/s or m/s]; other laws are the challenge's."""
+    """Dry friction tanh(dq / width); other laws are the challenge's."""
 
+    #: (n,) velocity over which friction changes its sign [rad/s or m/s].
     width: Array
 
     @property
@@ -173,19 +140,13 @@ class DryFriction:
         return True
 
     def share(self, t: Array, dq: Array) -> Array:
-        """Return the dry friction in units of the Coulomb torque, tanh(dq / width).
+        """Return the dry friction in units of the Coulomb torque, tanh(dq / width), -1
+        to 1, at velocities dq (N, n) [rad/s, m/s].
 
         Parameters
         ----------
         t : (N,)
             Time stamps [s], evenly spaced at 1 kHz or more.
-        dq : (N, n)
-            Velocities [rad/s, m/s].
-
-        Returns
-        -------
-        (N, n)
-            -1 to 1.
         """
         return np.tanh(dq / self.width)
 
@@ -193,7 +154,8 @@ class DryFriction:
 def bristles(
     t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]
 ) -> Array:
-    """Integrate the bristle state z of the Dahl and LuGre friction models.
+    """Integrate the bristle state z of the Dahl and LuGre friction models at velocities
+    dq (N, n) [rad/s, m/s].
 
     dz/dt = dq / d - |dq| z / (d g(dq)). Velocity is constant between two samples, where
     the equation has an exact solution, so that any step is stable. At a reversal the
@@ -203,8 +165,6 @@ def bristles(
     ----------
     t : (N,)
         Time stamps [s], evenly spaced.
-    dq : (N, n)
-        Velocities [rad/s, m/s].
     travel : (n,)
         Presliding travel d of each joint [rad, m].
     level : callable
@@ -243,27 +203,20 @@ def bristles(
 def _step_of_bristles(
     dq: Array, share: Array, step: float, travel: Array, level: Callable[[Array], Array]
 ) -> tuple[Array, Array]:
-    """Return how the bristle state moves in a step at constant velocity.
+    """Return how the bristle state moves in a step at constant velocities dq (N, n).
 
-    z becomes goal + (z - goal) decay.
+    z becomes goal + (z - goal) decay, both (N, n).
 
     Parameters
     ----------
-    dq : (N, n)
-        Velocities in each step.
     share : (N, n)
-        Share of the step for which they last.
+        Share of the step for which the velocities last.
     step : float
         Length of a step [s].
     travel : (n,)
         Presliding travel d [rad, m].
     level : callable
         Where |z| settles at a velocity.
-
-    Returns
-    -------
-    (N, n) and (N, n)
-        decay and goal.
     """
     reach = level(dq)
     decay = np.exp(-np.abs(dq) * share * step / (travel * reach))
@@ -272,39 +225,40 @@ def _step_of_bristles(
 
 @dataclass(frozen=True)
 class World:
-    """arm : as the URDF says; built : Pinocchio's model as it is; coulomb, viscous,
-    offset (n,) : friction and what stays the same in both directions; noise (n,) :
-    standard deviation of what a log adds; warm_up : of the gears [s]; more (N, n) :
-    what else the sensors carry along one motion."""
+    """A simulated robot as it is."""
 
+    #: The robot as the URDF says.
     arm: Arm
+    #: Pinocchio's model of the robot as it was built.
     built: Any
+    #: Law of dry friction in units of the Coulomb torque.
     dry: DryFriction
+    #: (n,) Coulomb torque [N m, N].
     coulomb: Array
+    #: (n,) viscous friction [N m s/rad, N s/m].
     viscous: Array
+    #: (n,) torque that is the same in both directions [N m, N].
     offset: Array
+    #: (n,) standard deviation of the noise that a log adds to the torque [N m, N].
     noise: Array
+    #: Time constant of the warming of the gears [s].
     warm_up: float = 120.0
+    #: (N, n) further torque that the sensors carry along one motion [N m, N].
     more: Array | float = 0.0
 
     def torque(self, motion: TrueMotion) -> Array:
-        """Return what the torque sensors show: rigid-body torque, friction, and added
-        torque.
+        """Return the torque (N, n) [N m, N] that the sensors show: rigid-body torque,
+        friction, and added torque.
 
         Parameters
         ----------
         motion : TrueMotion
             N samples of the joints' motion.
-
-        Returns
-        -------
-        (N, n)
-            [N m, N].
         """
         return self.rigid(motion) + self.friction(motion) + self.more
 
     def rigid(self, motion: TrueMotion, model: Any = None) -> Array:
-        """Return the rigid-body torque of the links.
+        """Return the rigid-body torque (N, n) [N m, N] of the links.
 
         Parameters
         ----------
@@ -312,50 +266,37 @@ class World:
             N samples of the joints' motion.
         model : pin.Model, optional
             Other links; by default those of the robot as it was built.
-
-        Returns
-        -------
-        (N, n)
-            [N m, N].
         """
         return self.arm.inverse_dynamics(
             model or self.built, motion.q, motion.dq, motion.ddq
         )
 
     def friction(self, motion: TrueMotion) -> Array:
-        """Return Coulomb and viscous friction plus the constant torque offset.
+        """Return Coulomb and viscous friction plus the constant torque offset (N, n)
+        [N m, N].
 
         Parameters
         ----------
         motion : TrueMotion
             N samples of the joints' motion.
-
-        Returns
-        -------
-        (N, n)
-            [N m, N].
         """
         return np.asarray(
             self.coulomb * self.share(motion) + self.viscous * motion.dq + self.offset
         )
 
     def share(self, motion: TrueMotion) -> Array:
-        """Return the dry friction in units of the Coulomb torque.
+        """Return the dry friction (N, n) in units of the Coulomb torque, -1 to 1.
 
         Parameters
         ----------
         motion : TrueMotion
             N samples of the joints' motion.
-
-        Returns
-        -------
-        (N, n)
-            -1 to 1.
         """
         return self.dry.share(motion.t, motion.dq)
 
     def temperature(self, t: Array) -> Array:
-        """Return the temperature of the gears, which warm up from 22 degrees Celsius.
+        """Return the temperature (N, n) [degrees Celsius] of the gears, which warm up
+        from 22 degrees Celsius.
 
         Gears farther out are smaller and become warmer, by 10 to 25 degrees.
 
@@ -363,11 +304,6 @@ class World:
         ----------
         t : (N,)
             Time since the robot was started [s].
-
-        Returns
-        -------
-        (N, n)
-            [degrees Celsius].
         """
         rise = np.linspace(10.0, 25.0, self.arm.n)
         return 22.0 + np.outer(-np.expm1(-t / self.warm_up), rise)
