@@ -505,9 +505,11 @@ class Invisible(JsonRecord):
 
 @dataclass(frozen=True)
 class Remaining(JsonRecord):
-    """Unexplained torque on a joint (from 1), with its RMS [N m or N]."""
+    """Unexplained torque on a joint."""
 
+    #: Number of the joint, from 1.
     joint: int
+    #: RMS of the unexplained torque [N m or N].
     rmse: float
 
 
