@@ -61,8 +61,6 @@ def chart_and_arm(
         Text alternative of the chart.
     about : mapping
         "joints" and "bodies" (ellipsoids) of the arm; without bodies no scene is drawn.
-    caption : str
-        What the scene shows.
     arms : int
         1, or 2 for a measured arm with a simulated one in the same place.
     scale : tuple of str, optional
@@ -144,8 +142,6 @@ class ArmScene:
 
         Parameters
         ----------
-        name : str
-            Name of the recording.
         read : mapping
             t (M,) [s]; tf (F,) [s] and poses (F, joints, 4, 4), for two arms both in
             turn.

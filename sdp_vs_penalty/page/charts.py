@@ -276,10 +276,6 @@ def residual_chart(
         Arrays of the same run (t, torque, modelled, q, dq, ...) for one or two models.
     joint : int
         Index of the joint, from 0.
-    signal : str
-        Key of SIGNALS.
-    unit : str
-        The joint's torque unit.
     floor : float, optional
         Standard deviation of the torque's noise; the band covers 95 % of it.
     span : (float, float), optional

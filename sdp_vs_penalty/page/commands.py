@@ -27,8 +27,6 @@ def commands_of(
 
     Parameters
     ----------
-    robot, runs, history, seed, options
-        Of the session.
     made_by : sequence of str, optional
         Arguments of the command that simulated the runs.
     has_check : bool

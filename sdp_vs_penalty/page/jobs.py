@@ -382,10 +382,6 @@ def keep(
         The robot that the run is checked for.
     part : Measurements
         The samples of the run.
-    name : str
-        The name to show.
-    use : str
-        "train", "test" or "split".
     alone : bool
         Whether no other run exists. The page then splits this one, so that the check
         looks at the split's time windows as well.
@@ -545,16 +541,8 @@ def resplit(job: JobRequest) -> Answer:
 
 
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
-    """Place the arm at up to 160 instants of a motion, for the 3D view.
-
-    Parameters
-    ----------
-    robot : Robot
-        The kinematic tree.
-    t : (N,) array
-        Time stamps [s].
-    q : (N, n) array
-        Joint positions [rad, m].
+    """Place the arm at up to 160 instants of a motion t (N,) [s], q (N, n) [rad, m],
+    for the 3D view.
 
     Returns
     -------
@@ -795,12 +783,8 @@ def _card_arrays(
 
     Parameters
     ----------
-    model : Estimate
-        The diagnosed model.
     better : Estimate or None
         The model with every confident finding added, if there is one.
-    judged : Measurements
-        The runs to draw.
 
     Returns
     -------

@@ -28,36 +28,48 @@ SHOWN_BY = {
 
 @dataclass(frozen=True)
 class ModelStep:
-    """One model of a session's history, judged: what ``summary`` of jobs.py says.
+    """One model of a session's history, judged: what ``summary`` of jobs.py says."""
 
-    file : its model.json, beside it the .npz of each run's torques; runs : names of
-    those, training runs first, a part of a run by its seconds; judged_on : the runs
-    behind comparison and failures (as `compare --json` writes them); judged, about :
-    what ``judged_row`` and :func:`about` say; label, added : what it is called and the
-    effects added to the step below, with the others held where frozen; opened : the
-    file that a person brought, if any; servo : whether it knows the servos of a log
-    without torque; findings : what it lacks, if it was diagnosed, and what `add` calls
-    its curves; pictures : the file of what the cards of its diagnosis draw.
-    """
-
+    #: Its model.json, beside it the .npz of each run's torques.
     file: str
+    #: Names of the runs in these files, training runs first, a part of a run by its
+    #: seconds.
     runs: list[str]
+    #: Names of the runs behind comparison and failures.
     judged_on: list[str]
+    #: Name of the estimator.
     method: str
+    #: Effects of the model.
     effects: list[str]
+    #: Comparison with the judging runs, as `compare --json` writes it.
     comparison: dict[str, Any]
+    #: Where and why the model fails, an entry a joint, with sentences for the page;
+    #: empty if the judged runs are too short to tell.
     failures: list[dict[str, Any]]
+    #: Cells of the table of judged models: name, grade, figures (``judged_row`` of
+    #: jobs.py).
     judged: list[str]
+    #: Facts of the model for the page (``about`` of jobs.py).
     about: dict[str, Any]
+    #: Bounds that the estimate lies on, in words.
     on_bounds: list[str]
+    #: Time that the estimate took [s].
     seconds: float
+    #: Name of the step.
     label: str = ""
+    #: Effects added to the step below.
     added: tuple[str, ...] = ()
+    #: Whether the others were held when effects were added.
     frozen: bool = False
+    #: File that a person brought; "" for none.
     opened: str = ""
+    #: Whether it knows the servos of a log without torque.
     servo: bool = False
+    #: What it lacks, if it was diagnosed.
     findings: Diagnosis | None = None
+    #: Names that `add` has for the curves of the findings.
     curve_texts: Sequence[str] = ()
+    #: File of what the cards of its diagnosis draw.
     pictures: str = ""
 
     def signal_of(self, j: int, default: str) -> str:

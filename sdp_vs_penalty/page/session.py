@@ -32,17 +32,21 @@ _LONGEST_LABEL = 40
 class Notice:
     """One or more sentences for the person: an error, or something worth knowing."""
 
+    #: The sentences.
     texts: tuple[str, ...]
+    #: Whether it is an error.
     error: bool = True
 
 
 @dataclass(frozen=True)
 class Working:
-    """A piece of work, of one or more jobs: what is done now, where it stands, since
-    when [s]."""
+    """A piece of work, of one or more jobs."""
 
+    #: What is done now.
     title: str = ""
+    #: Where it stands.
     status: str = ""
+    #: When it began, on the monotonic clock [s].
     since: float = field(default_factory=time.monotonic)
 
 
@@ -53,36 +57,49 @@ class Session:
 
     One job at a time: :meth:`start` begins one of the coroutines below. Kept while the
     server runs, also of a closed tab.
-
-    robot : the answer about it, with ``source``, or nothing; runs : see jobs.keep;
-    history : models, the last one current; undone : those that were left, the last one
-    first to come back.
     """
 
+    #: Secret name of the session in its address.
     token: str
+    #: Folder of the session's files.
     folder: Path
+    #: Processes that run its jobs.
     pool: WorkerPool
+    #: What is known of the robot, with its ``source``; empty before one is read.
     robot: dict[str, Any] = field(default_factory=dict)
+    #: The runs, as ``keep`` of jobs.py answers.
     runs: list[dict[str, Any]] = field(default_factory=list)
+    #: Effects that were chosen.
     effects: list[str] = field(default_factory=list)
+    #: Method that was chosen.
     method: str = DEFAULT_METHOD
+    #: Seed of random choices.
     seed: int = 0
+    #: Whether the other parameters are held when effects are added.
     frozen: bool = False
     #: What is written in the fields that are the command line's options.
     options: dict[str, str] = field(default_factory=dict)
+    #: What is written in the fields of the options for reading files.
     reading: dict[str, str] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
+    #: Models, the last one current.
     history: list[ModelStep] = field(default_factory=list)
+    #: Models that were left; the last one comes back first.
     undone: list[ModelStep] = field(default_factory=list)
-    #: By job what was answered last, with the ``model`` that was asked about.
+    #: By job the last answer, with the ``model`` that it is about.
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    #: What is said to the person; None for nothing.
     notice: Notice | None = None
+    #: Work in progress; None while idle.
     working: Working | None = None
+    #: The coroutine that runs a job; None while idle.
     task: asyncio.Task[None] | None = None
-    #: The tabs that show it (workbench.py), and since when none does.
+    #: Tabs that show the session (workbench.py).
     watchers: list[Any] = field(default_factory=list)
+    #: Since when no tab shows it, on the monotonic clock [s].
     left_at: float = field(default_factory=time.monotonic)
+    #: Files that have arrived and are not yet read, by name.
     arrived: dict[str, Path] = field(default_factory=dict)
     #: Files that were refused for their columns, with what is known of these.
     mappings: list[dict[str, Any]] = field(default_factory=list)
@@ -387,8 +404,6 @@ class Session:
 
         Parameters
         ----------
-        path : str
-            The file.
         ours : str
             Name in a run, such as "q1" or "tau1".
         theirs : str

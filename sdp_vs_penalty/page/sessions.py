@@ -66,8 +66,6 @@ async def receive(
         The session's folder; the file gets a random name there.
     name : str
         Name to show, made by :func:`shown_name`; its suffix must be allowed.
-    chunks : async iterator of bytes
-        The content.
     kind : str
         What the file is for, a key of SUFFIXES.
 

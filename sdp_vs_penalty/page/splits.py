@@ -42,14 +42,13 @@ CONFIRMED_SHARE = 2.0 / 3.0
 
 @dataclass(frozen=True)
 class _Cutting:
-    """What a run is cut by.
+    """What a run is cut by."""
 
-    clock : of its motion; seconds : how long it lasts [s]; reach : seconds of the log
-    that a filtered row is made of.
-    """
-
+    #: Clock of its motion.
     clock: MotionClock
+    #: Length of the run [s].
     seconds: float
+    #: Seconds of the log that a filtered row is made of [s].
     reach: float
 
     @classmethod
@@ -103,8 +102,6 @@ def split_run(
     ----------
     problem : Problem
         Its filters decide how far the two keep apart.
-    run : Measurements
-        One recording.
     share : float or None
         Share of the motion to identify from; None: the largest one that leaves a fifth
         of the run to judge on.
@@ -183,10 +180,6 @@ def other_splits(
     ----------
     problem : Problem
         Its filters decide how far training and testing keep apart.
-    run : Measurements
-        The recording.
-    split : mapping
-        Result of :func:`split_run`.
 
     Returns
     -------
@@ -226,12 +219,8 @@ def confirmed(
 
     Parameters
     ----------
-    diagnosis : Diagnosis
-        Of the first split.
     model : Estimate
         The model that was diagnosed.
-    run : Measurements
-        The complete recording.
     splits : sequence of (train, test)
         Windows of further splits, from :func:`other_splits`.
     frozen : bool

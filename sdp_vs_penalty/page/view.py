@@ -22,28 +22,35 @@ MOST_OFFERED = 50
 
 @dataclass
 class View:
-    """The view state of one tab.
+    """The view state of one tab."""
 
-    joint, run, span : what every part shows (span : seconds of the run, None for all of
-    it); signal : what the error is drawn against; followers : by part, what to call
-    when they change; methods : ticked for comparison; hiding : what the form for
-    simulated runs holds.
-    """
-
+    #: The session that the tab shows.
     session: Session
+    #: Folder whose files the page lists; None: none is listed.
     folder: Path | None
+    #: The tab's connection.
     client: Client
+    #: Options of the command line by the step that offers them.
     forms: Forms
+    #: Index of the joint that every part shows, from 0; None before one is chosen.
     joint: int | None = None
+    #: Run that every part shows.
     run: str = ""
+    #: Seconds of the run that every part shows [s]; None for all of it.
     span: tuple[float, float] | None = None
+    #: Signal against which the error is drawn.
     signal: str = "dq"
+    #: By part, what to call when these change.
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
+    #: Whether each method is ticked for comparison.
     methods: dict[str, bool] = field(
         default_factory=lambda: dict.fromkeys(METHODS, True)
     )
+    #: Whether methods are compared by cross-validation.
     folds: bool = False
+    #: What drives the forward simulation.
     drive: str = ""
+    #: What the form for simulated runs holds.
     hiding: dict[str, Any] = field(
         default_factory=lambda: {
             "effect": HIDDEN,
@@ -119,12 +126,14 @@ class View:
 
 @dataclass(frozen=True)
 class StageVerdict:
-    """What a stage has come to, in a sentence; level : its colour, good, usable, bad or
-    "" for none; word : what it begins with. Only estimation/verdict.py grades a model
+    """What a stage has come to. Only estimation/verdict.py grades a model
     (:func:`identified`)."""
 
+    #: Colour: "good", "usable", "bad", or "" for none.
     level: str
+    #: What the stage has come to, in a sentence.
     text: str
+    #: Word with which the sentence begins.
     word: str = ""
 
 
@@ -156,27 +165,35 @@ def spoken(text: str) -> str:
 
 @dataclass(frozen=True)
 class PagePart:
-    """anchor, title : where and what; ready : whether it is shown yet; depends :
-    everything that its content is made of, so that it is drawn anew only when that
-    changes; draw : fills it: the function that ``@partial(Part, ...)`` stands before.
-    """
+    """A part of a stage: the function that ``@partial(PagePart, ...)`` stands before,
+    and when it is drawn."""
 
+    #: Name of the place on the page.
     anchor: str
+    #: Title of the part.
     title: str
+    #: Whether the part is shown yet.
     ready: Callable[[Session], bool]
+    #: Everything that the content is made of: the part is drawn anew only when that
+    #: changes.
     depends: Callable[[Session], Any]
+    #: Fills the part.
     draw: Callable[[View], None]
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One screen. before : what comes first, while none of its parts is ready; verdict
-    : the sentence that it ends in, None while nothing can be judged."""
+    """One screen."""
 
+    #: Name of the place on the page.
     anchor: str
+    #: Title of the screen.
     title: str
+    #: What comes first, while none of its parts is ready.
     before: str
+    #: Parts of the screen, from top to bottom.
     parts: tuple[PagePart, ...]
+    #: Sentence that the screen ends in; None while nothing can be judged.
     verdict: Callable[[Session], StageVerdict | None] = lambda session: None
 
 

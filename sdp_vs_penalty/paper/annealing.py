@@ -44,19 +44,21 @@ class SearchPlan:
 
 @dataclass(frozen=True)
 class SearchedPoint:
-    """Where a run stands after a weight.
+    """Where a run stands after a weight."""
 
-    run : its number, from 1; xi : the weight; evaluations : of the loss at this weight;
-    objective : penalised; loss : without the penalty; worst_violation : of all external
-    demands [kg m^2, kg, m].
-    """
-
+    #: Name of the search plan.
     search: str
+    #: Number of the run, from 1.
     run: int
+    #: Weight of the penalty.
     xi: float
+    #: Evaluations of the loss at this weight.
     evaluations: int
+    #: Penalised objective.
     objective: float
+    #: Loss without the penalty.
     loss: float
+    #: Largest violation of all external demands [kg m^2, kg, m].
     worst_violation: float
 
 
@@ -70,8 +72,6 @@ def search_runs(
 
     Parameters
     ----------
-    loss : PenalisedLoss
-        The objective.
     seed : int
         Seed of starts and annealing.
     weights : sequence of float

@@ -51,18 +51,7 @@ class Remembered(Estimator):
     estimator: Estimator
 
     def fit(self, task: Task) -> Fit:
-        """Read the estimate from the disk, or compute it.
-
-        Parameters
-        ----------
-        task : Task
-            The data and constraints.
-
-        Returns
-        -------
-        Fit
-            Without multipliers.
-        """
+        """Read the estimate from the disk, or compute it."""
         theta = np.array(_estimate(self.estimator, task)["fit_theta"])
         return Fit(theta, Objective(task.data), task.constraints)
 
@@ -74,8 +63,6 @@ def estimate_once(estimator: Estimator, task: Task) -> Result:
     ----------
     estimator : Estimator
         Its settings are part of the cached file's key.
-    task : Task
-        The data and constraints.
 
     Returns
     -------
@@ -129,20 +116,13 @@ def timed(estimator: Estimator, task: Task) -> tuple[Fit, float]:
 def anneal_once(
     loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
 ) -> tuple[Array, int]:
-    """Run one step of annealing and local search, or read its result from the disk.
+    """Run one step of annealing and local search from u (d,) in [0, 1]^d, or read its
+    result from the disk.
 
     Parameters
     ----------
-    loss : PenalisedLoss
-        The objective.
-    weight : float
-        xi of this step.
-    u : (d,) array
-        Start, in [0, 1]^d.
     budget : int
         Largest number of loss evaluations.
-    rng : Generator
-        Annealing's random numbers.
 
     Returns
     -------
@@ -167,25 +147,13 @@ def anneal_once(
 def search_locally_once(
     loss: PenalisedLoss, weight: float, u: Array, budget: int, stopping: Stopping
 ) -> tuple[Array, int]:
-    """Run :func:`search_locally`, or read its result from the disk.
+    """Run :func:`search_locally` from u (d,) in [0, 1]^d, or read its result from the
+    disk: the best point and the number of evaluations.
 
     Parameters
     ----------
-    loss : PenalisedLoss
-        The objective.
-    weight : float
-        xi.
-    u : (d,) array
-        Start, in [0, 1]^d.
     budget : int
         Largest number of loss evaluations.
-
-    Returns
-    -------
-    u : (d,) array
-        The best point.
-    n_evaluations : int
-        The number of evaluations.
     """
     content = (
         ANNEALING_VERSION,
@@ -220,18 +188,7 @@ def _annealed(
 
 
 def loss_content(loss: PenalisedLoss) -> tuple[object, ...]:
-    """Return everything that the value of a penalised loss depends on.
-
-    Parameters
-    ----------
-    loss : PenalisedLoss
-        The objective.
-
-    Returns
-    -------
-    tuple
-        For :func:`~sdp_vs_penalty.paper.memo.content_key`.
-    """
+    """Return everything that the value of a penalised loss depends on."""
     return (
         loss.data,
         loss.box.lower,

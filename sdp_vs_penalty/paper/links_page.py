@@ -66,11 +66,6 @@ def links_page(tables: Sequence[Table], study: Study) -> str:
 def links_by_title(study: Study) -> dict[str, Array]:
     """Return the links to draw, by the title of the picture.
 
-    Parameters
-    ----------
-    study : Study
-        Data and estimates.
-
     Returns
     -------
     dict of str to (n, 10) array
@@ -94,11 +89,6 @@ def _title(method: str, data: Data) -> str:
 def drawn_pose(robot: Robot) -> Array:
     """Return the joint positions of the picture: a natural pose for an arm of seven
     joints, else the middle of each joint's range.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
 
     Returns
     -------
@@ -126,20 +116,13 @@ def view() -> Array:
 
 
 def skeleton(robot: Robot, poses: Array) -> Array:
-    """Return the points of the arm's skeleton: base, joints and the frames of their
-    links.
+    """Return the points (1 + 2 n, 3) [m] of the arm's skeleton: base, joints and the
+    frames of their links.
 
     Parameters
     ----------
-    robot : Robot
-        The arm.
     poses : (n, 4, 4) array
         Pose of each joint in the base.
-
-    Returns
-    -------
-    (1 + 2 n, 3) array
-        [m].
     """
     points = [np.zeros(3)]
     for joint, pose in zip(robot.joints, poses, strict=True):

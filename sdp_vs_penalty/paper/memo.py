@@ -128,11 +128,6 @@ def content_key(content: Iterable[object]) -> str:
     content : iterable
         What is hashed, in this order.
 
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-
     Raises
     ------
     TypeError

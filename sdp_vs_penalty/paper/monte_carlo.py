@@ -52,7 +52,7 @@ FRICTION = (0.03, 0.04, 0.005)
 class Setting:
     """What the draws of one setting share."""
 
-    #: What it is, in words.
+    #: Name of the setting, in words.
     name: str
     #: Whether torque noise is the real arm's coloured one, and positions are stepped.
     coloured: bool
@@ -60,8 +60,9 @@ class Setting:
     step: float
     #: Whether friction is the published sigmoid, which no method models.
     sigmoid: bool
-    #: Share of the exciting motion's amplitude, and its length [s].
+    #: Share of the exciting motion's amplitude [-].
     amplitude: float
+    #: Length of the exciting motion [s].
     seconds: float
 
 
@@ -115,9 +116,13 @@ DEFAULT = "SDP, entropic (default)"
 class Draw:
     """One draw of a setting, for some methods."""
 
+    #: Name of the problem.
     problem: str
+    #: The setting.
     setting: Setting
+    #: Number of the draw.
     number: int
+    #: Methods that are fitted to it.
     methods: tuple[Method, ...]
 
 
@@ -125,11 +130,15 @@ class Draw:
 class Truth:
     """What is the same in all draws of a setting."""
 
+    #: Model with the true effects that methods fit.
     model: Model
+    #: The exciting motion.
     trajectory: FourierTrajectory
+    #: Function of a motion that returns its true torque (N, n) [N m, N].
     torque: Callable[[Motion], Array]
+    #: Noise and steps of the sensors.
     sensor: Sensor
-    #: (n, 10) links.
+    #: (n, 10) standard parameters of the true links [kg, kg m, kg m^2].
     links: Array
     #: Rows of the unseen motions, torque without noise.
     unseen: Regression

@@ -48,13 +48,15 @@ def _index_of_entry(a: int, b: int) -> int:
 
 @dataclass(frozen=True)
 class BoxedOptimum:
-    """best : the best point found, None where no cell had one; lower : certified bound
-    on the optimum inside the box; root_lower : the relaxation's without branching;
-    n_cells : relaxations solved."""
+    """The optimum inside the box on barycentric inertias, enclosed."""
 
+    #: The best point found; None where no cell had one.
     best: PenalisedOptimum | None
+    #: Certified bound on the optimum inside the box.
     lower: float
+    #: Bound of the relaxation without branching.
     root_lower: float
+    #: Number of relaxations solved.
     n_cells: int
 
     @property
@@ -101,16 +103,8 @@ class BoxedProblem:
     def solve_cell(
         self, weight: float, low: Array, high: Array
     ) -> tuple[float, PenalisedOptimum, Array]:
-        """Solve the relaxation over a cell of centres of mass.
-
-        Parameters
-        ----------
-        weight : float
-            xi.
-        low : (n, 3) array
-            Smallest coordinates of the centres of mass in the cell [m].
-        high : (n, 3) array
-            Largest coordinates [m].
+        """Solve the relaxation over a cell low <= c <= high (n, 3) of centres of mass
+        [m].
 
         Returns
         -------
@@ -174,8 +168,6 @@ class BoxedProblem:
         ----------
         low, high : (n, 3) array
             Ends of the cell [m].
-        limit : (s,) array
-            Largest slacks.
 
         Returns
         -------
@@ -206,12 +198,8 @@ class BoxedProblem:
         return np.concatenate([theta, slack, inertia.inertia_entries(q).ravel()])
 
     def _inside_box(self, links: Array) -> Array:
-        """Return inertias about the centres of mass, moved strictly inside the box.
-
-        Parameters
-        ----------
-        links : (n, 10) array
-            Standard parameters.
+        """Return inertias about the centres of mass of links (n, 10), moved strictly
+        inside the box.
 
         Returns
         -------
@@ -304,15 +292,8 @@ class BoxedProblem:
         return rows
 
     def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
-        """Return the optimum inside the box for fixed centres of mass: convex and
-        exact.
-
-        Parameters
-        ----------
-        weight : float
-            xi.
-        c : (n, 3) array
-            Centres of mass [m].
+        """Return the optimum inside the box for fixed centres of mass c (n, 3) [m]:
+        convex and exact.
 
         Returns
         -------
@@ -361,11 +342,6 @@ class BoxedProblem:
     def centres(self, theta: Array) -> Array:
         """Return the centres of mass of an estimate, clipped to their bounds.
 
-        Parameters
-        ----------
-        theta : (p,) array
-            Standard parameters.
-
         Returns
         -------
         (n, 3) array
@@ -385,17 +361,10 @@ class BoxedProblem:
 
         Parameters
         ----------
-        weights : iterable of float
-            xi, increasing.
         gap : float
             Relative gap at which a search ends.
         most_cells : int
             Largest number of relaxations of one search.
-
-        Returns
-        -------
-        list of BoxedOptimum
-            One for each weight.
         """
         optima = list[BoxedOptimum]()
         for weight in weights:
@@ -428,12 +397,8 @@ class BoxedProblem:
 
         Parameters
         ----------
-        weight : float
-            xi.
         gap : float
             Relative gap at which the search ends.
-        most_cells : int
-            Largest number of relaxations.
 
         Returns
         -------
@@ -492,13 +457,17 @@ class BoxedProblem:
 
 @dataclass(frozen=True)
 class SolvedCell:
-    """A cell low <= c <= high (n, 3), its certified bound, the relaxation's answer, and
-    (n, 3) by how much its Q_aa exceeds h_a^2 / m."""
+    """A cell low <= c <= high of centres of mass, and its relaxation."""
 
+    #: (n, 3) smallest coordinates of the centres of mass [m].
     low: Array
+    #: (n, 3) largest coordinates of the centres of mass [m].
     high: Array
+    #: Certified lower bound over the cell.
     lower: float
+    #: The relaxation's optimum.
     relaxation: PenalisedOptimum
+    #: (n, 3) by how much its Q_aa exceeds h_a^2 / m [kg m^2].
     excess: Array
 
 

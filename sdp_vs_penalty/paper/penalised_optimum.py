@@ -60,24 +60,26 @@ from sdp_vs_penalty.solvers.small_cones import SmallCones
 
 @dataclass(frozen=True)
 class PenalisedOptimum:
-    """The relaxation's answer at one weight.
-
-    theta (p,); value : the published objective there; lower : certified bound of the
-    relaxation, below every value; loss : f at theta; triangle (n,) : what each link
-    violates [kg m^2]; worst : largest violation of all kinds; scale : what the gap is
-    relative to, the objective, of an exact fit a trace of the data.
-    """
+    """The relaxation's answer at one weight."""
 
     #: A demand is violated above this [kg m^2, kg, m].
     tolerance: ClassVar[float] = 1e-6
 
+    #: (p,) standard parameters.
     theta: Array
+    #: Weight xi of the penalty.
     weight: float
+    #: The published objective at theta.
     value: float
+    #: Certified bound of the relaxation, below every value.
     lower: float
+    #: Loss f at theta.
     loss: float
+    #: (n,) violation of each link's triangle inequality [kg m^2].
     triangle: Array
+    #: Largest violation of all kinds [kg m^2, kg, m].
     worst: float
+    #: What the gap is relative to: the objective; for an exact fit a trace of the data.
     scale: float
 
     @property
@@ -127,8 +129,6 @@ class PenalisedProblem:
 
         Parameters
         ----------
-        task : Task
-            Data, constraints and bounds.
         two_step : bool
             Whether the loss is the distance from the base parameters (two steps)
             instead of the torque error (one step).
@@ -245,13 +245,6 @@ class PenalisedProblem:
     def value(self, theta: Array, weight: float) -> float:
         """Return the published objective, f(theta) + xi times the violations.
 
-        Parameters
-        ----------
-        theta : (p,) array
-            Standard parameters.
-        weight : float
-            xi.
-
         Returns
         -------
         float
@@ -263,11 +256,6 @@ class PenalisedProblem:
         """Return the worst violation of each kind of demand that the penalty stands
         for.
 
-        Parameters
-        ----------
-        theta : (p,) array
-            Standard parameters.
-
         Returns
         -------
         dict of str to float
@@ -276,20 +264,10 @@ class PenalisedProblem:
         return self.published.violations(self._p(theta))
 
     def triangle(self, theta: Array) -> Array:
-        """Return the violation of each link's triangle inequality, (lambda_max(I) -
-        tr(I) / 2)+.
+        """Return (n,) the violation of each link's triangle inequality, (lambda_max(I)
+        - tr(I) / 2)+ [kg m^2].
 
         I is the inertia about the centre of mass.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            Standard parameters.
-
-        Returns
-        -------
-        (n,) array
-            [kg m^2].
         """
         links = inertia.barycentric_from_standard(theta[self.task.links])[:, 4:]
         moments = np.linalg.eigvalsh(inertia.inertia_matrix(links))
@@ -311,11 +289,6 @@ class PenalisedProblem:
 
         Its variables are theta' = theta + 2 s j (j has ones at a link's moments of
         inertia) and slacks that cost xi each; it is convex.
-
-        Parameters
-        ----------
-        weight : float
-            xi >= 0.
 
         Returns
         -------
@@ -341,16 +314,6 @@ class PenalisedProblem:
         The objective increases with the weight. So the bound of a smaller weight still
         holds, and an optimum without violations stays the optimum; it is not computed
         again.
-
-        Parameters
-        ----------
-        weights : iterable of float
-            xi, increasing.
-
-        Returns
-        -------
-        list of PenalisedOptimum
-            One for each weight.
         """
         optima = list[PenalisedOptimum]()
         for weight in weights:
@@ -376,33 +339,12 @@ class PenalisedProblem:
         return replace(self.data, R=R)
 
     def theta(self, x: Array) -> Array:
-        """Return the standard parameters that belong to the relaxation's variables.
-
-        Parameters
-        ----------
-        x : (p + s,) array
-            theta' = theta + 2 s j, then the slacks.
-
-        Returns
-        -------
-        (p,) array
-            theta.
-        """
+        """Return the standard parameters theta (p,) that belong to the relaxation's
+        variables x (p + s,): theta' = theta + 2 s j, then the slacks."""
         return x[: self.p] - self.links_slack @ x[self.p : self.p + self.n]
 
     def between(self, limit: Array) -> list[Constraint]:
-        """Return the constraints 0 <= slack <= limit.
-
-        Parameters
-        ----------
-        limit : (s,) array
-            Largest slacks.
-
-        Returns
-        -------
-        list of Constraint
-            One for each slack.
-        """
+        """Return the constraints 0 <= slack <= limit (s,)."""
         # Two rows for a slack s: 0 + s >= 0 and limit - s >= 0.
         coefficients = np.array([[1.0, -1.0]])
         return [
@@ -418,20 +360,11 @@ class PenalisedProblem:
         ]
 
     def slack_limits(self, weight: float) -> Array:
-        """Return upper limits of the slacks, which every optimum obeys.
+        """Return upper limits (s,) of the slacks [kg m^2, kg, m], which every optimum
+        obeys.
 
         A slack above its limit would cost more than the interior point's objective, or
         would undo all that the bounds allow.
-
-        Parameters
-        ----------
-        weight : float
-            xi.
-
-        Returns
-        -------
-        (s,) array
-            [kg m^2, kg, m].
         """
         largest = np.full(len(self.prices), float(self.bound.max()))
         if weight == 0.0:
@@ -444,10 +377,6 @@ class PenalisedProblem:
 
         Parameters
         ----------
-        theta : (p,) array
-            Standard parameters.
-        weight : float
-            xi.
         lower : float
             Certified lower bound of the objective.
 
@@ -569,14 +498,8 @@ def solve_certified(
         R (r, k), rho (r,) and the residual norm.
     linear : (k,) array
         Linear cost of each variable.
-    constraints : iterable of Constraint
-        Convex constraints.
-    start : (k,) array
-        A strictly feasible point.
     bound : (k,) array
         |x| <= bound for every feasible x.
-    accuracy : float
-        Relative gap to reach.
 
     Returns
     -------
@@ -626,11 +549,6 @@ def solve_once(
 ) -> CertifiedPoint | None:
     """Return the result of :func:`solve_certified`, read from the disk if it is there.
 
-    Parameters
-    ----------
-    data, linear, constraints, start, bound
-        Those of :func:`solve_certified`.
-
     Returns
     -------
     CertifiedPoint or None
@@ -674,8 +592,6 @@ def cvxpy_optima(
     ----------
     problem : PenalisedProblem
         The problem, which is posed a second time.
-    weights : iterable of float
-        xi.
 
     Returns
     -------

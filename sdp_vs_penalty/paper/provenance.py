@@ -30,8 +30,6 @@ def make_folder(folder: Path, *commands: Sequence[str]) -> None:
 
     Parameters
     ----------
-    folder : Path
-        ``results/NAME`` of a checkout.
     *commands : sequence of str
         Arguments of Python for each command, which runs in the checkout's root. If one
         fails, this program exits with its code.
@@ -62,8 +60,6 @@ def write_note(
 
     Parameters
     ----------
-    folder : Path
-        Folder of results.
     commands : sequence of sequence of str
         Arguments of Python for each command.
     processor_seconds : float

@@ -40,8 +40,6 @@ def make_figures(
     ----------
     numbers : sequence of int
         Numbers of the figures; none for all.
-    out : str or Path
-        Folder to write to.
     budget : str
         How long searches last, as for :func:`~sdp_vs_penalty.paper.tables.make_tables`.
     progress : callable
@@ -49,11 +47,6 @@ def make_figures(
         file are drawn.
     workers : Workers
         Processes that draw the figures of one file each, and estimate what these need.
-
-    Returns
-    -------
-    list of Path
-        The files written.
 
     Raises
     ------
@@ -113,15 +106,8 @@ def save(figure: Any, base: Path) -> list[Path]:
 
     Parameters
     ----------
-    figure : matplotlib.figure.Figure
-        The figure.
     base : Path
         Path of the files without the suffix.
-
-    Returns
-    -------
-    list of Path
-        base.png and base.pdf.
     """
     import matplotlib.pyplot as plt
 

@@ -46,14 +46,8 @@ def _engines(
 
     Parameters
     ----------
-    study : Study
-        Data and estimates.
     values : callable
         Returns the quantity (N, n) of an engine's run.
-    what : str
-        Name of the quantity.
-    text : str
-        Title of the figure.
     model : bool
         Whether to draw the identified model's torque as well.
     results : mapping, optional

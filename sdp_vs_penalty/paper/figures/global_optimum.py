@@ -24,8 +24,6 @@ def draw_global_optima(
         The problems, one for each column.
     runs : DataFrame
         Where every run of a search ends (annealing_runs.csv).
-    title : str
-        Title of the figure.
 
     Returns
     -------

@@ -26,16 +26,19 @@ _SCRIPT = re.compile(r"\\mathdefault|[$\\{}^]")
 
 @dataclass(frozen=True)
 class _Room:
-    """What the texts of an axes need [points].
+    """What the texts of an axes need [points]."""
 
-    ticks_left, ticks_below : of the tick labels alone, where the axis label begins.
-    """
-
+    #: Room to the left of the axes.
     left: float
+    #: Room to the right of the axes.
     right: float
+    #: Room below the axes.
     below: float
+    #: Room above the axes.
     above: float
+    #: Room of the tick labels alone on the left, where the axis label begins.
     ticks_left: float
+    #: Room of the tick labels alone below, where the axis label begins.
     ticks_below: float
 
 

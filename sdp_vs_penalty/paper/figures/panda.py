@@ -113,8 +113,6 @@ def _draw_unseen(
     ----------
     axes : (n, 2) array of Axes
         Torque on the left, error on the right.
-    study : Study
-        Data and estimates.
     methods : mapping
         What is drawn, by the names of the lines.
     source : str

@@ -58,12 +58,8 @@ def new_figure(
 
     Parameters
     ----------
-    rows, columns : int
-        Number of axes.
     height, width : float
         Size of the figure [inch].
-    **options : Any
-        Passed to matplotlib.pyplot.subplots.
 
     Returns
     -------
@@ -92,14 +88,13 @@ def draw_torques(
     estimates: Mapping[str, Array],
     scale: float = 1.0,
 ) -> None:
-    """Draw torques on the left axes and their errors on the right ones.
+    """Draw torques at instants t (M,) [s] on the left axes and their errors on the
+    right ones.
 
     Parameters
     ----------
     axes : (n, 2) array of Axes
         One row for each joint.
-    t : (M,) array
-        Instants [s].
     known : (M, n) array
         The torque that is estimated [N m, N].
     name : str
@@ -127,8 +122,6 @@ def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
         One row for each joint.
     units : sequence of str
         Unit of each joint's quantity.
-    what : str
-        Name of the quantity.
     """
     for j, unit in enumerate(units):
         axes[j, 0].set_ylabel(f"joint {j + 1}\n{what} [{plain_unit(unit)}]")
@@ -143,8 +136,6 @@ def legend_below(
 
     Parameters
     ----------
-    figure : Figure
-        The figure.
     axis : Axes
         The axes whose lines it names.
     n_columns : int

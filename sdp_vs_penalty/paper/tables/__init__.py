@@ -111,8 +111,6 @@ def make_tables(
     budget : str
         "quick", or "paper" for as many loss evaluations of the paper's method as its
         authors allow.
-    out : str or Path
-        Folder to write to.
     progress : callable
         Called with a short text at each step.
     workers : Workers

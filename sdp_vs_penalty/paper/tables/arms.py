@@ -49,20 +49,8 @@ METHODS = {
 def arms(study: Study) -> Table:
     """Arms table: SDP beside penalty on the UR10e and the TX40.
 
-    Parameters
-    ----------
-    study : Study
-        Whose workers are used; both arms are in the table.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
-
-    Raises
-    ------
-    InputError
-        Without the real runs.
+    Both arms are in the table, whatever the study's problem. Raises InputError without
+    the real runs.
     """
     rows = [row for name in RUNS for row in _rows(study, name)]
     sentences = []

@@ -111,10 +111,6 @@ def _row(
 
     Parameters
     ----------
-    study : Study
-        The EMPS problem.
-    estimate : str
-        Name of the row.
     constants : tuple of float
         Mass [kg], viscous friction [N s/m], Coulomb friction [N], offset [N], and the
         asymmetry of viscous friction [N s/m].
@@ -160,7 +156,7 @@ def _constants(estimate: Estimate) -> tuple[float, ...]:
 def simulated(
     run: Measurements, constants: tuple[float, ...], substeps: int = 4
 ) -> Array:
-    """Simulate the position of the axis from the measured force alone.
+    """Simulate the position (N,) [m] of the axis from the measured force alone.
 
     Dry friction is integrated implicitly, so that the axis can stick.
 
@@ -173,11 +169,6 @@ def simulated(
         of viscous friction [N s/m].
     substeps : int
         Number of steps within a sample of the log.
-
-    Returns
-    -------
-    (N,) array
-        Position [m].
     """
     mass, viscous, coulomb, offset, asymmetric = constants
     q = float(run.q[0, 0])

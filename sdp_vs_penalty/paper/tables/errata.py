@@ -25,18 +25,7 @@ _PROBLEMS = "panda", "two_link"
 
 @register_table("errata", *_PROBLEMS)
 def errata_table(study: Study) -> Table:
-    """Errata: where the paper contradicts itself, with the numbers that show it.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
-    """
+    """Errata: where the paper contradicts itself, with the numbers that show it."""
     del study  # of the paper as a whole: both of its robots
     rows = []
     for name, shown in zip(_PROBLEMS, (_panda, _two_link), strict=True):
@@ -63,20 +52,8 @@ def errata_table(study: Study) -> Table:
 
 
 def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
-    """Return the base parameters of the published links p_hat.
-
-    Parameters
-    ----------
-    problem : Problem
-        The Panda.
-    corrected : bool
-        Whether the errata are corrected.
-
-    Returns
-    -------
-    (43,) array
-        [kg m^2, kg m].
-    """
+    """Return the base parameters (43,) [kg m^2, kg m] of the published links p_hat, as
+    printed or with the errata corrected."""
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     return np.asarray(base @ published_links(problem, "p_hat", corrected).ravel())
 

@@ -34,17 +34,8 @@ COUNTED = (Counted("noise", False), Counted("none", False), Counted("none", True
 
 @register_table("xi", "panda", slow=True)
 def exact_weights(study: Study) -> Table:
-    """Weight table: from which xi the one-step penalty is exact, by rows and joint weights.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
+    """Weight table: from which xi the one-step penalty is exact, by rows and joint
+    weights.
     """
     data = study.whole[-1]
     rows = [_row(study, data, counted) for counted in COUNTED]

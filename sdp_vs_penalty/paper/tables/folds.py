@@ -63,8 +63,6 @@ def error_interval(
 
     Parameters
     ----------
-    result : CrossValidation
-        Cross-validation of a method.
     less : CrossValidation, optional
         That of another method on the same folds, whose error is subtracted.
 

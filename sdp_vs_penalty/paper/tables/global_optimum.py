@@ -57,15 +57,19 @@ def is_rounding(loss: float) -> bool:
 class Certified:
     """What a problem is at every weight."""
 
+    #: Name of the problem, in words.
     label: str
+    #: Whether the loss is the distance from the base parameters (two steps).
     two_step: bool
     #: Rows of the loss, all joints together.
     rows: int
-    #: xi, increasing.
+    #: Weights xi, increasing.
     weights: tuple[float, ...]
     #: Loss of the best consistent parameters.
     feasible_loss: float
+    #: Weight from which the penalty is exact, by the largest multiplier.
     exact_by_theory: float
+    #: The same weight, by bisection.
     exact_by_bisection: float
     #: The published problem's optimum: inside its box on barycentric inertias.
     boxed: list[BoxedOptimum]
@@ -99,18 +103,7 @@ class Certified:
 
 @register_table("global", slow=True)
 def global_optima(study: Study) -> Table:
-    """Global optimum of the published penalised objective over its weight, certified.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
-    """
+    """Global optimum of the published penalised objective over its weight, certified."""
     searched = study.once(penalised_optima)
     rows = [row for problem in searched for row in _rows(problem)]
     exact = [

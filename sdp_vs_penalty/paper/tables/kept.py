@@ -31,8 +31,6 @@ def table_once(spec: TableSpec, study: Study) -> Table:
 
     Parameters
     ----------
-    spec : TableSpec
-        Which table.
     study : Study
         Its problem, budget and data.
 

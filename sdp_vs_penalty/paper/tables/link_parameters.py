@@ -32,16 +32,6 @@ def denavit_hartenberg(study: Study) -> Table:
 
     Rows: joints. Our columns are read back from the joint placements, not from the same
     file.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     rows: list[Row] = []
     for row, joint in zip(
@@ -80,8 +70,6 @@ def link_table(
         The robot's data sets and every method's estimate, computed on demand.
     name : str
         Name of the table, such as "VIII".
-    title : str
-        What the entries are.
     chosen : callable
         Whether an entry, by its name, is in the table.
 
@@ -159,8 +147,6 @@ def sources(study: Study, data: Data) -> pandas.Series:
     ----------
     study : Study
         The robot's data sets and every method's estimate, computed on demand.
-    data : Data
-        The data set.
 
     Returns
     -------

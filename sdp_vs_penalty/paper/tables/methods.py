@@ -25,16 +25,6 @@ from sdp_vs_penalty.robot import inertia
 def methods(study: Study) -> Table:
     """Method table: every method on every data set, judged by the same independent
     figures.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     rows = [
         _row(study, data, method)

@@ -39,11 +39,6 @@ def monte_carlo(study: Study) -> Table:
     ----------
     study : Study
         The robot, the budget, and workers.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     is_quick = study.budget == "quick"
     count = QUICK if is_quick else WHOLE

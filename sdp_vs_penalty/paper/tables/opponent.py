@@ -41,18 +41,7 @@ class Opponent:
 
 @register_table("opponent", "panda", slow=True)
 def opponents(study: Study) -> Table:
-    """Opponent table: the two-step penalty as published and at its best, certified.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
-    """
+    """Opponent table: the two-step penalty as published and at its best, certified."""
     data = study.whole[-1]
     task = study.task(data)
     problem = PenalisedProblem(task, two_step=True)

@@ -71,30 +71,24 @@ class Optimum:
 class Retrieval:
     """The authors' objective, what they published, and its certified optima."""
 
+    #: The authors' own two-step objective.
     objective: Objective
     #: (10 n,) the published links.
     p_hat: Array
-    #: With the published bounds, and the task that has them.
+    #: Optimum with the published bounds.
     best: Optimum
+    #: Task with the published bounds.
     task: Task
-    #: With the bound on c5z of the authors' program, and its task.
+    #: Optimum with the bound on c5z of the authors' program.
     wider: Optimum
+    #: Task with that bound.
     their_task: Task
 
 
 @register_table("p_hat", "panda")
 def retrieved(study: Study) -> Table:
-    """p_hat table: the published links against the certified optimum of their own objective.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
+    """p_hat table: the published links against the certified optimum of their own
+    objective.
     """
     found = study.once(retrieval)
     row_of = partial(_row, found)
@@ -153,8 +147,6 @@ def optimum_inside_box(task: Task, distance: LeastSquares) -> Optimum:
     ----------
     task : Task
         Constraints, bounds and the box on barycentric inertias.
-    distance : LeastSquares
-        Rows of the objective.
 
     Returns
     -------

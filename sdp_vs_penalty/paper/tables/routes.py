@@ -91,16 +91,6 @@ def routes(study: Study) -> Table:
     """One problem, two routes: SDP and penalty on the same constraints, and the paper's.
 
     Without the real run the simulated one, whose motion is judged without folds.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     data = study.repeated or study.simulated
     names = routes_of(study)

@@ -62,20 +62,7 @@ CASES = (
 def sensitivity(study: Study) -> Table:
     """Sensitivity table: what folds, guard, weights, bounds and effects decide.
 
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
-
-    Raises
-    ------
-    InputError
-        Without the real run.
+    Raises InputError without the real run.
     """
     if study.run is None:
         raise InputError(

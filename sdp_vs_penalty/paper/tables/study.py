@@ -65,24 +65,27 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Effort:
-    """What a budget stands for.
+    """What a budget stands for."""
 
-    replicates : noisy runs behind Table I's coverage; iterations : of Table II's
-    search; duration : of Table V's sinusoids [s]; instants, retrievals : of the
-    wrenches, and relaxed retrievals of them; evaluations, annealing_runs : loss
-    evaluations of a run of the paper's method (None: as many as the authors' program
-    allows), and its runs, of which each fold gets one; global_evaluations, global_runs :
-    evaluations at each weight of the table of global optima, and its runs.
-    """
-
+    #: Noisy runs behind Table I's coverage.
     replicates: int
+    #: Iterations of Table II's search.
     iterations: int
+    #: Length of Table V's sinusoids [s].
     duration: float
+    #: Instants of the wrenches.
     instants: int
+    #: Relaxed retrievals of the wrenches.
     retrievals: int
+    #: Loss evaluations of a run of the paper's method; None: as many as the authors'
+    #: program allows.
     evaluations: int | None
+    #: Runs of the paper's method, of which each fold gets one.
     annealing_runs: int
+    #: Evaluations at each weight of the table of global optima; None: as many as the
+    #: authors' program allows.
     global_evaluations: int | None
+    #: Runs of each search in the table of global optima.
     global_runs: int
 
 
@@ -138,20 +141,22 @@ FOLDS = 5
 @dataclass(frozen=True, eq=False)
 class Data:
     """One data set, compressed: what estimates are made from, and what they are judged
-    on.
+    on."""
 
-    label : how columns and rows are named, "simulated" or "measured"; make_test : makes
-    the runs that estimates are judged on, None where there are none. is_repeated :
-    whether the test motion is the training motion again, so that errors on it are
-    repeatability. workers : who compresses test runs.
-    """
-
+    #: Name of the data in columns and rows: "simulated" or "measured".
     label: str
+    #: Runs that estimates are made from.
     train: Measurements
+    #: Makes the runs that estimates are judged on; None where there are none.
     make_test: Callable[[], Measurements] | None
+    #: Model that is identified.
     model: Model
+    #: The filters.
     preprocessing: Preprocessing
+    #: Whether the test motion is the training motion again, so that errors on it are
+    #: repeatability.
     is_repeated: bool = False
+    #: Processes that compress the test runs.
     workers: Workers = ALONE
 
     @property
@@ -185,11 +190,6 @@ class Data:
     def errors(self, theta: Array) -> tuple[Array, float]:
         """Return the torque error of an estimate on the test rows.
 
-        Parameters
-        ----------
-        theta : (p,) array
-            Parameters of the model.
-
         Returns
         -------
         tuple of ((n,) array, float)
@@ -201,28 +201,18 @@ class Data:
 
 @dataclass(frozen=True, eq=False)
 class Frozen(Estimator):
-    """Given links (n, 10); all other parameters are ``others``, NaN: fitted to the
-    torque."""
+    """Links that are given; other parameters may be fitted to the torque."""
 
     name = "given links"
     description = "links as they are given, all other parameters by least squares"
+    #: (n, 10) standard parameters of the links.
     links: Array
+    #: All other parameters; NaN: fitted to the torque.
     others: Array | float = np.nan
 
     def fit(self, task: Task) -> Fit:
         """Keep the given links, and fit the other parameters to the torque where they
-        are NaN.
-
-        Parameters
-        ----------
-        task : Task
-            The data.
-
-        Returns
-        -------
-        Fit
-            Without multipliers.
-        """
+        are NaN."""
         theta = np.empty(len(task.bound))
         links = task.model.rigid_indices
         theta[links] = self.links.ravel()
@@ -231,20 +221,8 @@ class Frozen(Estimator):
 
 
 def refitted(data: LeastSquares, links_given: Array) -> Array:
-    """Fit the parameters that are NaN by least squares, with all others fixed.
-
-    Parameters
-    ----------
-    data : LeastSquares
-        The rows |R theta - rho|^2.
-    links_given : (p,) array
-        Parameters; NaN marks those to fit.
-
-    Returns
-    -------
-    (p,) array
-        All parameters.
-    """
+    """Fit the parameters that are NaN in (p,) ``links_given`` by least squares, with
+    all others fixed; return all (p,)."""
     free = np.isnan(links_given)
     theta = np.nan_to_num(links_given)
     left_to_explain = data.rho - data.R @ theta
@@ -273,19 +251,12 @@ class Study:
 
         Parameters
         ----------
-        problem : Problem
-            The robot.
         budget : str
             "quick", "single" or "paper": how long searches last.
         progress : callable
             Called with a short text at each step.
         workers : Workers
             Processes for estimates that are needed at the same time.
-
-        Raises
-        ------
-        InputError
-            For an unknown budget.
         """
         require_known("budget", budget, BUDGETS)
         self.problem = problem
@@ -372,17 +343,8 @@ class Study:
 
         Parameters
         ----------
-        method : str or Estimator
-            The judged method.
         effects : sequence of str or Effect, optional
             Effects of the model; by default the problem's.
-        n_folds : int
-            Number of folds.
-
-        Returns
-        -------
-        CrossValidation
-            Errors of every fold.
         """
         self.judge_unseen([(method, effects)], n_folds)
         return cast(CrossValidation, self._made[_unseen_key(method, effects, n_folds)])
@@ -400,8 +362,6 @@ class Study:
         ----------
         judged_methods : iterable of (str or Estimator, effects or None)
             The methods, each with the effects of its model.
-        n_folds : int
-            Number of folds.
         """
         estimator_by_key = {
             _unseen_key(method, effects, n_folds): self.estimator(method)
@@ -476,11 +436,6 @@ class Study:
     def task(self, data: Data) -> Task:
         """Return the estimation task of a data set's training rows; it is cached.
 
-        Parameters
-        ----------
-        data : Data
-            The data set.
-
         Returns
         -------
         Task
@@ -490,38 +445,12 @@ class Study:
 
     def result(self, method: str, data: Data) -> Result:
         """Return a named method's certified estimate from the training rows of a data
-        set.
-
-        Parameters
-        ----------
-        method : str
-            Name of the method.
-        data : Data
-            The data set.
-
-        Returns
-        -------
-        Result
-            Estimate with its certificate.
-        """
+        set."""
         return self.estimated(method, data)
 
     def seconds(self, method: str | Estimator, data: Data) -> float:
-        """Return the processor time of a method's fit to the training rows of a data
-        set.
-
-        Parameters
-        ----------
-        method : str or Estimator
-            The method.
-        data : Data
-            The data set.
-
-        Returns
-        -------
-        float
-            [s].
-        """
+        """Return the processor time [s] of a method's fit to the training rows of a
+        data set."""
         return fit_seconds(self.estimator(method), self.task(data))
 
     def estimated(self, method: str | Estimator, data: Data) -> Result:
@@ -531,13 +460,6 @@ class Study:
         ----------
         method : str or Estimator
             The method; one without a name, such as given links, is passed itself.
-        data : Data
-            The data set.
-
-        Returns
-        -------
-        Result
-            Estimate with its certificate.
         """
         self.estimate([method], [data])
         return cast(Result, self._made[method, data])
@@ -548,13 +470,6 @@ class Study:
         """Compute the estimate of every method from every data set, in parallel.
 
         The study caches them; those that exist already are left out.
-
-        Parameters
-        ----------
-        methods : iterable of str or Estimator
-            The methods.
-        sets : sequence of Data
-            The data sets.
         """
         new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
         for method, data in new:
@@ -631,33 +546,14 @@ class Study:
         }
 
     def theta(self, method: str | Estimator, data: Data) -> Array:
-        """Return a method's estimate as an array.
-
-        Parameters
-        ----------
-        method : str or Estimator
-            The method.
-        data : Data
-            The data set.
-
-        Returns
-        -------
-        (p,) array
-            Parameters of the model.
-        """
+        """Return a method's estimate as an array (p,), a value for each of the model's
+        parameters."""
         if isinstance(method, str):
             return self.result(method, data).theta
         return method.fit(self.task(data)).theta
 
     def links(self, method: str, data: Data) -> Array:
         """Return the links of a method's estimate.
-
-        Parameters
-        ----------
-        method : str
-            Name of the method.
-        data : Data
-            The data set.
 
         Returns
         -------
@@ -822,11 +718,6 @@ def _estimated(estimator_and_task: tuple[Estimator, Task]) -> Result:
 def halves(run: Measurements) -> tuple[Measurements, Measurements]:
     """Split the real run into its motion and the repetition of that motion.
 
-    Parameters
-    ----------
-    run : Measurements
-        The real run.
-
     Returns
     -------
     tuple of (Measurements, Measurements)
@@ -837,13 +728,6 @@ def halves(run: Measurements) -> tuple[Measurements, Measurements]:
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
     """Return the torque error of an estimate on compressed rows.
-
-    Parameters
-    ----------
-    rows : Regression
-        Filtered and compressed rows.
-    theta : (p,) array
-        Parameters of the model.
 
     Returns
     -------
@@ -861,13 +745,6 @@ def worst_violations(task: Task, theta: Array) -> tuple[float, float]:
 
     A violation belongs to what violates: published links, for instance, do not answer
     for friction that was fitted beside them.
-
-    Parameters
-    ----------
-    task : Task
-        The demands.
-    theta : (p,) array
-        Parameters of its model.
 
     Returns
     -------

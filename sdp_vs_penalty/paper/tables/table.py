@@ -21,14 +21,17 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class TableSpec:
-    """How a table is made: build(study) -> Table; about : what it is, the first line of
-    build's docstring; problems : the names of those that it is about (none: any); slow
-    : whether `tables --all` leaves it out."""
+    """How a table is made: build(study) -> Table."""
 
+    #: Name of the table, such as "III".
     name: str
+    #: What the table is: the first line of build's docstring.
     about: str
+    #: Function of a study that makes the table.
     build: Callable[[Any], Table]
+    #: Names of the problems that the table is about; none: any.
     problems: tuple[str, ...] = ()
+    #: Whether `tables --all` leaves it out.
     slow: bool = False
 
     def made(self, study: Any) -> Table:
@@ -55,8 +58,6 @@ def register_table(
 
     Parameters
     ----------
-    name : str
-        Name of the table.
     *problems : str
         Names of the problems that have this table; none for all.
     slow : bool
@@ -77,20 +78,23 @@ def register_table(
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """rows : cells by column (published ones as printed text); notes : below the table;
-    headline : what it shows, in words; digits : significant ones of a number that is shown;
-    caption : says what is simulated and what measured; name : "III" is written as
-    table_III.csv, .md and .tex; everything : of a table as printed all columns and rows,
-    written as table_III_all.csv.
-    """
+    """A table, and what is said of it."""
 
+    #: Title of the table.
     title: str
+    #: Cells by column, published ones as printed text.
     rows: Sequence[Row] | pandas.DataFrame
+    #: Paragraphs below the table.
     notes: Sequence[str] = ()
+    #: What the table shows, in words.
     headline: str = ""
+    #: Significant digits of a number that is shown.
     digits: int = 4
+    #: Says what is simulated and what measured.
     caption: str = ""
+    #: Name of the table: "III" is written as table_III.csv, .md and .tex.
     name: str = ""
+    #: Of a table as printed all columns and rows, written as table_III_all.csv.
     everything: pandas.DataFrame | None = None
 
     def shortened(
@@ -182,11 +186,6 @@ class Table:
         ----------
         folder : str or Path
             Folder to write to; it is made if it does not exist.
-
-        Returns
-        -------
-        list of Path
-            CSV first.
         """
         base = Path(folder) / f"table_{self.name}"
         forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
@@ -200,11 +199,6 @@ class Table:
 
 def exact_csv(frame: pandas.DataFrame) -> str:
     """Return a data frame as CSV, with all digits that restore the same numbers.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        Any cells.
 
     Returns
     -------
@@ -245,11 +239,6 @@ def by_joint(values: Iterable[Cell], prefix: str = "joint") -> Row:
         One value for each joint.
     prefix : str
         Beginning of the columns' names.
-
-    Returns
-    -------
-    dict
-        joint_1, joint_2, ...
     """
     cells = (x if isinstance(x, str) or x is None else float(x) for x in values)
     return {f"{prefix}_{j}": cell for j, cell in enumerate(cells, start=1)}

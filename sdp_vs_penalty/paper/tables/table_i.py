@@ -74,11 +74,6 @@ class SigmoidFriction(Effect):
         With s(v) = 1 / (1 + exp(-phi_2 (v + phi_3))) they are f / phi_1 = s(dq) - s(0),
         and its derivatives by phi_2 and phi_3.
 
-        Parameters
-        ----------
-        motion : Motion
-            At N instants.
-
         Returns
         -------
         list of Block
@@ -99,18 +94,21 @@ class SigmoidFriction(Effect):
 
 @dataclass(frozen=True)
 class SigmoidFit:
-    """phi (n, 3) with standard deviations (n, 3); x (b + 3 n,) : pi (b,) base
-    parameters fitted with them, phi_1, log phi_2, phi_3.
+    """Sigmoid friction phi of n joints, fitted with b base parameters."""
 
-    lower, upper (n, 3) : 95 % intervals; at_bound (n,) : whether phi_2 ran into the end
-    of its range, a step, whose interval means nothing.
-    """
-
+    #: (b + 3 n,) base parameters pi (b,), then phi_1, log phi_2 and phi_3 of the
+    #: joints.
     x: Array
+    #: (n, 3) friction parameters.
     phi: Array
+    #: (n, 3) standard deviations of phi.
     std: Array
+    #: (n, 3) lower ends of the 95 % intervals.
     lower: Array
+    #: (n, 3) upper ends of the 95 % intervals.
     upper: Array
+    #: (n,) whether phi_2 ran into the end of its range, a step, whose interval means
+    #: nothing.
     at_bound: NDArray[np.bool_]
 
 
@@ -139,8 +137,6 @@ def fit_sigmoid(
 
     Parameters
     ----------
-    problem : Problem
-        The robot.
     rows_of : callable
         Returns the rows of a model.
     oversampling : float
@@ -184,19 +180,15 @@ def _with_intervals(
     data: "_Data", x: Array, weights: Array, oversampling: float
 ) -> SigmoidFit:
     """Return phi with standard deviations and 95 % intervals, from the Jacobian J of
-    the fit.
+    the fit with weights (n,) of the joints.
 
     The covariance of x is sigma^2 (J^T J)^-1, with sigma^2 the squared residuals over
     the degrees of freedom.
 
     Parameters
     ----------
-    data : _Data
-        The rows.
     x : (b + 3 n,) array
         The fit: base parameters, phi_1, log phi_2, phi_3.
-    weights : (n,) array
-        Weight of each joint.
     oversampling : float
         Number of rows that repeat each other. J^T J counts each of them; the degrees of
         freedom count one.
@@ -229,8 +221,6 @@ class _Data:
 
         Parameters
         ----------
-        problem : Problem
-            The robot.
         rows_of : callable
             Returns the rows of a model at M instants.
         """
@@ -299,14 +289,13 @@ class _Data:
         return np.asarray(np.exp(np.mean(np.log(rms))) / rms)
 
     def weighted_columns(self, x: Array, weights: Array) -> Array:
-        """Return the derivative of the weighted torque of all rows by x.
+        """Return the derivative of the weighted torque of all rows by x, with weights
+        (n,) of the joints.
 
         Parameters
         ----------
         x : (b + 3 n,) array
             Base parameters, phi_1, log phi_2 and phi_3.
-        weights : (n,) array
-            Weight of each joint.
 
         Returns
         -------
@@ -362,7 +351,7 @@ class _Data:
         return self._last_columns
 
     def residual(self, x: Array) -> Array:
-        """Return the measured minus the modelled torque.
+        """Return the measured minus the modelled torque (M, n) [N m].
 
         The model is linear in the base parameters and phi_1; phi_2 and phi_3 enter
         through their columns.
@@ -371,11 +360,6 @@ class _Data:
         ----------
         x : (b + 3 n,) array
             Base parameters, phi_1, log phi_2 and phi_3.
-
-        Returns
-        -------
-        (M, n) array
-            [N m].
         """
         n_base = self.rigid.shape[2]
         amplitude = x[n_base : n_base + self.robot.n]
@@ -383,7 +367,8 @@ class _Data:
         return np.asarray(self.torque - self.rigid @ x[:n_base] - friction)
 
     def solved(self, x: Array, weights: Array) -> Array:
-        """Return x with the best base parameters and phi_1 for its phi_2 and phi_3.
+        """Return x with the best base parameters and phi_1 for its phi_2 and phi_3,
+        with weights (n,) of the joints.
 
         They solve a linear least-squares problem.
 
@@ -391,8 +376,6 @@ class _Data:
         ----------
         x : (b + 3 n,) array
             Base parameters, phi_1, log phi_2 and phi_3.
-        weights : (n,) array
-            Weight of each joint.
 
         Returns
         -------
@@ -419,16 +402,6 @@ def sigmoid_friction(study: Study) -> Table:
 
     Rows: phi_1..phi_3 published and fitted, each with its interval; then errors
     on other rows.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     truth = study.experiment.friction
     assert truth is not None

@@ -34,14 +34,13 @@ _SOURCES = (
 @dataclass(frozen=True)
 class PrintedDeviations:
     """How the standard deviations that Table III prints of the reverse engineering
-    agree with those of its design.
+    agree with those of its design."""
 
-    n_rows : rows of the table; n_agreeing : those whose printed digits allow the common
-    factor; factor : residual standard deviation that all deviations share [N m, kg m^2].
-    """
-
+    #: Number of rows of the table.
     n_rows: int
+    #: Number of rows whose printed digits allow the common factor.
     n_agreeing: int
+    #: Residual standard deviation that all deviations share [N m, kg m^2].
     factor: float
 
 
@@ -114,16 +113,6 @@ def base_parameter_table(study: Study) -> Table:
 
     Rows: base parameters, all other parameters, then condition number and relative
     error.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     base = tuple(base_parameter_symbols(study.problem))
     others = dict.fromkeys(

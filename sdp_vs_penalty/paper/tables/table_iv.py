@@ -35,18 +35,7 @@ _SHOWN = ("p_hat", "delta", "ols")
 
 @register_table("IV")
 def unseen_torque(study: Study) -> Table:
-    """Table IV: torque error of each joint on unseen and on repeated motion.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
-    """
+    """Table IV: torque error of each joint on unseen and on repeated motion."""
     study.estimate(study.methods.values(), study.judged)
     rows = _published_rows(study)
     for data in study.judged:
@@ -161,8 +150,6 @@ def _row(
 
     Parameters
     ----------
-    name : str
-        Name of the estimate.
     joints : iterable
         Mean squared error of each joint.
     data : str

@@ -42,21 +42,23 @@ METHOD = "lmi-sdp"
 
 @dataclass(frozen=True)
 class EngineRun:
-    """One engine along one motion, beside the model of the same links.
+    """One engine along one motion, beside the model of the same links."""
 
-    t (N,) middle of each step [s], of which its torque is the mean; torque, model (N,
-    n) of the engine and of recursive Newton-Euler [N m, N]; error (N, n) torque less
-    the model's, or less what was measured and is not friction; position [m], angle
-    [rad] (N,) : distance and rotation of the last link's joint frame from where the
-    commanded motion puts it, at the end of each step.
-    """
-
+    #: Name of the engine.
     engine: str
+    #: (N,) middle of each step [s], of which its torque is the mean.
     t: Array
+    #: (N, n) torque of the engine [N m, N].
     torque: Array
+    #: (N, n) torque of recursive Newton-Euler [N m, N].
     model: Array
+    #: (N, n) torque less the model's, or less what was measured and is not friction [N
+    #: m, N].
     error: Array
+    #: (N,) distance of the last link's joint frame from where the commanded motion puts
+    #: it, at the end of each step [m].
     position: Array
+    #: (N,) rotation of that frame from where the commanded motion puts it [rad].
     angle: Array
 
 
@@ -100,17 +102,17 @@ def sinusoids(robot: Robot) -> Course:
 
 @dataclass(frozen=True)
 class Commanded:
-    """What every engine is told to follow, worked out once for all of them.
+    """What every engine is to follow, worked out once for all of them."""
 
-    robot; links (n, 10) : standard parameters [kg, kg m, kg m^2]; motion : maps
-    instants (M,) [s] to q, dq, ddq (M, n); duration, step : of the motion and of a step
-    [s].
-    """
-
+    #: The robot of n joints.
     robot: Robot
+    #: (n, 10) standard parameters of the links [kg, kg m, kg m^2].
     links: Array
+    #: Function of instants (M,) [s] that returns q, dq, ddq (M, n).
     motion: Course
+    #: Length of the motion [s].
     duration: float
+    #: Length of a step [s].
     step: float = 1e-3
 
     @cached_property
@@ -144,15 +146,8 @@ def play(kind: type[Engine], commanded: Commanded) -> EngineRun:
 
     Parameters
     ----------
-    kind : type of Engine
-        An installed engine.
     commanded : Commanded
         The robot, its links, and the motion.
-
-    Returns
-    -------
-    EngineRun
-        Torque and pose errors.
 
     Raises
     ------
@@ -208,8 +203,6 @@ def inverse_dynamics_error(
 
     Parameters
     ----------
-    kind : type of Engine
-        An installed engine.
     robot : Robot
         The kinematics: joints and their frames.
     links : (n, 10) array
@@ -319,16 +312,6 @@ def engines(study: Study) -> Table:
 
     Rows: the paper's engines inside V-REP, then each of ours on simulated and real
     motion.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     n = study.problem.robot.n
     rows = []

@@ -69,18 +69,7 @@ def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:
 
 @register_table("triangle", "panda", slow=True)
 def triangle(study: Study) -> Table:
-    """Triangle table: what the triangle inequalities change.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
-    """
+    """Triangle table: what the triangle inequalities change."""
     methods = {
         "pseudo-inertia (4x4)": LmiSdpPlain(),
         "Sousa and Cortesao (6x6)": WithoutTriangle(),

@@ -114,8 +114,6 @@ def _phase_windows(
 
     Parameters
     ----------
-    real : Data
-        The real run.
     most_windows : int
         Number of windows, evenly spread over the period.
     cell : float
@@ -155,13 +153,6 @@ def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window
 
     They consist of consecutive blocks of one second, evenly spread; incomplete blocks
     at the ends are left out.
-
-    Parameters
-    ----------
-    data : Data
-        The simulated data.
-    most_windows : int
-        Largest number of windows.
 
     Returns
     -------

@@ -45,21 +45,11 @@ COMPONENTS = {"fx": "N", "fy": "N", "fz": "N", "nx": "N*m", "ny": "N*m", "nz": "
 def wrench_regressor(
     robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
 ) -> Array:
-    """Return the regressor Y of the joints' wrenches in the links' parameters.
+    """Return the regressor Y of the joints' wrenches in the links' parameters, at
+    positions q (N, n) [rad, m] and their derivatives dq and ddq.
 
     A link's wrench is that of its body regressor; every joint below it carries it too,
     so it is transformed from joint to joint down to the base.
-
-    Parameters
-    ----------
-    robot : Robot
-        The kinematics: joints and their frames.
-    q : (N, n) array
-        Positions [rad, m].
-    dq : (N, n) array
-        Velocities [rad/s, m/s].
-    ddq : (N, n) array
-        Accelerations [rad/s^2, m/s^2].
 
     Returns
     -------
@@ -94,16 +84,17 @@ def _states(values: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class WrenchIntervals:
-    """For M instants, n joints and six components, (M, n, 6) each [N, N m].
+    """Ranges of the wrenches of M instants, n joints and six components, (M, n, 6) each
+    [N, N m]."""
 
-    lower, upper : attained by parameters with equal torques within the convex
-    constraints; lower_bound, upper_bound : certified from the dual, no such parameters
-    lie outside.
-    """
-
+    #: Smallest values, attained by parameters with equal torques within the convex
+    #: constraints.
     lower: Array
+    #: Largest values, attained likewise.
     upper: Array
+    #: Bounds certified from the dual: no such parameters lie below.
     lower_bound: Array
+    #: Bounds certified from the dual: no such parameters lie above.
     upper_bound: Array
 
     @property
@@ -121,7 +112,8 @@ class WrenchIntervals:
 def wrench_intervals(
     feasible: Slice, regressor: Array, progress: Progress = no_progress
 ) -> WrenchIntervals:
-    """Return the smallest and largest value of every wrench component.
+    """Return the smallest and largest value of every wrench component, of regressor (M,
+    n, 6, 10 n).
 
     The parameters may be any feasible ones that make the same torques. Two SDPs for
     each component and instant are solved and certified.
@@ -130,8 +122,6 @@ def wrench_intervals(
     ----------
     feasible : Slice
         Feasible parameters with equal torques.
-    regressor : (M, n, 6, 10 n) array
-        Regressor of the wrenches.
     progress : callable
         Called with the instant that is computed.
 
@@ -160,8 +150,6 @@ def unfeasible_retrievals(
 
     Parameters
     ----------
-    problem : Problem
-        The robot.
     pi : (b,) array
         Base parameters, reproduced to 1e-8 of the largest.
     count : int
@@ -231,19 +219,22 @@ def _start_box(problem: Problem, boxed: bool) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class WrenchStudy:
-    """Wrenches (M, n, 6) along the exciting trajectory at t (M,), and the intervals.
+    """Wrenches (M, n, 6) along the exciting trajectory, and the intervals [N, N m]."""
 
-    feasible : of each method's estimate; penalty_runs : of the exact penalty from other
-    starts; boxed, unbounded : of relaxed retrievals that reproduce the torques and are
-    inconsistent, with and without the box bounds.
-    """
-
+    #: (M,) instants [s].
     t: Array
+    #: (M, n, 6) wrenches of the true links.
     true: Array
+    #: Wrenches of each method's estimate, by its name.
     feasible: dict[str, Array]
+    #: Wrenches of the exact penalty from other starts.
     penalty_runs: list[Array]
+    #: Wrenches of relaxed retrievals that reproduce the torques and are inconsistent,
+    #: with the box bounds.
     boxed: list[Array]
+    #: The same without the box bounds.
     unbounded: list[Array]
+    #: Ranges of the wrenches over all feasible parameters with equal torques.
     intervals: WrenchIntervals
 
 
@@ -253,11 +244,6 @@ def wrench_study(study: Study) -> WrenchStudy:
 
     All parameters make the same torques. What takes long is read from the disk if it
     was computed before.
-
-    Parameters
-    ----------
-    study : Study
-        Study of the 2R.
 
     Returns
     -------
@@ -366,16 +352,6 @@ def wrench_table(study: Study) -> Table:
     """How far internal wrenches differ between parameters that make the same torques.
 
     Rows: joint and component; largest true value, then largest deviations from it.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Table
-        Rows, notes and headline.
     """
     w = study.once(wrench_study)
     components = [
