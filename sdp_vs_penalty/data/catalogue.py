@@ -53,18 +53,8 @@ class Dataset(JsonRecord):
     drive_gains: tuple[float, ...] = ()
 
     def address(self, file: RemoteFile, base: str = GITHUB) -> str:
-        """Build the address of a file, at GitHub or at another place with its layout.
-
-        Parameters
-        ----------
-        base : str
-            The address of the server.
-
-        Returns
-        -------
-        str
-            The address of the pinned version.
-        """
+        """Build the address of the pinned version of a file, at GitHub or at another
+        server ``base`` with its layout."""
         return f"{base}/{self.source}/{self.commit}/{file.path}"
 
 

@@ -164,13 +164,13 @@ def _one(
     number: int,
     usable: bool,
 ) -> Measurements:
-    """Make the measurements of one source.
+    """Make the measurements of one source: a path, Measurements, or a mapping or
+    DataFrame of columns.
 
-    part : a path, Measurements, or a mapping or DataFrame of columns. joints : expected
-    number of joints. names : the robot's joint names in order. what : how messages call
-    the argument. number : of the source (from 1) among those that a caller passes, for
-    its name. usable : refuse a run with a clock that does not ascend, or numbers that
-    are not finite.
+    ``joints`` is the expected number of joints, ``names`` are the robot's joint names
+    in order. Messages call the argument ``what``, and the source has its ``number``
+    (from 1) among those that a caller passes for a name. ``usable`` refuses a run with
+    a clock that does not ascend, or numbers that are not finite.
     """
     word = "sample"
     label = None
@@ -224,19 +224,8 @@ def _refuse_transposed(
 
 
 def for_testing(name: str | Path) -> bool:
-    """Tell whether a run is kept for testing: a word of its name begins with "test".
-
-    Parameters
-    ----------
-    name : str | Path
-        Name of the run, or its path.
-
-    Returns
-    -------
-    bool
-        True for "test" in any spelling, such as "Test2" or "arm_testing"; False for
-        "latest".
-    """
+    """Tell whether a run is kept for testing: a word of its name or path begins with
+    "test" in any spelling, as in "Test2" or "arm_testing", not in "latest"."""
     return bool(_TEST_WORD.search(Path(name).stem))
 
 

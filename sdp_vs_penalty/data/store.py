@@ -35,18 +35,8 @@ _DROP: int | None = getattr(mmap, "MADV_DONTNEED", None)
 def iter_chunks(
     array: NDArray[Any], overlap: int = 0
 ) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Iterate over an array (N, ...) in consecutive chunks of 32768 rows.
-
-    Parameters
-    ----------
-    overlap : int
-        Rows of the next chunk that each chunk contains as well.
-
-    Yields
-    ------
-    tuple[int, NDArray[Any]]
-        Index of the chunk's first row, and its rows.
-    """
+    """Yield an array (N, ...) in consecutive chunks of 32768 rows, each with the index
+    of its first row; a chunk has ``overlap`` rows of the next one as well."""
     for start in range(0, len(array), PART):
         chunk = array[start : start + PART + overlap]
         yield start, chunk

@@ -124,10 +124,7 @@ class _Signal:
 
 
 class _TracedMotion:
-    """A motion whose signals are variables of the C header.
-
-    t : of one instant; sign_width : (n,) velocities [rad/s, m/s] over which signs turn.
-    """
+    """A motion at one instant ``t``, whose signals are variables of the C header."""
 
     t = np.zeros(1)
     q = _Signal("q")
@@ -137,7 +134,7 @@ class _TracedMotion:
     within = None
 
     def __init__(self, sign_width: Sequence[float]) -> None:
-        """Keep the model's widths of a turning sign."""
+        """Keep the velocities (n,) [rad/s, m/s] over which the model's signs turn."""
         self.sign_width = sign_width
 
     def __getattr__(self, name: str) -> Any:

@@ -317,7 +317,7 @@ def about_joints(robot: Robot, links: Array) -> Array:
     Raises
     ------
     InputError
-        A link is inconsistent.
+        A link is not physically consistent.
     """
     carriers = [robot.tree[carrier] for carrier in robot.link_joints]
     moved = [

@@ -60,11 +60,12 @@ def write_model(
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     judged: Verdict | None = None,
 ) -> tuple[str, ...]:
-    """Write a model in the format that the file's name chooses.
+    """Write a model in the format that the file's name chooses, and return the effects
+    left out.
 
     Parameters are those of :func:`sdp_vs_penalty.export`, but the model is loaded
-    already. judged : verdict on the model without the effects that the file cannot
-    hold. Returns the effects left out.
+    already; ``judged`` is the verdict on the model without the effects that the file
+    cannot hold.
     """
     out = Path(out)
     home = format_of(out)

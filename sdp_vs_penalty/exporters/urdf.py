@@ -200,11 +200,11 @@ RESTS = True
 
 
 def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
-    """Make a URDF of the model, or put the model's numbers into the user's own URDF.
+    """Make a URDF of the model, or put the model's numbers into the user's own URDF;
+    return the file's bytes and the effects left out.
 
-    This module is an :class:`ExportFormat`. drake : whether to add Drake's
-    transmissions, which hold rotor inertias. Returns the file's bytes and the effects
-    left out.
+    This module is an :class:`ExportFormat`. ``drake`` adds Drake's transmissions, which
+    hold rotor inertias.
     """
     content = Content.plausible(estimate, options)
     robot = estimate.robot

@@ -26,20 +26,10 @@ class ArmModel:
     tabulated over it, finer near zero; those that grow with a joint's position or
     acceleration are slopes. Which is which is read off the effects' own torque.
 
-    Parameters
-    ----------
-    model, theta : the arm's model and its parameters (p,).
-
-    Attributes
-    ----------
-    torque, friction : (n,) of the last instant, as the channels read it; friction is
-        the part of it that follows velocity.
-    columns : (n, 10) of the payload, in the last link's frame.
-    dry_friction : (n,) half the jump of friction where a joint turns round.
-
-    Raises
-    ------
-    InputError for an effect that needs more than one instant's state.
+    ``torque`` (n,) is that of the last instant, as the channels read it, ``friction``
+    (n,) the part of it that follows velocity, ``columns`` (n, 10) those of the payload,
+    in the last link's frame, and ``dry_friction`` (n,) half the jump of friction where
+    a joint turns round.
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
@@ -47,9 +37,9 @@ class ArmModel:
         control loop.
 
         The links' torque comes from Pinocchio; friction and other effects from tables
-        over the velocity. ``dry_friction`` (n,) is half the jump of friction between
-        -REST_SPEED and REST_SPEED. Raises InputError for a model without links, and for
-        an effect that does not run in the loop.
+        over the velocity. A joint turns round between -REST_SPEED and REST_SPEED.
+        Raises InputError for a model without links, and for an effect that does not run
+        in the loop.
         """
         if not len(model.rigid_indices):
             raise InputError("the model has no rigid body", "identify one with links")

@@ -40,12 +40,8 @@ WIDTH = 11
 
 
 class PayloadPrior:
-    """What is known of a payload before it is measured.
-
-    Parameters
-    ----------
-    mass : kg, standard deviation of its mass.
-    reach : m, how far from the last link's frame its mass lies.
+    """What is known of a payload before it is measured: the standard deviation ``mass``
+    [kg], and how far its mass lies at most from the last link's frame, ``reach`` [m].
     """
 
     def __init__(
@@ -98,27 +94,16 @@ class Information:
         self.seconds *= factor
 
     def weight(self, correlation: float) -> float:
-        """Return the weight of a stretch whose residuals are correlated over time.
-
-        Parameters
-        ----------
-        correlation : float
-            Correlation time tau of the residuals [s].
-
-        Returns
-        -------
-        float
-            1 / T + 1 / tau [1/s], with the length T of the stretch [s].
-        """
+        """Return the weight 1 / T + 1 / tau [1/s] of a stretch of length T [s] whose
+        residuals are correlated over the time tau [s]."""
         return 1.0 / max(self.seconds, 1e-9) + 1.0 / correlation
 
 
 class Posterior:
     """Estimate and evidence of a payload from information, in preallocated arrays.
 
-    Attributes
-    ----------
-    mean : (10,) scaled parameters; covariance : (10, 10), by :meth:`covariance`.
+    ``mean`` (10,) holds the scaled parameters, :meth:`covariance` gives their
+    covariance (10, 10).
     """
 
     def __init__(self, prior: PayloadPrior, n_drifts: int) -> None:

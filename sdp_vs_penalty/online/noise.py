@@ -127,13 +127,12 @@ class ResidualNoise:
 
 
 def _correlation(stretches: Sequence[_Stretch], squares: Array) -> float:
-    """Return the correlation time tau [s] of the residuals.
+    """Return the correlation time tau [s] of the residuals, whose mean squares std^2
+    are ``squares`` (n,) [N^2 m^2 or N^2].
 
     The mean of a residual over T seconds has the variance std^2 / (1 + T / tau). So
     share = variance of the mean / std^2 gives tau = T share / (1 - share). The longest
     tau over all lengths T counts.
-
-    squares : (n,) mean squares std^2 of the joints' residuals [N^2 m^2 or N^2].
     """
     correlation = 1.0 / _RATE_HZ
     for seconds in _PART_LENGTHS_S:

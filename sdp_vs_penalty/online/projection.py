@@ -35,10 +35,8 @@ _WARM_GAP = 3.0
 class ConeProjection:
     """Projection onto physically consistent payloads, one Newton step a call.
 
-    Attributes
-    ----------
-    theta : (10,) the projected parameters; gap : certified bound on f(x) - f*; is_done
-    : whether the gap is at most ``constants.PROJECTION_GAP``.
+    ``theta`` (10,) are the projected parameters, ``gap`` is a certified bound on f(x) -
+    f*, and ``is_done`` says whether the gap is at most ``constants.PROJECTION_GAP``.
     """
 
     def __init__(self) -> None:

@@ -13,24 +13,14 @@ class SmoothingFilter:
     The window reaches ``delay`` to either side of the instant that it speaks of
     (Savitzky, Golay, Anal. Chem. 1964): what comes out is of ``delay`` seconds ago, at
     every frequency. Nothing is allocated after construction but views.
-
-    Parameters
-    ----------
-    channels : how many signals.
-    period : s between two samples.
-    delay : s, at most 0.05; rounded to samples, at least two.
-
-    Raises
-    ------
-    InputError for a delay that is too long, or shorter than two samples.
     """
 
     def __init__(self, channels: int, period: float, delay: float) -> None:
         """Allocate the ring buffer of samples and compute the kernel of the window.
 
-        The window holds 2 half + 1 samples, half = delay / period to either side of its
-        middle. ``channels`` signals, ``period`` and ``delay`` in s. Raises InputError
-        for a delay above MAX_DELAY or below two samples.
+        The window holds 2 half + 1 samples of ``channels`` signals, half = delay /
+        period to either side of its middle, at least two; ``delay`` and ``period`` in
+        s. Raises InputError for a delay above MAX_DELAY or below two samples.
         """
         half = round(delay / period)
         if not 0.0 < delay <= c.MAX_DELAY or half < 2:

@@ -565,7 +565,8 @@ def convert_options(
 ) -> list[str]:
     """Return the words of a `convert` command for the options of these arguments.
 
-    They are as :func:`convert` takes them; hold : text of --hold. A Problem has no word.
+    They are as :func:`convert` takes them, but ``hold`` is the text of --hold. A
+    Problem has no word.
     """
     formulas = motors if isinstance(motors, str | bool) else ",".join(motors)
     pairs = {

@@ -638,18 +638,8 @@ _BARYCENTRIC = (
 
 
 def barycentric_names(link: int) -> tuple[str, ...]:
-    """Return the names of a link's barycentric parameters, in the order of the box.
-
-    Parameters
-    ----------
-    link : int
-        Number of the link, from 1.
-
-    Returns
-    -------
-    tuple of str
-        Ten names, such as m1, c1x, I1xx.
-    """
+    """Return the names of a link's (from 1) ten barycentric parameters in the order of
+    the box, such as m1, c1x, I1xx."""
     return tuple(name.format(link) for name in _BARYCENTRIC)
 
 

@@ -46,9 +46,7 @@ class Figure:
     its parts, which checks every property against the whole of its schema: a tenth of a
     second a figure.
 
-    data : traces; layout : everything else; a ``title`` may be a text. Panels stand
-    beside each other in ``columns``, or below each other in ``rows``, ``gap`` apart;
-    rows share one time axis.
+    ``data`` holds the traces, ``layout`` everything else; a ``title`` may be a text.
     """
 
     def __init__(self, columns: int = 1, rows: int = 1, gap: float = 0.12) -> None:
@@ -136,15 +134,8 @@ class Figure:
         return self
 
     def update_axes(self, letter: str, panel: int = 0, **changes: Any) -> Figure:
-        """Change one axis of a panel.
-
-        Parameters
-        ----------
-        panel : int
-            Number of the panel, from 0.
-        **changes : Any
-            Properties of the axis, by plotly's names.
-        """
+        """Change properties of one axis of a panel (from 0), by plotly's names; return
+        this figure."""
         return self.update_layout(**{f"{letter}axis{_number(panel)}": changes})
 
     def to_json(self) -> str:
@@ -353,11 +344,10 @@ def missing_figure(
 
 
 def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
-    """Draw a curve over one variable with its band, and a histogram of the measured
-    rows.
+    """Draw a curve over one variable with its band, and a histogram of the variable at
+    the measured rows: ``rows`` holds at most one array (k,).
 
-    rows : at most one array (k,), the variable at the measured rows. The histogram has
-    an axis of its own on the right.
+    The histogram has an axis of its own on the right.
     """
     plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
     for x in rows:
@@ -376,10 +366,9 @@ def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
 
 def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
     """Draw a curve over two variables as coloured squares, and the measured rows as
-    dots.
+    dots: ``rows`` holds both variables (k,) there, or nothing.
 
-    rows : both variables (k,) at the measured rows, or nothing; unit : of the torque.
-    The band is shown where the mouse points.
+    ``unit`` is that of the torque. The band is shown where the mouse points.
     """
     half = 0.5 * (curve.upper - curve.lower)
     texts = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]

@@ -37,18 +37,7 @@ SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
 
 
 def piece(template: str, **context: Any) -> Markup:
-    """Fill a template of html/.
-
-    Parameters
-    ----------
-    template : str
-        File name of the template.
-
-    Returns
-    -------
-    Markup
-        HTML in which every variable is escaped.
-    """
+    """Fill a template of html/, by its file name; every variable is escaped."""
     return Markup(render(template, HERE, **context))
 
 
@@ -76,11 +65,8 @@ class _Scale:
 
     @classmethod
     def of(cls, errors: Array, is_over_noise: bool) -> _Scale:
-        """Choose a scale for these errors (k,): logarithmic if one dwarfs the others.
-
-        is_over_noise : the errors are multiples of the noise, so that the scale shows 1
-        as well.
-        """
+        """Choose a scale for these errors (k,), which shows 1 as well where they are
+        multiples of the noise."""
         positive = errors[errors > 0.0]
         largest = max(float(errors.max()), 1.5 if is_over_noise else 1e-300)
         smallest = float(positive.min()) if len(positive) else largest
@@ -185,11 +171,8 @@ def _bar(
 
 
 def _caption_of_bars(what: str, is_known: bool, has_change: bool) -> str:
-    """Return the caption of bars: the error's unit, its scale, and the colours.
-
-    is_known : whether the errors are multiples of the noise; has_change : whether two
-    models are drawn.
-    """
+    """Return the caption of bars: the error's unit, its scale, and the colours where
+    two models are drawn. Errors are multiples of the noise where that ``is_known``."""
     caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
     if is_known:
         caption = (

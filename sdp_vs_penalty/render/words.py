@@ -164,10 +164,8 @@ def describe_finding(
 
 
 def weak_title(n_weak: int, n_added: int = 0) -> str:
-    """Return the heading above the weak findings, which are folded.
-
-    n_added : how many of them the model that is shown has.
-    """
+    """Return the heading above the weak findings, which are folded; the model that is
+    shown has ``n_added`` of them."""
     count = formatting.count(n_weak, "weak finding")
     if n_added == 0:
         return f"Not worth adding yet: {count}"
@@ -383,10 +381,8 @@ _WHEN = {
 
 
 def cause_of(failures: Failures, joint: int) -> str:
-    """Return the cause that a joint's error depends on most; UNNAMED if none is known.
-
-    joint : number from 1.
-    """
+    """Return the cause that a joint's (from 1) error depends on most; UNNAMED if none
+    is known."""
     strongest = dependences(failures[joint - 1], 1)
     return strongest[0][0] if strongest else UNNAMED
 

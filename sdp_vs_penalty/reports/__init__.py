@@ -165,10 +165,8 @@ def _failures_shown(
 
 
 def document(material: ReportData, script: str) -> str:
-    """Fill the report's templates and return the HTML document.
-
-    material : what the sections show; script : plotly's script, embedded once.
-    """
+    """Fill the report's templates with what the sections show and plotly's script,
+    embedded once, and return the HTML document."""
     shown = [
         {
             "title": section.title,

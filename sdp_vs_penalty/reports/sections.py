@@ -152,10 +152,8 @@ class ReportData:
         return self.verdict_of(self.comparisons[-1], forward_verdict)
 
     def verdict_of(self, compared: Comparison, forward: str = "") -> Verdict:
-        """Return the verdict on a model, with what the diagnosis found that it lacks.
-
-        forward : the sentence on a forward simulation, if there was one.
-        """
+        """Return the verdict on a model, with what the diagnosis found that it lacks,
+        and with the sentence on a forward simulation, if there was one."""
         diagnosis = self.diagnosis
         if diagnosis is None:
             return compared.verdict_with(forward=forward)
@@ -278,10 +276,8 @@ def torques(data: ReportData) -> Context:
 
 
 def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curves]:
-    """Return each run's measured torque and that of every model.
-
-    moved : offset of each run's clock [s] that places the runs one after another.
-    """
+    """Return each run's measured torque and that of every model; runs stand one after
+    another, each clock ``moved`` by an offset [s]."""
     first = data.judged[data.comparisons[0].name]
     curves = []
     for k, (run, shift) in enumerate(zip(first, moved, strict=True)):
@@ -295,10 +291,7 @@ def _stretches(
     data: ReportData, failing: Failures, j: int, moved: Sequence[float]
 ) -> list[tuple[float, float, str]]:
     """Return where joint j (from 0) fails: begin [s], end [s] and cause, on the
-    figure's axis.
-
-    moved : offset of each run's clock [s] that places the runs one after another.
-    """
+    figure's axis, which has each run's clock ``moved`` by an offset [s]."""
     first = data.comparisons[0].name
     placed = []
     for stretch in failing[j].stretches:

@@ -351,10 +351,8 @@ def is_numeric(cells: Sequence[str]) -> bool:
 def markdown_lines(
     headings: Sequence[str], rows: Iterable[Sequence[str]], sides: Sequence[str] = ()
 ) -> list[str]:
-    """Return the lines of a Markdown table.
-
-    sides : alignment of each column, "---:" for right; by default Markdown decides.
-    """
+    """Return the lines of a Markdown table; ``sides`` aligns the columns, "---:" to the
+    right, by default as Markdown decides."""
     marks = sides or ["---"] * len(headings)
     return [f"| {' | '.join(cells)} |" for cells in (headings, marks, *rows)]
 

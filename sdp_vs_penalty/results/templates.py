@@ -35,15 +35,8 @@ def environment(*folders: Path) -> Environment:
 
 
 def render(template: str, *folders: Path, **context: Any) -> str:
-    """Fill a template with variables, and return the HTML.
-
-    Parameters
-    ----------
-    template
-        File name of the template.
-    folders
-        Folders that are searched before this package's.
-    """
+    """Fill a template with variables, and return the HTML; ``folders`` are searched
+    before this package's."""
     return environment(*folders).get_template(template).render(context)
 
 

@@ -12,18 +12,8 @@ Array = NDArray[np.float64]
 
 
 def nonzero_or_one(size: ArrayLike) -> Any:
-    """Return scales to divide by, with zeros replaced by one.
-
-    Parameters
-    ----------
-    size : array
-        Scales of quantities. Where a scale is zero, the quantity is zero too.
-
-    Returns
-    -------
-    array
-        Scales that are not zero.
-    """
+    """Return scales to divide by, with zeros replaced by one: where a scale is zero,
+    the quantity is zero too."""
     return np.where(np.asarray(size) > 0.0, size, 1.0)[()]
 
 
@@ -62,21 +52,8 @@ def read_only(values: Array) -> Array:
 
 
 def check_finite(what: str, value: Array, shape: tuple[int, ...]) -> None:
-    """Raise InputError for an array of another shape, or with entries that are not
-    finite.
-
-    Parameters
-    ----------
-    what : str
-        Name of the array, for the error's sentence.
-    shape : tuple of int
-        The shape that it must have.
-
-    Raises
-    ------
-    InputError
-        The shape differs or an entry is not finite.
-    """
+    """Raise InputError for an array ``what`` of another shape, or with entries that are
+    not finite."""
     if np.shape(value) != shape or not np.all(np.isfinite(value)):
         raise InputError(f"{what} does not fit", f"give {shape} finite numbers")
 

@@ -279,19 +279,8 @@ class Constraint:
         return self.constant + np.tensordot(part, self.coefficients, axes=(0, 0))
 
     def margin(self, theta: ArrayLike) -> float:
-        """Return the margin of F(theta) in the cone; negative if the constraint is
-        violated.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            All parameters of the model.
-
-        Returns
-        -------
-        float
-            Margin, in the unit of F.
-        """
+        """Return the margin of F(theta) in the cone, in the unit of F, at parameters
+        theta (p,); negative if the constraint is violated."""
         return float(cone_margin(self.cone, self.value(theta)))
 
     def with_known(self, values: Mapping[int, float]) -> Constraint:
@@ -425,34 +414,13 @@ class ConstraintSet:
         return out
 
     def margin(self, theta: ArrayLike) -> float:
-        """Return the smallest margin of the convex constraints; nonnegative if all
-        hold.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            All parameters of the model.
-
-        Returns
-        -------
-        float
-            Margin, in the unit of its constraint.
-        """
+        """Return the smallest margin of the convex constraints, in the unit of its
+        constraint, at parameters theta (p,); nonnegative if all hold."""
         return float(self.entries.margins(theta)[0].min(initial=np.inf))
 
     def depths(self, theta: ArrayLike) -> list[float]:
-        """Return the depth of theta in each group of constraints, free of units.
-
-        Parameters
-        ----------
-        theta : (p,) array
-            All parameters of the model.
-
-        Returns
-        -------
-        list of float
-            Smallest result of :func:`cone_depths` in each group; at most about one.
-        """
+        """Return the smallest depth of :func:`cone_depths` in each group of constraints
+        at parameters theta (p,), free of units; at most about one."""
         return list(self._depths_in_turn(theta))
 
     def _depths_in_turn(self, theta: ArrayLike) -> Iterator[float]:
@@ -727,18 +695,9 @@ class StackedCones:
         return margin, size
 
     def adjoint(self, flat: Array, p: int) -> Array:
-        """Return the adjoint of F's linear part: F(theta) = F_0 + A theta gives A^T y.
-
-        Parameters
-        ----------
-        flat : (e,) array
-            Multipliers y, one for each entry of F.
-
-        Returns
-        -------
-        (p,) array
-            A^T y: for each parameter k the product <dF / dtheta_k, y>.
-        """
+        """Return the adjoint of F's linear part: with F(theta) = F_0 + A theta and
+        multipliers y (e,) this is A^T y (p,), for each parameter k the product <dF /
+        dtheta_k, y>."""
         return np.asarray(np.bincount(self.column, self.value * flat[self.row], p))
 
     def split(self, flat: Any) -> list[Any]:

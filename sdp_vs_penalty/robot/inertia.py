@@ -84,34 +84,17 @@ _STEINER_OF_PRODUCTS = np.where(_ROWS == _COLUMNS, 1.0, 2.0)[:, None] * (
 
 
 def parameter_names(link: int) -> tuple[str, ...]:
-    """Return the names of a link's ten parameters: m3, mx3, ..., Izz3 of link 3.
-
-    Parameters
-    ----------
-    link : int
-        Number of the link, from 1.
-
-    Returns
-    -------
-    tuple of str
-        Ten names in our order.
-    """
+    """Return the names of a link's ten parameters: m3, mx3, ..., Izz3 of link 3 (from
+    1)."""
     return tuple(f"{name}{link}" for name in PARAMETERS)
 
 
 def pseudo_inertia(theta: ArrayLike) -> Array:
-    """Return the pseudo-inertia matrices of standard parameters.
+    """Return the pseudo-inertia matrices (..., 4, 4) of standard parameters (..., 10):
+    second moments of the homogeneous coordinates (x, y, z, 1).
 
-    Parameters
-    ----------
-    theta : (..., 10) array
-        m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame [kg, kg m, kg
-        m^2].
-
-    Returns
-    -------
-    (..., 4, 4) array
-        Second moments of the homogeneous coordinates (x, y, z, 1).
+    The parameters are m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
+    [kg, kg m, kg m^2].
     """
     return np.tensordot(np.asarray(theta, float), PSEUDO_INERTIA_BASIS, axes=(-1, 0))
 

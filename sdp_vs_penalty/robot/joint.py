@@ -150,7 +150,8 @@ class HeldJoint(JsonRecord):
 
 
 class ChannelNames(tuple[str, ...]):
-    """Names of the driven joints in order; held : joints that a log may hold besides."""
+    """Names of the driven joints in order; ``held`` are joints that a log may hold
+    besides."""
 
     held: tuple[HeldJoint, ...] = ()
 

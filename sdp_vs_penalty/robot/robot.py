@@ -313,14 +313,11 @@ class Robot(JsonRecordSkippingNone):
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
     def link_reach(self) -> Array:
-        """Return how far each link reaches to the next joints.
+        """Return the distance (links,) [m] from each link frame's origin to the
+        farthest joint that the link bears: a length scale for links of which nothing
+        else is known.
 
-        Returns
-        -------
-        (links,) array
-            Distance [m] from each link frame's origin to the farthest joint that the
-            link bears: a length scale for links of which nothing else is known. The
-            last link gets that of its parent.
+        The last link gets that of its parent.
         """
         return self._link_reach.copy()
 

@@ -124,18 +124,8 @@ class Sensor:
         return np.column_stack(columns)
 
     def instants(self, duration: float) -> Array:
-        """Return the instants at which the controller renews its values.
-
-        Parameters
-        ----------
-        duration : float
-            Length of the run [s].
-
-        Returns
-        -------
-        (N,)
-            From 0 until the duration or one sample more [s].
-        """
+        """Return the instants (N,) [s] at which the controller renews its values, from
+        0 until the duration [s] or one sample more."""
         return np.arange(int(np.ceil(duration * self.rate)) + 1) / self.rate
 
     def log(

@@ -266,23 +266,11 @@ class Header:
         return Measurements.of(t, blocks, (self.path.name,))
 
     def read(self, columns: Mapping[str, Array]) -> Measurements:
-        """Make the run of complete columns.
+        """Make the run in SI units of complete columns by the file's names, (N,)
+        numbers or (N, n) blocks.
 
-        Parameters
-        ----------
-        columns : Mapping[str, Array]
-            (N,) numbers or (N, n) blocks, by the file's names.
-
-        Returns
-        -------
-        Measurements
-            The run in SI units, one row a sample.
-
-        Raises
-        ------
-        InputError
-            Columns of different lengths, groups with different numbers of joints, or no
-            clock.
+        Raises InputError for columns of different lengths, groups with different
+        numbers of joints, or no clock.
         """
         return self.gather([self.run(columns)])
 
@@ -567,10 +555,10 @@ def _groups(
     """List the file's columns of each channel group: {"t": ["time"], "q": ["pos_1",
     ...], ...}, the clock first.
 
-    rename : the file's names by ours, chosen by the user or recognised. names : all
-    columns. choice : the rate, and whether the user renamed columns. what : how
-    messages call the file. Columns that have our names count too, unless the columns
-    were recognised (``is_recognised``): then all of them are in ``rename``.
+    ``rename`` has the file's names by ours, which the user chose or which were
+    recognised. Columns that have our names count too, unless the columns were
+    recognised (``is_recognised``): then all of them are in ``rename``. Messages call
+    the file ``what``.
     """
     our_names = {} if is_recognised else dict(zip(names, names, strict=True))
     named = {**our_names, **rename}

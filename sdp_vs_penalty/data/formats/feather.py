@@ -16,23 +16,8 @@ SUFFIXES = (".feather", ".arrow")
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of a Feather file.
-
-    Parameters
-    ----------
-    choice : Choice
-        The robot's joints, the columns chosen by ``--rename``, and the rate.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or a channel that is missing.
-    """
+    """Read the run of a Feather file. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.MeasurementFormat.read`."""
     return run_of_columns(path, read_columns(path), choice)
 
 

@@ -24,23 +24,8 @@ _WITHIN = "\n"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of an HDF5 file.
-
-    Parameters
-    ----------
-    choice : Choice
-        The robot's joints, the data sets chosen by ``--rename``, and the rate.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        h5py is not installed, a file that cannot be read, or a channel that is missing.
-    """
+    """Read the run of an HDF5 file; raise InputError without h5py. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.MeasurementFormat.read`."""
     return run_of_columns(path, read_columns(path), choice)
 
 

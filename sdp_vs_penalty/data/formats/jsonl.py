@@ -86,23 +86,12 @@ def cell_table(
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Read the fields that hold a number, or a list of numbers, in every line.
+    """Read the fields that hold a number, or a list of numbers, in every line of a text
+    with one JSON object a line.
 
-    Parameters
-    ----------
-    path : Path
-        Path of a text with one JSON object a line.
-
-    Returns
-    -------
-    dict of str to array
-        (N,) numbers, or (N, n) of lists, by the field's name; "header.stamp.sec" for
-        fields of objects within objects.
-
-    Raises
-    ------
-    InputError
-        A line that is no JSON object, or lists of different lengths.
+    They are (N,) numbers, or (N, n) of lists, by the field's name; "header.stamp.sec"
+    for fields of objects within objects. Raises InputError for a line that is no JSON
+    object, and for lists of different lengths.
     """
     return _columns_and_joints(path)[0]
 

@@ -20,23 +20,8 @@ SUFFIXES = (".mat",)
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of a .mat file: its variables, or the fields of its structs.
-
-    Parameters
-    ----------
-    choice : Choice
-        The robot's joints, the variables chosen by ``--rename``, and the rate.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or a channel that is missing.
-    """
+    """Read the run of a .mat file: its variables, or the fields of its structs. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.MeasurementFormat.read`."""
     return run_of_columns(path, read_columns(path), choice)
 
 

@@ -27,25 +27,9 @@ _KIND = (
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of a NumPy array: its fields by their names, or its columns.
-
-    Parameters
-    ----------
-    path : Path
-        Path of a file with a structured array (N,), or a plain array (N, columns).
-    choice : Choice
-        Names of the columns and the rate, which a plain array does not have.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        An array of another shape, or columns that are unknown.
-    """
+    """Read the run of a structured array (N,), by the names of its fields, or of a
+    plain array (N, columns), which has no names and no rate. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.MeasurementFormat.read`."""
     return run_of_columns(path, read_columns(path), choice)
 
 

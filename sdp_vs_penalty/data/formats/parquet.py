@@ -28,23 +28,8 @@ SUFFIXES = (".parquet", ".pq")
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of a Parquet table; texts are left out.
-
-    Parameters
-    ----------
-    choice : Choice
-        What of the file to take: joints, columns, rate.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or a channel that is missing.
-    """
+    """Read the run of a Parquet table; texts are left out. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.MeasurementFormat.read`."""
     with _opened(path) as file:
         header = _header(path, choice, file)
         places = _places_of_joints(path, file)

@@ -1055,18 +1055,11 @@ def columns_of_joint_names(names: Sequence[str]) -> list[str]:
 
 
 def joints_of_texts(texts: Sequence[str]) -> list[str]:
-    """Read the joints' names of one row.
+    """Read the joints' names of one row, from its cells in the columns of
+    :func:`columns_of_joint_names`.
 
-    Parameters
-    ----------
-    texts : Sequence[str]
-        The row's cells in the columns of :func:`columns_of_joint_names`.
-
-    Returns
-    -------
-    list of str
-        One name a cell, or the names of a list in the only cell; empty without cells,
-        and for a list of fewer than two names.
+    There is one name a cell, or the names of a list in the only cell; none without
+    cells, and for a list of fewer than two names.
     """
     return _words_of_list(texts[0]) if len(texts) == 1 else list(texts)
 

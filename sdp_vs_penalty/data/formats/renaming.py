@@ -16,18 +16,7 @@ _DEGREES = ("deg", "degree", "degrees")
 
 
 def group_of(our_name: str) -> str:
-    """Return the channel group of one of our names: "tau" for "tau3".
-
-    Parameters
-    ----------
-    our_name : str
-        Name as RUN.csv has it.
-
-    Returns
-    -------
-    str
-        The name without its number.
-    """
+    """Return the channel group of a name of RUN.csv: "tau" for "tau3"."""
     return our_name.rstrip("0123456789")
 
 

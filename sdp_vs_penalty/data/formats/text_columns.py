@@ -276,19 +276,8 @@ def _refuse_widths(
 
 
 def iter_cells(table: TextTable, column: int) -> Iterator[list[str]]:
-    """Iterate over the cells of one column as texts, in pieces of bounded size.
-
-    Parameters
-    ----------
-    column : int
-        Place of the column, from 0.
-
-    Yields
-    ------
-    list[str]
-        The cells of a piece's rows; rows of another length than the header are left
-        out.
-    """
+    """Iterate over the cells of the column at a place, from 0, as texts, in pieces of
+    bounded size; rows of another length than the header are left out."""
     for first, rows in iter_rows(table.path):
         values = rows[max(table.first - first, 0) :]
         cells = [split_cells(row, table.delimiter) for row in values]

@@ -332,16 +332,8 @@ def with_shift(
 
 
 def sign(world: World, joint: int, motion: TrueMotion) -> Array:
-    """Return the direction (N,) of a joint's dry friction, -1 to 1, smoothed as the
-    world smooths it.
-
-    Parameters
-    ----------
-    joint : int
-        Index of the joint, from 0.
-    motion : TrueMotion
-        N samples of the joints' motion.
-    """
+    """Return the direction (N,) of a joint's (from 0) dry friction along a motion, -1
+    to 1, smoothed as the world smooths it."""
     return world.share(motion)[:, joint]
 
 
@@ -774,8 +766,8 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """Make a delay of torque channels against the positions: the added torque is tau(t
     - size) - tau(t), and the size is the delay [s].
 
-    channels : joints (from 0) whose torque is late. joints : joints that the effect is
-    said to act on; () for the whole robot.
+    The torque of the joints ``channels`` (from 0) is late; the effect is said to act on
+    ``joints``, () for the whole robot.
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
