@@ -80,10 +80,6 @@ class Content:
             How the user wants the file; ``force`` accepts links outside of their
             bodies.
 
-        Returns
-        -------
-        Content
-
         Raises
         ------
         InputError
@@ -161,10 +157,6 @@ class Content:
             Whether the format has a place for rotor inertia.
         springs : bool
             Whether it has one for springs and torque offsets.
-
-        Returns
-        -------
-        tuple of str
         """
         lost = list[str]()
         if not armature and np.any(self.armature > 0.0):
@@ -242,10 +234,6 @@ def with_effects(estimate: Estimate, holds: Callable[[Effect], bool]) -> Estimat
     ----------
     holds : callable
         Whether to keep an effect.
-
-    Returns
-    -------
-    Estimate
     """
     model = estimate.model
     remaining = [
@@ -373,10 +361,6 @@ class Inertial:
         ----------
         link : (10,)
             Standard parameters [kg, kg m, kg m^2].
-
-        Returns
-        -------
-        Inertial
         """
         if link[0] == 0.0:  # consistent and massless: nothing at all
             return cls(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -503,10 +487,6 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
 def payload(estimate: Estimate) -> Inertial:
     """Return the model's payload: mass, centre of mass and inertia, in the last link's
     frame.
-
-    Returns
-    -------
-    Inertial
 
     Raises
     ------

@@ -70,9 +70,10 @@ class LinkCheck:
     contradictions: tuple[str, ...]
     #: Typing mistakes that explain it and are not told apart, the likeliest first.
     repairs: tuple[Repair, ...]
-    #: The one that explains an impossible link; None where no other is far behind.
+    #: Repair that explains an impossible link; None where no other is far behind.
     repair: Repair | None
-    #: The nearest possible inertial of an inconsistent link with mass (Frobenius norm).
+    #: Nearest possible inertial (Frobenius norm) of an inconsistent link with mass;
+    #: None of other links.
     nearest: Inertial | None
     #: Whether the nearest inertia differs by no more than the written digits.
     is_rounding: bool
@@ -409,10 +410,6 @@ def massless_links(path: str | Path) -> list[str]:
     """Return the names of moving links without an inertial.
 
     A link that is fixed to them may have one instead.
-
-    Returns
-    -------
-    list of str
 
     Raises
     ------

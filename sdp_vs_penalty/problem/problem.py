@@ -679,11 +679,11 @@ class LinkDefault:
 class ProblemFields(JsonRecord):
     """What a model.json holds of its problem; the robot stands beside it."""
 
-    #: As of Problem.
+    #: Name by which verbs and files call it.
     name: str
-    #: As of Problem.
+    #: Title for people.
     title: str
-    #: As of Problem.
+    #: Side of the gear on which the torque is measured.
     torque_side: Literal["link", "motor", "unknown"]
     #: Texts of the effects that a model has by default.
     effects: tuple[str, ...]
@@ -692,11 +692,11 @@ class ProblemFields(JsonRecord):
     bounds: Mapping[str, tuple[float | None, float | None]]
     #: Bounds of the moving links' mass together [kg].
     total_mass: tuple[float | None, float | None]
-    #: As of Problem.
+    #: Further constraints on centres of mass.
     centre_of_mass_cones: tuple[CentreOfMassCone, ...]
-    #: Of each link.
+    #: Largest mass of each link, and largest distance of its centre of mass.
     link_defaults: tuple[LinkDefault, ...]
-    #: Of each link.
+    #: Where each link's mass can be.
     bodies: tuple[Body, ...]
     #: (links, 10) standard parameters.
     nominal_links: Array

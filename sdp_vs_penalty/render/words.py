@@ -137,10 +137,6 @@ def describe_finding(
         it is listed first.
     model : str
         File name of the model, for the command that tests the finding.
-
-    Returns
-    -------
-    FindingWords
     """
     physics = finding.physics
     earlier = diagnosis.effects[: place_in_list - 1]
@@ -236,10 +232,6 @@ def describe_diagnosis(
         Torque unit of each joint.
     model : str
         File name of the diagnosed model, for the commands that test a finding.
-
-    Returns
-    -------
-    DiagnosisWords
     """
     findings = [
         describe_finding(finding, diagnosis, k, model)

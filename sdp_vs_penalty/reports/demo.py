@@ -83,10 +83,6 @@ def demo(
     progress : callable
         Called with a short text at each step.
 
-    Returns
-    -------
-    Demo
-
     Raises
     ------
     InputError

@@ -68,10 +68,6 @@ class JudgedRun:
         ----------
         run : FilteredRun
             The run behind its filters.
-
-        Returns
-        -------
-        JudgedRun
         """
         count = sum(len(states.t) for states in run.states())
         shown = charts.spread_rows(count)

@@ -289,10 +289,6 @@ class Units:
         ----------
         family : str
             Family of constraints: one on masses, on first moments, or on inertias.
-
-        Returns
-        -------
-        float
         """
         if family in ("mass", "total mass", "bounding ellipsoid", "body"):
             return 1.0 / self.mass
@@ -330,10 +326,6 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
 
     Torques become tau / (mass length^2); parameters, bounds and constraint rows follow
     their units: ``mass`` [kg] and ``length`` [m].
-
-    Returns
-    -------
-    Instance
     """
     task = instance.task
     data = instance.data

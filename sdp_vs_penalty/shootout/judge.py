@@ -140,7 +140,8 @@ class Judgement:
     objective_error: float = np.inf
     #: Violation of the constraints, relative (:func:`relative_violation`).
     violation: float = np.inf
-    #: From the proved upper bound to what the contestant's own multipliers prove, relative.
+    #: Distance from the proved upper bound to what the contestant's own multipliers
+    #: prove, relative.
     own_gap: float = np.inf
     #: What is wrong with the answer, in words; "" for nothing.
     remark: str = ""
@@ -171,12 +172,7 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
 
 
 def judge(instance: Instance, reference: Reference, answer: Answer) -> Judgement:
-    """Judge an answer by the proved interval, whatever the contestant says of it.
-
-    Returns
-    -------
-    Judgement
-    """
+    """Judge an answer by the proved interval, whatever the contestant says of it."""
     errors = _primal(instance, reference, answer.theta)
     claims = answer.claims
     error = float(np.max(errors))

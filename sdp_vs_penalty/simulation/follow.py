@@ -600,10 +600,6 @@ def _free_run(
         The parameters, then samples of them, which give the band of the result.
     most_steps : int, optional
         Largest number of samples to simulate.
-
-    Returns
-    -------
-    FreeRun
     """
     # All samples of the parameters are simulated at once; row 0 is the model itself.
     ride = replace(measured, plant=Plant(estimate.model, drawn))

@@ -247,10 +247,6 @@ def true_world(
         Seed of the random friction.
     without : sequence of str
         Effects that the robot does not have, because they are hidden later.
-
-    Returns
-    -------
-    World
     """
     robot = problem.robot
     rng = np.random.default_rng([seed, 1])

@@ -333,11 +333,12 @@ def _channels_of(
 class _Merge:
     """All streams at the N stamps of the stream with the efforts."""
 
-    #: By (joint, field) the stream that has it; None where no stream has it.
+    #: Stream of each (joint, field); None where no stream has it.
     sources: dict[tuple[str, str], _Stream | None]
     #: (N,) stamps of the rows [s].
     t: Array
-    #: By id(stream), how its channels come to these stamps; none for the rows' own.
+    #: How each stream's channels come to these stamps, by id(stream); no entry for the
+    #: stream that has them.
     interpolations: dict[int, Interpolation]
     #: (N,) whether all channels of the row are known.
     is_kept: NDArray[np.bool_]

@@ -230,10 +230,6 @@ def plain(
         Maps world, joint (from 0) and motion to the torque (N,) at size 1.
     signed : bool
         Whether the sign of the torque is drawn at random.
-
-    Returns
-    -------
-    Maker
     """
 
     def make(world: World, joint: int, rng: np.random.Generator) -> Hidden:
@@ -265,10 +261,6 @@ def shifted(
         The library's parameter at size 1.
     rates : bool
         Whether velocity and acceleration of the link follow the shift.
-
-    Returns
-    -------
-    Hidden
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -295,10 +287,6 @@ def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
         Index of the joint, from 0.
     shift : (N,)
         Shift of the joint's link [rad, m].
-
-    Returns
-    -------
-    TrueMotion
     """
     rate = np.gradient(shift, motion.t)
     return with_shift(motion, joint, shift, rate, np.gradient(rate, motion.t))
@@ -317,10 +305,6 @@ def with_shift(
         Index of the joint, from 0.
     shift, rate, acceleration : (N,)
         Shift of the joint's link [rad, m], and its first and second rate.
-
-    Returns
-    -------
-    TrueMotion
     """
     unit = np.eye(motion.q.shape[1])[joint]
     return TrueMotion(
@@ -338,12 +322,7 @@ def sign(world: World, joint: int, motion: TrueMotion) -> Array:
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw a number between two limits whose logarithm is uniformly distributed.
-
-    Returns
-    -------
-    float
-    """
+    """Draw a number between two limits whose logarithm is uniformly distributed."""
     logarithm = rng.uniform(np.log(low), np.log(high))
     return float(np.exp(logarithm))
 
