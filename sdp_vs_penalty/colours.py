@@ -29,11 +29,6 @@ def model_colour(k: int, n_models: int) -> str:
         Index of the model, from 0.
     n_models : int
         Number of models in the figure.
-
-    Returns
-    -------
-    str
-        A CSS colour.
     """
     if k == n_models - 1:
         return AFTER

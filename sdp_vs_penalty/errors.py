@@ -17,11 +17,6 @@ def printable(text: object) -> str:
     Control characters, line ends and bytes of a file name that are no text are written
     as Python escapes.
 
-    Parameters
-    ----------
-    text : object
-        Anything to print.
-
     Returns
     -------
     str
@@ -53,11 +48,6 @@ def command_line(words: Iterable[object]) -> str:
     ----------
     words : iterable
         Program and arguments; a path that begins with a dash gets "./" before it.
-
-    Returns
-    -------
-    str
-        The command.
 
     Examples
     --------
@@ -119,7 +109,7 @@ class InputError(ValueError):
         Parameters
         ----------
         what : str
-            What is wrong.
+            What is wrong, as a clause.
         remedy : str
             What the user can do about it.
         where : str or Path, optional
@@ -261,8 +251,6 @@ def require_known(
         What the names are, for the sentence.
     name : object
         The name to look up.
-    known : iterable
-        All names.
     where : Any
         Place of the name: a file or a field.
 
@@ -287,13 +275,6 @@ def require_known(
 
 def unreadable(error: Exception, where: Any) -> InputError:
     """Return the error for a file that the operating system does not let us read.
-
-    Parameters
-    ----------
-    error : Exception
-        The system's error.
-    where : Any
-        The file.
 
     Returns
     -------
@@ -322,18 +303,11 @@ def other_robot(
         Number of joints of the data or model.
     expected : int
         Number of joints of the robot.
-    where : Any
-        The file.
     choose : str
         What the user should choose instead.
     names : sequence of str
         Names of the robot's joints. If as many of them as are missing sound like a
         gripper or a wheel, the sentence proposes to hold these.
-
-    Returns
-    -------
-    InputError
-        One sentence.
 
     Examples
     --------
@@ -360,18 +334,7 @@ def other_robot(
 
 def install_command(extra: str) -> str:
     """Return the command that installs an optional part, from the package or a
-    checkout.
-
-    Parameters
-    ----------
-    extra : str
-        Name of the extra.
-
-    Returns
-    -------
-    str
-        A command to paste.
-    """
+    checkout."""
     return (
         f"pip install 'sdp-vs-penalty[{extra}]' (in a checkout: pip install"
         f" '.[{extra}]')"
@@ -385,8 +348,6 @@ def missing_extra(what: str, extra: str) -> InputError:
     ----------
     what : str
         What needs the part, as the beginning of the sentence ("Plots need").
-    extra : str
-        Name of the extra.
 
     Returns
     -------

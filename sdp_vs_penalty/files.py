@@ -124,11 +124,6 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
     largest : int
         Largest size of a file [bytes].
 
-    Yields
-    ------
-    Path
-        The path to read.
-
     Raises
     ------
     InputError
@@ -164,19 +159,10 @@ def unpacks_to_too_much(path: Path) -> InputError:
 
 
 def memory_for(size: int) -> int:
-    """Return how much memory the unpacking of a file may take.
+    """Return how much memory [bytes] the unpacking of a file of this size [bytes] may
+    take.
 
     Measured channels unpack to 3 to 20 times the size of their file.
-
-    Parameters
-    ----------
-    size : int
-        Size of the file [bytes].
-
-    Returns
-    -------
-    int
-        [bytes].
     """
     return _ROOM + _PER_BYTE * size
 
@@ -185,15 +171,6 @@ def path_or_file(path: Path) -> Path | BinaryIO:
     """Return a path, or the opened file if its name is not UTF-8.
 
     Some libraries take UTF-8 paths only.
-
-    Parameters
-    ----------
-    path : Path
-        Any path.
-
-    Returns
-    -------
-    Path or BinaryIO
     """
     try:
         str(path).encode()
@@ -205,21 +182,12 @@ def path_or_file(path: Path) -> Path | BinaryIO:
 def read_bytes(
     path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
 ) -> bytes:
-    """Read a complete file.
+    """Read a complete file of at most ``largest`` bytes.
 
     Parameters
     ----------
-    path : path
-        A regular file.
-    largest : int
-        Largest size [bytes].
     is_own : bool
         Whether the command maintains this file itself, and may write it again.
-
-    Returns
-    -------
-    bytes
-        Its content.
 
     Raises
     ------
@@ -272,21 +240,12 @@ def refuse_stand_in(path: str | Path, content: bytes) -> None:
 def read_text(
     path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
 ) -> str:
-    """Read a complete file of UTF-8 text.
+    """Read a complete file of UTF-8 text, of at most ``largest`` bytes.
 
     Parameters
     ----------
-    path : path
-        A regular file.
-    largest : int
-        Largest size [bytes].
     is_own : bool
         Whether the command maintains this file itself, and may write it again.
-
-    Returns
-    -------
-    str
-        Its text.
 
     Raises
     ------
@@ -332,19 +291,12 @@ def read_json(
 
     Parameters
     ----------
-    path : path
-        The file.
     kind : str
         What the document is, for the error's sentence.
     mark : str
         A field that every document of this kind has.
     build : callable
         Makes the record from the document's fields.
-
-    Returns
-    -------
-    Any
-        What ``build`` returns.
 
     Raises
     ------
@@ -377,8 +329,6 @@ def require_format(
 
     Parameters
     ----------
-    data : mapping
-        The document's fields.
     newest, oldest : int
         Formats that this version reads.
     unmarked : int or None
@@ -387,11 +337,6 @@ def require_format(
         What an older format lacks, for the error message.
     remedy : str
         What to do about it.
-
-    Returns
-    -------
-    int
-        The format.
 
     Raises
     ------
@@ -437,11 +382,6 @@ def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     ----------
     pairs : list of tuples
         Names and values, as the parser finds them.
-
-    Returns
-    -------
-    dict
-        The fields.
     """
     fields_ = dict(pairs)
     if len(fields_) < len(pairs):
@@ -456,15 +396,8 @@ def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
 
     Parameters
     ----------
-    path : Path
-        The file.
     build : callable
         Makes the record from the file's fields.
-
-    Returns
-    -------
-    Any
-        What ``build`` returns.
 
     Raises
     ------
@@ -488,8 +421,6 @@ def _built(
     ----------
     path : Path
         The file, for the error message.
-    text : str
-        Its content.
     parse : callable
         Parser of JSON or TOML.
     build : callable
@@ -536,15 +467,8 @@ def writing(path: str | Path, lasting: bool = True) -> Iterator[BinaryIO]:
 
     Parameters
     ----------
-    path : path
-        The file to write.
     lasting : bool
         Whether it waits until the file is on the disk and survives a power cut.
-
-    Yields
-    ------
-    BinaryIO
-        The new file.
 
     Raises
     ------
@@ -643,15 +567,6 @@ def _is_folder(path: Path) -> InputError:
 def write_bytes(path: str | Path, content: bytes, lasting: bool = True) -> None:
     """Write a file atomically: completely or not at all.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    content : bytes
-        Its content.
-    lasting : bool
-        As for :func:`writing`.
-
     Raises
     ------
     InputError
@@ -748,17 +663,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def lives(process: int) -> bool:
-    """Whether a process exists, perhaps of another user.
-
-    Parameters
-    ----------
-    process : int
-        Process number.
-
-    Returns
-    -------
-    bool
-    """
+    """Whether a process exists, perhaps of another user."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
@@ -777,8 +682,6 @@ def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
 
     Parameters
     ----------
-    folder : Path
-        The folder.
     patience : float
         How long to wait for another command [s].
 
@@ -824,15 +727,6 @@ def write_text(path: str | Path, content: str, lasting: bool = True) -> None:
     """Write a text as UTF-8, atomically: completely or not at all.
 
     Bytes of a file name that are not text (PEP 383) are written as escapes.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    content : str
-        Its text.
-    lasting : bool
-        As for :func:`writing`.
 
     Raises
     ------

@@ -14,17 +14,8 @@ def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
 
     Parameters
     ----------
-    panels : axes, array of axes, or None
-        Existing axes.
     rows, columns : int
         Grid of the new figure.
-    **settings : Any
-        Arguments of ``matplotlib.pyplot.subplots``.
-
-    Returns
-    -------
-    axes or array of axes
-        One for each panel.
 
     Raises
     ------
@@ -47,10 +38,6 @@ def plain_unit(unit: str) -> str:
     ----------
     unit : str
         Unit as files hold it.
-
-    Returns
-    -------
-    str
     """
     if unit == "-":
         return ""
@@ -67,11 +54,6 @@ _MARKUP = re.compile(
 
 def escape_markdown(text: str) -> str:
     r"""Escape a text for Markdown, on one line.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
 
     Returns
     -------
@@ -92,31 +74,12 @@ def escape_markdown(text: str) -> str:
 
 def finite(x: float) -> float | None:
     """Return a number for JSON, which has no NaN and no infinity: None instead of
-    these.
-
-    Parameters
-    ----------
-    x : float
-        Any number.
-
-    Returns
-    -------
-    float or None
-    """
+    these."""
     return float(x) if math.isfinite(x) else None
 
 
 def words(items: Sequence[object]) -> str:
     """Enumerate items in words: "1, 2 and 3".
-
-    Parameters
-    ----------
-    items : sequence
-        At least one item.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -129,11 +92,6 @@ def words(items: Sequence[object]) -> str:
 
 def sentence(text: str) -> str:
     """Begin a text with a capital letter.
-
-    Parameters
-    ----------
-    text : str
-        A sentence.
 
     Returns
     -------
@@ -156,11 +114,6 @@ def joints(numbers: Sequence[int]) -> str:
     numbers : sequence of int
         Numbers of the joints, from 1.
 
-    Returns
-    -------
-    str
-        Words for a sentence.
-
     Examples
     --------
     >>> joints([4]), joints([2, 5]), joints([1, 2, 3, 4]), joints([1, 2, 4])
@@ -179,11 +132,6 @@ def place(joint_numbers: Sequence[int]) -> str:
     joint_numbers : sequence of int
         Numbers of the joints, from 1; none for the whole robot.
 
-    Returns
-    -------
-    str
-        Words for a title.
-
     Examples
     --------
     >>> place([2, 5]), place([])
@@ -201,12 +149,6 @@ def number(x: float | None, digits: int = 3) -> str:
     ----------
     x : float or None
         The number; None if it is unknown.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -220,20 +162,7 @@ def number(x: float | None, digits: int = 3) -> str:
 
 
 def times_noise(ratio: float, error: float, unit: str) -> str:
-    """Write an error as a multiple of its noise, and in its unit.
-
-    Parameters
-    ----------
-    ratio : float
-        Error over noise.
-    error : float
-        The error [unit].
-    unit : str
-        "N m" or "N".
-
-    Returns
-    -------
-    str
+    """Write an error [unit] as a multiple of its noise, and in its unit.
 
     Examples
     --------
@@ -254,14 +183,8 @@ def errors_with_noise(
         Errors in the order of the models [unit].
     ratios : sequence of float or None
         The same over the joint's noise floor; None where that is not known.
-    unit : str
-        "N m" or "N".
     between : str
         What stands between two errors.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -277,19 +200,6 @@ def errors_with_noise(
 def milli(value: float, unit: str, digits: int = 3) -> str:
     """Write a quantity in thousandths of its unit.
 
-    Parameters
-    ----------
-    value : float
-        The quantity.
-    unit : str
-        Its unit.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> milli(0.0123, "rad"), milli(0.004, "s", 2)
@@ -300,17 +210,6 @@ def milli(value: float, unit: str, digits: int = 3) -> str:
 
 def percent(share: float, digits: int = 3) -> str:
     """Write a share (1 is all) in per cent.
-
-    Parameters
-    ----------
-    share : float
-        The share.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -331,13 +230,6 @@ def command(*words: object) -> str:
 
 def convert_command(path: object, *words: object) -> str:
     """Return the ``convert`` command for a file, quoted for a shell.
-
-    Parameters
-    ----------
-    path : path
-        The file to convert.
-    *words : Any
-        Options of the command.
 
     Returns
     -------
@@ -377,34 +269,12 @@ def left_out_still(still: float) -> str:
 
 
 def count(number: int, noun: str) -> str:
-    """Write a number with its noun: "1 problem", "2 problems".
-
-    Parameters
-    ----------
-    number : int
-        The number.
-    noun : str
-        The noun in the singular.
-
-    Returns
-    -------
-    str
-    """
+    """Write a number with its noun: "1 problem", "2 problems"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def times(number: int) -> str:
-    """Say how often something happens: "once", "2 times".
-
-    Parameters
-    ----------
-    number : int
-        How often.
-
-    Returns
-    -------
-    str
-    """
+    """Say how often something happens: "once", "2 times"."""
     return "once" if number == 1 else f"{number} times"
 
 

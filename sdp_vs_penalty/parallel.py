@@ -47,8 +47,6 @@ def spread(
     ----------
     function : callable
         A function of one item that can be pickled.
-    items : iterable
-        The items.
     scheduler : str or None
         Address of a Dask scheduler; None for processes of this computer.
     jobs : int
@@ -240,38 +238,22 @@ def _unheard(text: str) -> None:
 
 @dataclass(frozen=True)
 class Workers:
-    """Who does work that falls into parts: this process, several (``jobs``), or a Dask
-    cluster.
+    """Who does work that falls into parts: this process, several, or a Dask cluster."""
 
-    scheduler : the cluster's address, tcp://HOST:PORT; progress : hears how many parts
-    are done.
-    """
-
+    #: Number of processes of this computer.
     jobs: int = 1
+    #: Address of the cluster's scheduler, tcp://HOST:PORT; None for this computer.
     scheduler: str | None = None
+    #: Receives how many parts are done, as a line of text.
     progress: Callable[[str], None] = _unheard
 
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> list[Result]:
-        """Map a function over items; results are in the order of the items.
+        """Map a function of one item, which can be pickled, over items; results are in
+        the order of the items.
 
-        Parameters
-        ----------
-        function : callable
-            A function of one item that can be pickled.
-        items : iterable
-            The items.
-
-        Returns
-        -------
-        list
-            The result of each item.
-
-        Raises
-        ------
-        InputError
-            As for :func:`spread`.
+        Raises InputError as :func:`spread` does.
         """
         todo = list(items)
         result_by_place: dict[int, Result] = {}

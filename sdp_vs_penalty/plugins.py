@@ -12,42 +12,17 @@ from sdp_vs_penalty.errors import InputError, require_known
 
 
 def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
-    """Import the modules of a package, one by one.
-
-    Parameters
-    ----------
-    package : str
-        The package's ``__name__``.
-    path : iterable of str
-        The package's ``__path__``.
-    mark : str
-        Only modules with an attribute of this name; "" for all.
-
-    Returns
-    -------
-    iterator of modules
-        In alphabetical order.
-    """
+    """Import the modules of a package of this ``__name__`` and ``__path__``, one by one
+    in alphabetical order; only those with an attribute ``mark``, "" for all."""
     homes = (import_module(f"{package}.{module.name}") for module in iter_modules(path))
     return (home for home in homes if not mark or hasattr(home, mark))
 
 
 def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
-    """Return the plug-in classes of a package, by name.
+    """Return the plug-in classes of a package of this ``__name__`` and ``__path__``, in
+    alphabetical order of their names.
 
-    Parameters
-    ----------
-    package : str
-        The package's ``__name__``.
-    path : iterable of str
-        The package's ``__path__``.
-    base : type
-        The plug-ins' base class. Subclasses without a ``name`` are no plug-ins.
-
-    Returns
-    -------
-    dict of str to type
-        The classes in alphabetical order of their names.
+    Subclasses of ``base`` without a ``name`` are no plug-ins.
 
     Raises
     ------
@@ -79,21 +54,8 @@ def load_class(
     ----------
     kind : str
         What the plug-ins are, for the error message.
-    package : str
-        The package's ``__name__``.
-    path : iterable of str
-        The package's ``__path__``.
-    base : type
-        The plug-ins' base class.
-    name : str
-        Name of the plug-in.
     all_classes : callable
         Returns all plug-ins by name, as :func:`classes` does.
-
-    Returns
-    -------
-    type
-        The class.
 
     Raises
     ------
@@ -115,8 +77,6 @@ def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
 
     Parameters
     ----------
-    pairs : iterable of tuples
-        Word and plug-in.
     word : str
         What the word is, for the error message.
 
@@ -148,8 +108,6 @@ def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:
 
     Parameters
     ----------
-    package : str
-        The package's ``__name__``.
     **homes : str
         For each module of the package the names that it exports, separated by spaces.
 
@@ -171,19 +129,10 @@ def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:
 
 
 def summary_line(thing: Any) -> str:
-    """Return the summary of a docstring on one line.
+    """Return the summary of a module's, class's or function's docstring, on one line;
+    "" without a docstring.
 
     The summary ends at the first line that ends with a full stop, or at an empty line.
-
-    Parameters
-    ----------
-    thing : object
-        A module, class or function.
-
-    Returns
-    -------
-    str
-        "" without a docstring.
     """
     sentence = []
     for line in (inspect.getdoc(thing) or "").splitlines():

@@ -89,10 +89,6 @@ class JsonRecord:
             Fields by name; null stands for a field's default, if it has one. What is no
             field is ignored.
 
-        Returns
-        -------
-        JsonRecord
-
         Raises
         ------
         InputError
@@ -141,13 +137,6 @@ def from_json(kind: type[T], data: Any) -> T:
     ----------
     kind : type
         A record, or any type that a field of a record may have.
-    data : Any
-        The JSON.
-
-    Returns
-    -------
-    Any
-        Of that type.
 
     Raises
     ------

@@ -177,8 +177,6 @@ def add_certain_findings(
 
     Parameters
     ----------
-    diagnosis
-        The diagnosis of ``model``.
     model
         The model without the findings.
     measurements
@@ -188,8 +186,6 @@ def add_certain_findings(
     judged_recordings
         Recordings of which the test run is a window; they have the noise floor that is
         reported.
-    frozen, seed, progress, gain_uncertainty
-        As in :func:`diagnose`.
 
     Returns
     -------

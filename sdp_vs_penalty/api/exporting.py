@@ -65,16 +65,10 @@ def export(
 def judge_as_exported(
     model: Estimate, out: str | Path, measurements: Source, noise_from: Source = None
 ) -> tuple[Verdict, str] | None:
-    """Judge a model without the effects that a file of this name cannot hold.
+    """Judge a model, on runs, without the effects that a file of this name cannot hold.
 
     Parameters
     ----------
-    model : Estimate
-        The model.
-    out : str or Path
-        Name of the file.
-    measurements : path, arrays, DataFrame, Measurements, list of these
-        Runs to judge on.
     noise_from : the same, optional
         The recordings of which the measurements are windows.
 

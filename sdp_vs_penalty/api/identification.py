@@ -245,8 +245,6 @@ def identify_and_judge(
 
     Parameters
     ----------
-    problem, measurements, method, progress, proof, workers, noise_from, check
-        As in :func:`identify`.
     options : PoseOptions
         The other arguments of :func:`identify`.
     warn : callable
@@ -260,7 +258,7 @@ def identify_and_judge(
     Returns
     -------
     Estimate
-        With its verdict.
+        The model, with its verdict.
     Comparison or None
         Of the model with its own measurements; None for a black box's answers, which
         are no torque along a motion.

@@ -68,7 +68,7 @@ class Rival(NamedTuple):
 
     #: Kind of its issue.
     kind: str
-    #: Its joints, from 0.
+    #: Joints of the issue, from 0.
     joints: tuple[int, ...]
     #: What is wrong, in one sentence.
     what: str

@@ -50,10 +50,6 @@ def say_what_follows(
 
     Parameters
     ----------
-    model
-        The model's file.
-    estimate
-        The model.
     verdict
         On the given runs, if they were judged.
     data, window, gravity

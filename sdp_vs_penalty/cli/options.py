@@ -90,14 +90,12 @@ def _parsed_option_lines(lines: str) -> dict[str, Any]:
 
 
 def _value(kind: type, low: float | None, high: float | None) -> Callable[[str], Any]:
-    """Return a function that converts a word to a value, for argparse.
+    """Return a function that converts a word to a value within limits, for argparse.
 
     Parameters
     ----------
     kind : type
         str, int, float, Path or a StrEnum, whose words are the allowed ones.
-    low, high : float or None
-        Limits of a number.
     """
 
     def made(word: str) -> Any:
@@ -127,13 +125,6 @@ class Parser(argparse.ArgumentParser):
 
         The docstring holds the description, "Example: ..." and a line for each option;
         options that several verbs share are described in SHARED.
-
-        Parameters
-        ----------
-        name : str
-            Name of the verb.
-        verb : callable
-            Its function.
         """
         text, _, tail = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
         example, _, lines = tail.partition("\n")
@@ -179,22 +170,15 @@ class Parser(argparse.ArgumentParser):
         text: str,
         limits: Any,
     ) -> argparse.Action:
-        """Declare one parameter of the verb to argparse.
+        """Declare one parameter of the verb to argparse; ``limits`` are the smallest
+        and the largest value of a number, None for none.
 
         Parameters
         ----------
-        p : Parameter
-            Name and default.
         kind : type
             Its type hint; a list takes several values, ``| None`` is dropped.
         flags : list of str
             Its flags; none for a positional argument.
-        metavar : str
-            Example of a value.
-        text : str
-            Help text.
-        limits : (float or None, float or None)
-            Limits of a number.
         """
         if isinstance(kind, UnionType):  # "... | None"
             kind = get_args(kind)[0]

@@ -31,8 +31,6 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
 
     Parameters
     ----------
-    result : Estimate
-        The model.
     fit : Comparison or None
         With the measurements that it came from; None for a black box's answers.
     seconds : float
@@ -230,8 +228,6 @@ def diagnosis(
 
     Parameters
     ----------
-    result : Diagnosis
-        What the model misses.
     units : sequence of str
         Torque unit of each joint.
     model : Path or str

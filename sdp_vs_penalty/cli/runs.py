@@ -218,8 +218,6 @@ def runs_for(
     ----------
     estimate : Estimate
         The model; the runs need its number of joints and plausible positions.
-    data : list of Path
-        Runs to fit.
     window, test_window : str or None
         Parts of the runs and of the test run to use, as the user wrote them.
     test : Path, optional

@@ -34,11 +34,11 @@ class ParameterEntry(JsonRecord):
     """One parameter of the model: its value, what the data say of it, and where it
     belongs."""
 
-    #: Of the parameter, such as "m1".
+    #: Name of the parameter, such as "m1".
     name: str
-    #: Of the value.
+    #: Unit of the value.
     unit: str
-    #: As identified.
+    #: Value as identified.
     value: float
     #: Standard deviation; NaN where the data do not determine the parameter.
     std: float = np.nan
@@ -46,15 +46,15 @@ class ParameterEntry(JsonRecord):
     lower: float = -np.inf
     #: Upper end of the 95 % interval.
     upper: float = np.inf
-    #: "identifiable", "weakly" or "not seen".
+    #: Verdict of the interval: "identifiable", "weakly" or "not seen".
     verdict: str = NOT_SEEN
-    #: Of the robot's file; NaN where it has none.
+    #: Value that the robot's file states; NaN where it has none.
     nominal: float = np.nan
     #: What determines the value.
     source: Source = "data"
-    #: Name of the effect that it belongs to.
+    #: Name of the effect that the parameter belongs to.
     effect: str = ""
-    #: From 1; None for a parameter of the whole robot.
+    #: Joint of the parameter, from 1; None for a parameter of the whole robot.
     joint: int | None = None
 
     def __post_init__(self) -> None:
@@ -74,7 +74,7 @@ class CovarianceBlock(JsonRecord):
 
     #: Names of the parameters.
     parameters: tuple[str, ...]
-    #: (k, k), in their order.
+    #: (k, k) covariance, in the order of the names.
     matrix: Array
 
 
@@ -83,15 +83,16 @@ class UncertaintyFields(JsonRecord):
     """An Uncertainty less the intervals of the model's parameters, which stand with
     these."""
 
-    #: Of the combinations that make torque.
+    #: Intervals of the combinations that make torque.
     base: tuple[Interval, ...]
-    #: As of Uncertainty.
+    #: (p, r) factor of the covariance of everything that the data show.
     spread: Array
-    #: As of Uncertainty.
+    #: (p, n) change of the parameters for a unit relative error of each torque
+    #: channel's gain.
     gain_response: Array
-    #: As of Uncertainty.
+    #: (n,) standard deviation of the torque that the model leaves [N m, N].
     torque_noise: Array
-    #: As of Uncertainty.
+    #: (n, e) factor of the covariance of the gains' relative errors.
     gain_errors: Array
     #: Probability of all intervals.
     level: float = LEVEL
@@ -214,23 +215,23 @@ class CheckedIssue:
 class ProvenanceFields:
     """Those entries of a provenance that the package reads again."""
 
-    #: Of the training runs.
+    #: Hash of the training runs.
     data_hash: str
-    #: Their names.
+    #: Names of the training runs.
     runs: tuple[str, ...]
-    #: Rows of all of them.
+    #: Number of rows of all training runs.
     samples: int
     #: Versions of the packages that took part, by name.
     versions: Mapping[str, str]
-    #: Of random choices.
+    #: Seed of random choices.
     seed: int | None = None
-    #: On the training runs, or those that the model was judged on.
+    #: Verdict on the training runs, or on those that the model was judged on.
     verdict: Verdict | None = None
     #: Noise floor of the training runs.
     noise: NoiseFloor | None = None
     #: Words of the command line after --data: files, and a window.
     data: tuple[str, ...] = ()
-    #: The same, of the runs that the model was judged on.
+    #: The same words for the runs that the model was judged on.
     judged_data: tuple[str, ...] = ()
     #: Whether the runs passed the check; None if a version did not say it.
     checked: bool | None = None
@@ -246,33 +247,33 @@ class ModelFile(JsonRecord):
 
     #: Format of the file.
     format: int
-    #: Bounds and prior.
+    #: Bounds and prior of the problem.
     problem: ProblemFields
     #: Name of the estimator.
     method: str
-    #: Its settings, and how joints were weighted.
+    #: Settings of the estimator, and how joints were weighted.
     settings: Mapping[str, Any]
-    #: The model's parameters.
+    #: Parameters of the model.
     parameters: tuple[ParameterEntry, ...]
-    #: As of Estimate.
+    #: Violations of constraints, and the distance to the optimum.
     certificate: Certificate
-    #: As of Model.
+    #: The robot of the model.
     robot: Robot
-    #: Of the model, in its order.
+    #: Effects of the model, in its order.
     effects: tuple[EffectEntry, ...]
     #: Filters, resolved.
     preprocessing: Preprocessing
-    #: As of Uncertainty.
+    #: What the training runs say of the parameters, less the intervals above.
     uncertainty: UncertaintyFields
-    #: Plain JSON; see DetailsFields.
+    #: What method and posing report, as plain JSON; DetailsFields are read again.
     details: Mapping[str, Any]
-    #: Plain JSON; see ProvenanceFields.
+    #: Where the model is from, as plain JSON; ProvenanceFields are read again.
     provenance: Mapping[str, Any]
-    #: As of Model.
+    #: Values of known parameters, by name.
     known: Mapping[str, float] = field(default_factory=dict)
     #: Parameters that torque-dependent effects refer to; None without any.
     reference: Array | None = None
-    #: For other programs: it follows from the uncertainty.
+    #: Covariance for other programs; it follows from the uncertainty.
     covariance: CovarianceBlock | None = None
     #: Path of the training motion, where that was recorded.
     training_motion: MotionRecord | None = None

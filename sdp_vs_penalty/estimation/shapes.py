@@ -62,13 +62,13 @@ class ShapeEstimate(JsonRecord):
 
     #: Name of the effect.
     effect: str
-    #: From 1.
+    #: Joint of the effect, from 1.
     joint: int
     #: Name of the constant.
     shape: str
-    #: What the model had.
+    #: Value that the model had.
     before: float
-    #: As estimated.
+    #: Value as estimated.
     after: float
     #: Standard deviation, from the curvature of the squared error; infinite where the
     #: data bound the constant on one side only.

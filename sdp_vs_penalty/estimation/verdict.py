@@ -345,7 +345,7 @@ class JointErrors:
     floor: Array | None
     #: (n,) root mean square of the measured torque [N m or N].
     torque: Array
-    #: Of the joints' torques, such as "N*m".
+    #: Unit of each joint's torque, such as "N*m".
     units: tuple[str, ...]
 
     @property

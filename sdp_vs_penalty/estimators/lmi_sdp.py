@@ -85,7 +85,7 @@ class LmiSdp(Estimator):
     #: counts like ``entropy`` rows; 0: no prior on it. The divergence alone lets masses
     #: follow moments.
     total_spread: float = 0.2
-    #: One of solvers/; None: our own (solvers/primal_dual.py) where its answer is
+    #: Name of a solver; None: our own (solvers/primal_dual.py) where its answer is
     #: certified, else Clarabel.
     solver: str | None = None
     #: Relative accuracy that the solver is asked for.

@@ -63,10 +63,6 @@ def estimate_once(estimator: Estimator, task: Task) -> Result:
     ----------
     estimator : Estimator
         Its settings are part of the cached file's key.
-
-    Returns
-    -------
-    Result
     """
     plain = _estimate(estimator, task)
     return Result(

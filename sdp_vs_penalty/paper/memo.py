@@ -180,10 +180,6 @@ def task_content(task: Task) -> tuple[object, ...]:
     ----------
     task : Task
         The data and constraints of an estimator.
-
-    Returns
-    -------
-    tuple
     """
     constraints = task.constraints
     named = [(c.family, c.name) for c in (*constraints.convex, *task.bodies)]

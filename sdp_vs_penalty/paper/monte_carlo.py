@@ -78,7 +78,7 @@ SETTINGS = (
 class Method:
     """A method of the study."""
 
-    #: Its name in the table.
+    #: Name of the method in the table.
     name: str
     #: What fits the task.
     estimator: Estimator

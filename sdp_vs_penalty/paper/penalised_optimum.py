@@ -379,10 +379,6 @@ class PenalisedProblem:
         ----------
         lower : float
             Certified lower bound of the objective.
-
-        Returns
-        -------
-        PenalisedOptimum
         """
         value = self.value(theta, weight)
         return PenalisedOptimum(

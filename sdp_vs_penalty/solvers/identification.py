@@ -40,7 +40,7 @@ class Placed:
 
     #: The constraint on theta.
     constraint: Constraint
-    #: Its rows in the conic problem.
+    #: Rows of the constraint in the conic problem.
     rows: slice
     #: T of T F T^T for a matrix F, else the factor c of c * F.
     scale: Array

@@ -45,10 +45,6 @@ def is_rounding(loss: float) -> bool:
     ----------
     loss : float
         A loss in its units.
-
-    Returns
-    -------
-    bool
     """
     return loss <= 1e-12
 

@@ -72,10 +72,6 @@ def link_table(
         Name of the table, such as "VIII".
     chosen : callable
         Whether an entry, by its name, is in the table.
-
-    Returns
-    -------
-    Table
     """
     box = study.problem.box
     bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}

@@ -147,10 +147,6 @@ def optimum_inside_box(task: Task, distance: LeastSquares) -> Optimum:
     ----------
     task : Task
         Constraints, bounds and the box on barycentric inertias.
-
-    Returns
-    -------
-    Optimum
     """
     problem = PenalisedProblem(task, two_step=True, target=distance)
     weight = WEIGHT * problem.exact_weight_by_theory

@@ -570,10 +570,6 @@ class Study:
         method : str or Estimator
             A name such as "penalty", or "penalty, joint prior" for one with a prior on
             friction and offsets. An estimator is returned as it is.
-
-        Returns
-        -------
-        Estimator
         """
         if isinstance(method, Estimator):
             return method
@@ -597,10 +593,6 @@ class Study:
         ----------
         estimator : Estimator
             With the settings for the full run.
-
-        Returns
-        -------
-        Estimator
         """
         if isinstance(estimator, PenaltyPaper):
             return replace(estimator, runs=1)

@@ -41,10 +41,6 @@ class TableSpec:
         ----------
         study : Study
             The robot's data sets and every method's estimate, computed on demand.
-
-        Returns
-        -------
-        Table
         """
         study.progress(f"table {self.name}")
         table = self.build(study)
@@ -94,7 +90,8 @@ class Table:
     caption: str = ""
     #: Name of the table: "III" is written as table_III.csv, .md and .tex.
     name: str = ""
-    #: Of a table as printed all columns and rows, written as table_III_all.csv.
+    #: All columns and rows of a table as printed, written as table_III_all.csv; None
+    #: without.
     everything: pandas.DataFrame | None = None
 
     def shortened(
@@ -198,12 +195,7 @@ class Table:
 
 
 def exact_csv(frame: pandas.DataFrame) -> str:
-    """Return a data frame as CSV, with all digits that restore the same numbers.
-
-    Returns
-    -------
-    str
-    """
+    """Return a data frame as CSV, with all digits that restore the same numbers."""
     return forms.Table(list(map(str, frame)), frame.to_numpy().tolist()).csv()
 
 

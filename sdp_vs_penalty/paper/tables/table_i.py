@@ -141,10 +141,6 @@ def fit_sigmoid(
         Returns the rows of a model.
     oversampling : float
         Rows for each independent sample, which the intervals take into account.
-
-    Returns
-    -------
-    SigmoidFit
     """
     data = _Data(problem, rows_of)
     weights = np.ones(problem.robot.n)
