@@ -117,7 +117,7 @@ class Answer:
     status: str
     #: Multipliers of the constraints, as of a Fit; None without a dual.
     multipliers: Array | None = None
-    #: Slopes of the entropic terms, as of a Fit; None without a dual.
+    #: Slopes of the entropic terms, as of a Fit; None where there are none.
     entropy_slopes: Array | None = None
     #: Number of runs that went into the answer, where the contestant starts several.
     attempts: int = 1
