@@ -35,7 +35,7 @@ class Issue:
     repair: Callable[[Measurements], Measurements] | None = None
     #: The numbers behind the issue.
     figures: Mapping[str, Any] = field(default_factory=dict)
-    #: Direction in which gravity points instead [m/s^2], for an issue about it.
+    #: Gravity that the torques show instead [m/s^2], for an issue about it.
     gravity: tuple[float, ...] | None = None
     #: FACT, which is read from the file, or EXPLANATION, which a model of the arm
     #: gives: it competes with other explanations and is never an error.

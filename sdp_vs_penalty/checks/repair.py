@@ -52,7 +52,7 @@ class LogEvent:
 @dataclass(frozen=True)
 class LogTransform:
     """What is done to a log, as in the module's equations, and what its model has to
-    assume; one entry a joint."""
+    assume; one entry a joint where a field has several."""
 
     #: Position channel that each joint takes.
     order: Order

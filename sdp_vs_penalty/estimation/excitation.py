@@ -234,7 +234,7 @@ class Excitation(Shown):
     trajectory: FourierTrajectory
     #: Condition number of its base regressor [-].
     condition: float
-    #: Objective after each iteration.
+    #: Condition number at the start and after each iteration [-].
     history: tuple[float, ...]
 
     def _summary(self) -> Summary:

@@ -149,7 +149,7 @@ class ChannelGains:
 class ServoFields:
     """The servo law that stands for a torque that was not logged."""
 
-    #: Name of the law, a key of LAWS.
+    #: Name of the law, a key of LAWS, or "as given".
     law: str
     #: Delay of the command [s].
     delay: float

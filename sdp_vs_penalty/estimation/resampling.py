@@ -111,7 +111,7 @@ class CrossValidation(Shown):
     problem: str
     #: Name of the estimator.
     method: str
-    #: Names of the model's effects.
+    #: Effects of the model, as they are written.
     effects: tuple[str, ...]
     #: The folds that have rows to judge.
     folds: tuple[Fold, ...]

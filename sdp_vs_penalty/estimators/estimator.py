@@ -62,7 +62,7 @@ class Task:
     nominal: Array
     #: (n, 10, 2) barycentric bounds of each link.
     box: Array
-    #: Names of the base parameters to use; None: chosen by the package.
+    #: Names of the base parameters to use; None: a QR factorisation chooses them.
     independent: tuple[str, ...] | None = None
     #: Seed of random methods.
     seed: int = 0

@@ -340,7 +340,7 @@ class _Stage:
     weight: float
     #: (p,) point to which z is pulled.
     centre: Array
-    #: (k, p) rows of the pull, times z - centre.
+    #: (p, p) rows of the pull, times z - centre.
     near: Array
 
     @cached_property

@@ -130,7 +130,7 @@ class Draw:
 class Truth:
     """What is the same in all draws of a setting."""
 
-    #: Model with the true effects that methods fit.
+    #: Model that the methods fit.
     model: Model
     #: The exciting motion.
     trajectory: FourierTrajectory

@@ -57,7 +57,7 @@ class SdpProblem:
     centre: Array
     #: (p,) unit of each parameter: theta = centre + theta_scale x.
     theta_scale: Array
-    #: Residual that is a unit of the conic problem.
+    #: Expected size of the residual, the unit of the conic problem's.
     loss_scale: float
     #: Rows and scale of each constraint, in their order.
     placed: tuple[Placed, ...]
