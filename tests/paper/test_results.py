@@ -29,7 +29,9 @@ def test_nothing_lies_loose():
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: path.name)
 def test_a_result_lies_beside_its_script(folder):
     names = {path.name for path in folder.iterdir()}
-    assert {"make.py", "README.md", provenance.NOTE} <= names
+    assert {"make.py", "README.md"} <= names
+    is_made = "Not made yet" not in (folder / "README.md").read_text("utf-8")
+    assert (provenance.NOTE in names) == is_made
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: path.name)

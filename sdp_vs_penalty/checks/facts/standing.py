@@ -61,7 +61,7 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
     elif len(joints):
         farthest = float(np.ptp(glance.run.q[:, joints], axis=0).max())
         what = (
-            f"{{where}} never moves (by at most {farthest:.2g}, held beside the others):"
+            f"no motion of {{where}} (at most {farthest:.2g}, held beside the others):"
             " friction and inertia about that axis are not identifiable, and the torque"
             " there is stiction."
         )
