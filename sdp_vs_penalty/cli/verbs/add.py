@@ -63,9 +63,12 @@ def verb(
         judged = train if leaves_spans_out and test is None else runs.judge
         before, after = compare(models, judged, noise_from=runs.judged_recordings)
         if not isinstance(effects, str):
-            on_training = [before, after] if test is None else compare(models, train)
-            _refuse_harm(*on_training, "the training data")
-            _refuse_harm(before, after, str(test or "the training data"))
+            what = "the training data"
+            if test is not None:
+                on_training = compare(models, train)
+                _refuse_harm(on_training[0], on_training[1], what)
+                what = str(test)
+            _refuse_harm(before, after, what)
         judge = words(data, window) if test is None else words([test], test_window)
         bigger.provenance.update(
             {
