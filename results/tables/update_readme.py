@@ -278,7 +278,7 @@ def headline() -> str:
             (
                 "**Choose the SDP**: consistent, certified, fast. On one problem (rows 2, 3)"
                 f" the penalty finds the same optimum in {times()} times the time. Five"
-                f" folds tell no error from the SDP's; least squares err {folds} more than"
+                f" folds tell no error from the SDP's. Least squares err {folds} more than"
                 " the default."
             ),
             markdown(["method", "whose", "links consistent", *names], rows),
