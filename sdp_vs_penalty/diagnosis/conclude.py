@@ -106,11 +106,7 @@ class Conclusion:
         by_joint = sorted(unexplained.items())
         terms = zip(self.search.terms, findings, strict=True)
         passing = passing_causes(
-            self.search,
-            [term for term, f in terms if f.torque_is_certain],
-            is_suspected=bool(
-                happened or joints_without_name or not self.data.noise_is_known
-            ),
+            self.search, [term for term, f in terms if f.torque_is_certain]
         )
         return Diagnosis(
             verdict=verdict,

@@ -32,7 +32,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.encoder import read_again
-from sdp_vs_penalty.signals.filtered import low_passed
+from sdp_vs_penalty.signals.filtered import FilteredRun, low_passed
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
@@ -444,7 +444,10 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     segments: list[Segment] = []
     rate = 0.0
     for index, run in enumerate(measurements.runs()):
-        filters = RunFilter(run, settings)
+        filtered = FilteredRun(run, settings)
+        if not filtered.has_rows:
+            continue
+        filters = filtered.filters
         for part in split_at_gaps(run):
             segment = _segment(index, part, filters)
             if segment is not None:

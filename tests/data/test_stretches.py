@@ -10,6 +10,8 @@ from small_runs import small_run
 from sdp_vs_penalty import Measurements, Problem, compare, identify
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data.stretches import is_set_back, rows_behind_gaps
+from sdp_vs_penalty.signals import Preprocessing
+from sdp_vs_penalty.signals.segments import segmented
 
 _EPOCH = 1.7e9
 
@@ -44,6 +46,12 @@ def test_a_stretch_that_is_too_short_for_the_filters_is_left_out(
     expected = identify(two_link, with_jump(without, 60.0), "ols", check=False)
     model = identify(two_link, jumped, "ols", check=False)
     np.testing.assert_allclose(model.theta, expected.theta, rtol=1e-9, atol=1e-9)
+
+
+def test_a_diagnosis_judges_without_a_stretch_that_is_too_short(run: Measurements):
+    jumped = with_jump(with_jump(run, 60.0), 60.0, 520)
+    rows = segmented(jumped, Preprocessing(5.0, 8.0))
+    assert [segment.run for segment in rows.segments] == [0, 2]
 
 
 def test_nothing_is_as_large_as_the_span_of_the_stamps(

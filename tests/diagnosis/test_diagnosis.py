@@ -362,7 +362,11 @@ def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
     tau += 0.01 * np.random.default_rng(3).normal(size=tau.shape)
     run = Measurements(t, q, tau)
     # The search alone: a model after `add` is fitted to the rows of the beginning too.
-    result = search(identify(two_link, run, "ols", check=False), run)
+    # v_s is that of the simulation: bristles widen a v_s that is fitted without them,
+    # and the start of the search decides nothing here.
+    effects = "rigid_body,viscous_friction,coulomb_friction@v_s=0.01,torque_offset"
+    model = identify(two_link, run, "ols", effects=effects, check=False)
+    result = search(model, run)
     found = {
         f.joints[0]: f for f in result.effects if f.effect == "presliding_hysteresis"
     }
