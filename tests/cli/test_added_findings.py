@@ -19,6 +19,7 @@ from sdp_vs_penalty import InputError, Problem, identify
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
 from sdp_vs_penalty.effects import MeasuredCurve
+from sdp_vs_penalty.estimation.verdict import JointErrors
 from tests.cli.test_printed_commands import told
 
 Run = Callable[..., str]
@@ -174,11 +175,27 @@ def test_all_tables_show_one_error_a_joint(run, monkeypatch):
     assert f" 2 [N m] {second} " in said
 
 
-def test_findings_that_raise_a_joints_error_are_not_added():
-    before, after = (
-        SimpleNamespace(rmse=np.array(rmse)) for rmse in ([1.0, 0.5], [0.4, 0.79])
-    )
-    add_verb = import_module("sdp_vs_penalty.cli.verbs.add")
+@pytest.mark.parametrize(
+    ("floor", "refused"),
+    [
+        (None, True),
+        (0.3, True),
+        (0.7, False),  # 1.13 times its noise: still noise
+    ],
+)
+def test_findings_that_raise_a_joints_error_beyond_noise_are_not_added(floor, refused):
+    """Joint 2 errs by 58 % more, joint 1 by less."""
+
+    def compared(*rmse: float) -> SimpleNamespace:
+        noise = None if floor is None else np.full(2, floor)
+        errors = JointErrors(np.array(rmse), noise, np.ones(2), ("N*m", "N*m"))
+        return SimpleNamespace(rmse=errors.rmse, errors=errors)
+
+    before, after = compared(1.0, 0.5), compared(0.4, 0.79)
+    refuse = import_module("sdp_vs_penalty.cli.verbs.add")._refuse_harm
+    refuse(before, before, "test.csv")
+    if not refused:
+        refuse(before, after, "test.csv")
+        return
     with pytest.raises(InputError, match=r"joint 2 errs by 58 % more on test\.csv"):
-        add_verb._refuse_harm(before, after, "test.csv")
-    add_verb._refuse_harm(before, before, "test.csv")
+        refuse(before, after, "test.csv")

@@ -102,18 +102,22 @@ def verb(
     console.next_step(["report", model, out, "--data", *options])
 
 
-#: Relative rise of a joint's error at which findings are not added.
+#: Relative rise of a joint's error above which findings are not added.
 _HARMFUL = 0.05
 
 
 def _refuse_harm(before: Any, after: Any, what: str) -> None:
-    """Raise InputError if findings raise the error (RMS) of a joint on some runs.
+    """Raise InputError if findings raise the error (RMS) of a joint on some runs to
+    more than counts as noise.
 
     before, after : comparisons of the models with the runs; what : the runs, in words.
     """
+    import numpy as np
+
     from sdp_vs_penalty import formatting
 
-    rises = after.rmse / before.rmse - 1.0
+    exceeds = after.errors.exceeds_noise
+    rises = np.where(exceeds, after.rmse / before.rmse - 1.0, 0.0)
     if rises.max() > _HARMFUL:
         joint = int(rises.argmax())
         raise InputError(
