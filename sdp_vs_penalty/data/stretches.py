@@ -31,8 +31,10 @@ def usual_step(t: Array) -> float:
 
     Of a long run the steps of parts spread over it are used. Where stamps come in
     bursts the median step is nearly 0: the result is at least the mean step over
-    FINEST, in which gaps count as short ones.
+    FINEST, in which gaps count as short ones. A single stamp has no step: NaN.
     """
+    if len(t) < 2:
+        return np.nan
     n_parts = 1
     size = len(t)
     if size > _STEPS_OF_LONG_RUN:

@@ -38,11 +38,13 @@ def test_the_size_of_a_jump_of_the_clock_changes_nothing(
     np.testing.assert_allclose(model.theta, expected.theta, rtol=5e-3, atol=5e-3)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("samples", [1, 20])
 def test_a_stretch_that_is_too_short_for_the_filters_is_left_out(
-    run: Measurements, two_link: Problem
+    run: Measurements, two_link: Problem, samples: int
 ):
-    jumped = with_jump(with_jump(run, 60.0), 60.0, 520)
-    without = run.rows(np.r_[0:500, 520:1000])
+    jumped = with_jump(with_jump(run, 60.0), 60.0, 500 + samples)
+    without = run.rows(np.r_[0:500, 500 + samples : 1000])
     expected = identify(two_link, with_jump(without, 60.0), "ols", check=False)
     model = identify(two_link, jumped, "ols", check=False)
     np.testing.assert_allclose(model.theta, expected.theta, rtol=1e-9, atol=1e-9)
