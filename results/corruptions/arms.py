@@ -86,7 +86,10 @@ class Arm:
                 yield Corruption("gravity removed", which, *how)
         both = ("load step", "two arms")
         yield Corruption("load picked up", (), "2 kg", both, _less(-late * load))
-        yield Corruption("two arms in one file", (), "", both, _less(-late * exchange))
+        # No number makes one arm of the other: where only the weight that changes is seen,
+        # that is a step, and both sentences say to cut the run there.
+        cut = (*both, "torque step")
+        yield Corruption("two arms in one file", (), "", cut, _less(-late * exchange))
         apart = ("another load", "another arm")
         yield Corruption(
             "tool in one of two runs", (), "2 kg", apart, _less(-load), beside=True
