@@ -235,8 +235,8 @@ class Measurements(Shown):
         lengths [s] of the runs, sampling rate [Hz], and columns."""
         runs = self.runs()
         # Length of each run [s], and the sampling rate from the median step of all.
-        lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # stamps may be infinite
+            lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
             steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
         median_step = np.median(steps) if len(steps) else 0.0
         rate = f", {1.0 / median_step:.4g} Hz" if median_step > 0.0 else ""

@@ -117,3 +117,11 @@ def test_misplaced_rows_are_no_clock_that_was_set_back(run: Measurements):
     assert not is_set_back(with_jump(run, -60.0, 970).t)
     assert not is_set_back(run.t[::-1])
     assert not is_set_back(run.t)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_run_between_infinite_stamps_is_shown(run: Measurements):
+    t = np.r_[np.inf, run.t[1:-1], np.inf]
+    assert "length: nan s, 100 Hz, 1000 samples" in " ".join(
+        repr(replace(run, t=t)).split()
+    )
