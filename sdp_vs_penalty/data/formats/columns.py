@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from errno import EINVAL
 from pathlib import Path
 from typing import Any
 
@@ -98,8 +99,10 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
     except (InputError, MemoryError):
         raise
     except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise  # the system's: whoever opened the file says so
+        # EINVAL is a place that the file names and does not have.
+        is_systems = isinstance(error, OSError) and error.errno not in (None, EINVAL)
+        if is_systems:
+            raise  # whoever opened the file says so
         lines = str(error).splitlines()
         what = lines[0][:200] if lines else type(error).__name__
         is_cut_bag = "end magic" in what or "Truncated" in what
