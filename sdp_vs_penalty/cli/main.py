@@ -314,8 +314,10 @@ def _require_different(outputs: Mapping[str, Any]) -> None:
     for name, value in outputs.items():
         for path in _paths(value):
             option = f"--{name.strip('_')}"
-            keys = [os.path.realpath(path)]
-            with suppress(OSError):  # the file does not exist yet
+            keys = [str(path)]
+            # A file that does not exist yet, or a name that no file can have.
+            with suppress(OSError, ValueError):
+                keys.append(os.path.realpath(path))
                 state = path.stat()
                 if stat.S_ISREG(state.st_mode):
                     keys.append(f"inode {state.st_dev} {state.st_ino}")
