@@ -4,6 +4,7 @@ smoothed before it was logged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy
@@ -154,32 +155,50 @@ def sharpest_cutoff(
     """
     n_octaves = np.log2(max(min(c.WIDER, highest / torque_cutoff), 1.0))
     widths = 2.0 ** np.linspace(n_octaves, 0.0, 1 + int(np.ceil(4.0 * n_octaves)))
+    spectra = [_PositionSpectrum.of(run) for run in runs]
     for cutoff in torque_cutoff * widths:
-        early = max(_time_of_noise(run, cutoff, torque_cutoff) for run in runs)
+        early = max(x.time_of_noise(cutoff, torque_cutoff) for x in spectra)
         if early < c.EARLY / (2.0 * np.pi * torque_cutoff):
             break
     return float(cutoff)
 
 
-def _time_of_noise(run: Measurements, cutoff: float, band: float) -> float:
-    """Return the largest ratio s_v / a of the run's moving joints [s]: noise of the
-    velocity behind the low-pass of the states, over the acceleration in the torque's
-    band (both root mean squares); 0 for a run shorter than the filter.
-    """
-    part = max(split_at_gaps(run), key=lambda p: p.count)
-    length = min(part.count, c.SAMPLES)
-    if length * part.dt * cutoff < 8.0:  # twice a kernel of 2 / cut-off each way
-        return 0.0
-    powers, frequency = _power(part, part.q[:, moving_joints(run)])
-    derived = (2.0 * np.pi * frequency) ** 2
-    velocity_gain = derived * _gain(Kernel(cutoff, part.dt), length) ** 2
-    acceleration_gain = derived**2 * _gain(Kernel(band, part.dt), length) ** 2
-    # At the highest frequencies there is only noise; it is taken for white.
-    noise = powers[frequency > c.LAST / part.dt].mean(axis=0)
-    velocity_noise = noise * velocity_gain.sum()
-    acceleration = acceleration_gain @ powers
-    ratios = velocity_noise / np.maximum(acceleration, np.finfo(float).tiny)
-    return float(np.sqrt(ratios.max(initial=0.0)))
+@dataclass(frozen=True)
+class _PositionSpectrum:
+    """Power of the positions of a run's moving joints, in its longest stretch."""
+
+    #: (F, n) power, in units of the positions' variance.
+    powers: Array
+    #: (F,) frequencies [Hz].
+    frequency: Array
+    #: Samples of a spectrum.
+    length: int
+    #: Time between two samples [s].
+    dt: float
+
+    @classmethod
+    def of(cls, run: Measurements) -> Self:
+        """Estimate the spectrum of a run."""
+        part = max(split_at_gaps(run), key=lambda p: p.count)
+        powers, frequency = _power(part, part.q[:, moving_joints(run)])
+        return cls(powers, frequency, min(part.count, c.SAMPLES), part.dt)
+
+    def time_of_noise(self, cutoff: float, band: float) -> float:
+        """Return the largest ratio s_v / a of the joints [s]: noise of the velocity
+        behind the low-pass of the states, over the acceleration in the torque's band
+        (both root mean squares); 0 for a run shorter than the filter.
+        """
+        if self.length * self.dt * cutoff < 8.0:  # twice a kernel of 2 / cut-off
+            return 0.0
+        derived = (2.0 * np.pi * self.frequency) ** 2
+        velocity_gain = derived * _gain(Kernel(cutoff, self.dt), self.length) ** 2
+        acceleration_gain = derived**2 * _gain(Kernel(band, self.dt), self.length) ** 2
+        # At the highest frequencies there is only noise; it is taken for white.
+        noise = self.powers[self.frequency > c.LAST / self.dt].mean(axis=0)
+        velocity_noise = noise * velocity_gain.sum()
+        acceleration = acceleration_gain @ self.powers
+        ratios = velocity_noise / np.maximum(acceleration, np.finfo(float).tiny)
+        return float(np.sqrt(ratios.max(initial=0.0)))
 
 
 def unbent_cutoff(
