@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.api.identification import (
         identify_black_box as identify_black_box,
     )
+    from sdp_vs_penalty.api.registration import register as register
     from sdp_vs_penalty.checks.check import check as check
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
@@ -39,6 +40,7 @@ _NAMES = {
     "api.adding": "add",
     "api.diagnosis": "diagnose",
     "api.identification": "identify identify_black_box",
+    "api.registration": "register",
     "checks": "check",
     "data.datasets": "fetch",
     "data.files": "load_measurements",

@@ -1,75 +1,207 @@
-"""A file in a folder is a registration: the modules of a package, and the classes that
-they define."""
+"""Plug-ins: a file in a folder of this package, an entry point of another package, or
+what :func:`sdp_vs_penalty.register` was given. All three are one thing afterwards."""
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache, cached_property
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from sdp_vs_penalty.errors import InputError, require_known
 
-
-def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
-    """Import the modules of a package of this ``__name__`` and ``__path__``, one by one
-    in alphabetical order; only those with an attribute ``mark``, "" for all."""
-    homes = (import_module(f"{package}.{module.name}") for module in iter_modules(path))
-    return (home for home in homes if not mark or hasattr(home, mark))
+P = TypeVar("P")
 
 
-def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
-    """Return the plug-in classes of a package of this ``__name__`` and ``__path__``, in
-    alphabetical order of their names.
+def modules(package: str) -> Iterator[ModuleType]:
+    """Import the modules of a package, one by one in alphabetical order."""
+    for module in iter_modules(import_module(package).__path__):
+        yield import_module(f"{package}.{module.name}")
 
-    Subclasses of ``base`` without a ``name`` are no plug-ins.
 
-    Raises
-    ------
-    InputError
-        If two classes have the same name.
-    """
+def classes(package: str, base: type) -> dict[str, Any]:
+    """Return the subclasses of ``base`` with a ``name`` in a package's modules, by name;
+    InputError if two classes have the same name."""
     return by_word(
         (value.name, value)
-        for home in modules(package, path)
-        for _, value in inspect.getmembers(home, inspect.isclass)
-        if issubclass(value, base) and hasattr(value, "name")
+        for home in modules(package)
+        for value in vars(home).values()
+        if inspect.isclass(value) and issubclass(value, base) and hasattr(value, "name")
     )
 
 
-def load_class(
-    kind: str,
-    package: str,
-    path: Iterable[str],
-    base: type,
-    name: str,
-    all_classes: Callable[[], dict[str, Any]],
-) -> Any:
-    """Return the plug-in class of a name, importing a single file if possible.
+class Registry(Generic[P]):
+    """The plug-ins of one kind, by name: classes with a base, or modules with a mark.
 
-    The class ``torque-offset`` is looked for in ``torque_offset.py`` first. Only if it
-    is not there are all files of the package imported.
-
-    Parameters
-    ----------
-    kind : str
-        What the plug-ins are, for the error message.
-    all_classes : callable
-        Returns all plug-ins by name, as :func:`classes` does.
-
-    Raises
-    ------
-    InputError
-        If no plug-in has this name.
+    A package of others names each plug-in as an entry point of the group that is called
+    like our folder, "sdp_vs_penalty.effects".
     """
-    file = name.replace("-", "_")
-    if any(module.name == file for module in iter_modules(path)):
-        for value in vars(import_module(f"{package}.{file}")).values():
-            is_plugin = inspect.isclass(value) and issubclass(value, base)
-            if is_plugin and getattr(value, "name", None) == name:
-                return value
-    require_known(kind, name, all_classes())
-    return all_classes()[name]
+
+    def __init__(self, kind: str, package: str, base: type | str) -> None:
+        """Prepare the registry of a folder; nothing is imported yet.
+
+        Parameters
+        ----------
+        kind : str
+            What the plug-ins are, for sentences: "effect".
+        package : str
+            Dotted name of the folder, and of the group of entry points.
+        base : type or str
+            Base class of the plug-ins, which have a ``name``. Or the attribute that
+            marks a module as a plug-in; a mark that is a text is its name, else the
+            module's own.
+        """
+        self.kind = kind
+        self.package = package
+        self.base = base
+        self._registered: list[P] = []
+
+    def accepts(self, value: Any) -> bool:
+        """Tell whether a value is a plug-in of this kind."""
+        if isinstance(self.base, str):
+            return not inspect.isclass(value) and hasattr(value, self.base)
+        is_subclass = inspect.isclass(value) and issubclass(value, self.base)
+        return is_subclass and isinstance(getattr(value, "name", None), str)
+
+    def name_of(self, plugin: P) -> str:
+        """Return the name by which users choose a plug-in."""
+        mark = "name" if isinstance(self.base, type) else self.base
+        name = getattr(plugin, mark)
+        return name if isinstance(name, str) else _last_part(plugin)
+
+    def register(self, plugin: P) -> None:
+        """Add a plug-in to those of this process; InputError for a name that is taken.
+
+        A class that was defined again, as in a notebook, takes the place of its older
+        self.
+        """
+        older = [p for p in self._registered if _place(p) == _place(plugin)]
+        others = [p for p in self._registered if p not in older]
+        all_but_older = [p for p in self.all().values() if p not in older]
+        by_word((self.name_of(p), p) for p in (*all_but_older, plugin))
+        self._registered = [*others, plugin]
+        vars(self).pop("_all", None)
+
+    def forget(self) -> None:
+        """Look for the plug-ins of the folder and of other packages again."""
+        for cached in ("_all", "_of_folder"):
+            vars(self).pop(cached, None)
+        installed_entry_points.cache_clear()
+
+    def all(self) -> dict[str, P]:
+        """Return all plug-ins in alphabetical order of their names.
+
+        Raises InputError for two of one name, and for an entry point that cannot be
+        imported or is no plug-in of this kind.
+        """
+        return self._all
+
+    @cached_property
+    def _all(self) -> dict[str, P]:
+        """What :meth:`all` returns."""
+        found = (*self._of_folder.values(), *self._of_packages(), *self._registered)
+        return by_word((self.name_of(p), p) for p in found)
+
+    @cached_property
+    def _of_folder(self) -> dict[str, P]:
+        """The plug-ins of our folder, by name."""
+        if isinstance(self.base, type):
+            return classes(self.package, self.base)
+        return by_word(
+            (self.name_of(home), home)  # type: ignore[arg-type]
+            for home in modules(self.package)
+            if self.accepts(home)
+        )
+
+    def _of_packages(self) -> Iterator[P]:
+        """Import the plug-ins that other packages name as entry points."""
+        for point in installed_entry_points().select(group=self.package):
+            where = f"entry point {point.name} = {point.value}"
+            remedy = f"repair or uninstall the package {_distribution(point)}"
+            try:
+                plugin = point.load()
+            except Exception as error:
+                raise InputError(f"{where}: {error}", remedy) from error
+            if not self.accepts(plugin):
+                raise InputError(f"{where} is no {self.kind}", remedy)
+            yield plugin
+
+    def find(self, name: str) -> P | None:
+        """Return the plug-in with a name; None if there is none.
+
+        The file ``torque_offset.py`` is imported alone for "torque-offset"; only if it
+        does not have the plug-in are all files imported, and other packages at last.
+        """
+        file = name.replace("-", "_")
+        files = iter_modules(import_module(self.package).__path__)
+        if any(module.name == file for module in files):
+            home = import_module(f"{self.package}.{file}")
+            for value in (home, *vars(home).values()):
+                if self.accepts(value) and self.name_of(value) == name:
+                    return value  # type: ignore[no-any-return]
+        return self._of_folder.get(name) or self.all().get(name)
+
+    def get(self, name: str, provider: str = "") -> P:
+        """Return the plug-in with a name.
+
+        Parameters
+        ----------
+        provider : str
+            The package that brought it when a file was written (:meth:`provider`).
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
+        plugin = self.find(name)
+        if plugin is None and provider:
+            raise InputError(
+                f"{self.kind} {name} is a plug-in of {provider}, which is not installed",
+                "install it, or import it and call sdp_vs_penalty.register",
+            )
+        if plugin is None:
+            require_known(self.kind, name, self.all())
+        return self.all()[name] if plugin is None else plugin
+
+    def has(self, plugin: P) -> bool:
+        """Tell whether a plug-in is the one that its name stands for."""
+        return self.all().get(self.name_of(plugin)) is plugin
+
+    def provider(self, name: str) -> str:
+        """Return the package that brings a plug-in, with its version: "theirs 1.0"; ""
+        for ours, and for a name that is unknown."""
+        if name in self._of_folder or name not in self.all():
+            return ""
+        plugin: Any = self.all()[name]
+        for point in installed_entry_points().select(group=self.package):
+            if point.load() is plugin:
+                return _distribution(point)
+        return getattr(plugin, "__module__", getattr(plugin, "__name__", ""))
+
+
+def _last_part(plugin: Any) -> str:
+    """Return the last part of a module's dotted name."""
+    return str(plugin.__name__).rpartition(".")[2]
+
+
+def _place(plugin: Any) -> tuple[str, str]:
+    """Return where a class or module is defined."""
+    return getattr(plugin, "__module__", ""), plugin.__name__
+
+
+@cache
+def installed_entry_points() -> Any:
+    """Read the entry points of all installed packages, once."""
+    from importlib.metadata import entry_points  # 50 ms
+
+    return entry_points()
+
+
+def _distribution(point: Any) -> str:
+    """Return name and version of the package that has an entry point."""
+    return f"{point.dist.name} {point.dist.version}" if point.dist else point.value
 
 
 def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:

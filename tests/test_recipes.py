@@ -14,8 +14,8 @@ import sdp_vs_penalty.effects
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
 from sdp_vs_penalty import export, identify
+from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.cli.verbs.list import details, listing
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import (
@@ -28,7 +28,6 @@ from sdp_vs_penalty.simulation import (
     log_uniform,
 )
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-from sdp_vs_penalty.solvers import solver_types
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""
 
@@ -84,22 +83,26 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         (sdp_vs_penalty.solvers, "half_hearted", SOLVER),
         (sdp_vs_penalty.effects, NAME, FILE),
     )
-    known = (estimator_types, solver_types, effect_types, effect_contract.hidden_cases)
     for package, name, content in homes:
         folder = tmp_path / package.__name__.rpartition(".")[2]
         folder.mkdir()
         (folder / f"{name}.py").write_text(content)
         monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
     monkeypatch.setitem(MAKERS, NAME, hardening)
-    for cached in known:
-        cached.cache_clear()
+    forget()
     yield
     for package, name, _ in homes:
         sys.modules.pop(f"{package.__name__}.{name}", None)
         vars(package).pop(name, None)
     monkeypatch.undo()
-    for cached in known:
-        cached.cache_clear()
+    forget()
+
+
+def forget() -> None:
+    """Look for plug-ins again, and draw hidden worlds again."""
+    for registry in REGISTRIES:
+        registry.forget()
+    effect_contract.hidden_cases.cache_clear()
 
 
 def test_an_estimator_is_one_file(two_link, added):

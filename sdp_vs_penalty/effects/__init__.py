@@ -1,12 +1,11 @@
 """The library of effects, by kind; :func:`effect_types` finds them."""
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect, EffectEntry
-from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.plugins import classes, lazy_exports
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.plugins import Registry, lazy_exports
 from sdp_vs_penalty.robot.robot import Robot
 
 _PARTS = {
@@ -28,11 +27,13 @@ DEFAULT_EFFECTS = (
 )
 
 
-@cache
+EFFECTS = Registry[type[Effect]]("effect", __name__, Effect)
+
+
 def effect_types() -> dict[str, type[Effect]]:
-    """Import all effects of this folder, by name; the rigid body comes first."""
-    types = classes(__name__, __path__, Effect)
-    return {"rigid_body": types.pop("rigid_body"), **types}
+    """Import all effects, by name; the rigid body comes first."""
+    types = EFFECTS.all()
+    return {"rigid_body": types["rigid_body"], **types}
 
 
 def parse_effects(
@@ -73,7 +74,7 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
             f"effect {name!r} is a number",
             "join the joints of an effect by +, like torque_offset:1+3",
         )
-    kind = _lookup(name)
+    kind = EFFECTS.get(name)
     # Joints count from 1 in the text, from 0 in the effect.
     joints = None
     if joints_text:
@@ -100,16 +101,11 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
     return kind(robot, joints, **shape)
 
 
-def make_effect(entry: EffectEntry, robot: Robot) -> Effect:
-    """Make the effect of a robot that an entry of a file states."""
+def make_effect(entry: EffectEntry, robot: Robot, provider: str = "") -> Effect:
+    """Make the effect of a robot that an entry of a file states; ``provider`` is the
+    package that brought it, where it is a plug-in's."""
     joints = None if entry.joints is None else [j - 1 for j in entry.joints]
-    return _lookup(entry.effect)(robot, joints, **entry.shape)
-
-
-def _lookup(name: str) -> type[Effect]:
-    """Return the class of an effect by its name; InputError for an unknown name."""
-    require_known("effect", name, effect_types())
-    return effect_types()[name]
+    return EFFECTS.get(entry.effect, provider)(robot, joints, **entry.shape)
 
 
 def __getattr__(name: str) -> Any:

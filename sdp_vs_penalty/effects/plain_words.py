@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import asin, degrees, hypot, radians, sqrt
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import EFFECTS
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: How a sentence of :func:`on_the_arm` begins.
@@ -32,7 +32,7 @@ def effect_name(name: str) -> str:
     >>> effect_name("joint_spring"), effect_name("presliding_hysteresis")
     ('joint spring', 'pre-sliding hysteresis')
     """
-    kind = effect_types().get(name)
+    kind = EFFECTS.find(name)
     return name.replace("_", " ") if kind is None else kind.in_words
 
 
@@ -156,7 +156,7 @@ def on_the_arm(fitted: FittedEffect) -> str:
     >>> on_the_arm(spring)[:62]
     'On the arm: joint 4 is pulled back as by a spring of 3.1 N m/r'
     """
-    kind = effect_types().get(fitted.name)
+    kind = EFFECTS.find(fitted.name)
     default = f"{{joint}} has {effect_name(fitted.name)} of {{size}}"
     sentence = (kind and kind.on_the_arm) or default
     return f"{ON_THE_ARM}{sentence.format(**_fields(fitted))}."

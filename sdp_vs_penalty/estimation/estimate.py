@@ -18,7 +18,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.colours import AFTER, NEUTRAL
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import make_effect
+from sdp_vs_penalty.effects import EFFECTS, make_effect
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
@@ -36,7 +36,7 @@ from sdp_vs_penalty.estimation.model_file import (
 )
 from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
-from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, require_format, write_text
 from sdp_vs_penalty.formatting import number
@@ -52,6 +52,7 @@ from sdp_vs_penalty.robot.arrays import Array, as_plain_array, check_finite, wro
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import MotionRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.solvers import SOLVERS
 
 if TYPE_CHECKING:
     import pandas
@@ -547,7 +548,8 @@ class Estimate(Record):
     @property
     def estimator(self) -> Estimator:
         """Estimator of the method, with the settings of the identification."""
-        default = make_estimator(self.method)
+        plugins = self.provenance.get("plugins", {})
+        default = ESTIMATORS.get(self.method, plugins.get(self.method, ""))()
         fields = {f.name for f in dataclasses.fields(default)}  # type: ignore[arg-type]
         settings = {
             name: value for name, value in self.settings.items() if name in fields
@@ -760,12 +762,24 @@ class Estimate(Record):
             preprocessing=self.preprocessing,
             uncertainty=UncertaintyFields.of(self.uncertainty),
             details=self.details,
-            provenance=dict(self.provenance),
+            provenance={**self.provenance, **self._plugins()},
             known=dict(self.model.known),
             reference=self.model.reference,
             covariance=CovarianceBlock(tuple(names[k] for k in with_std), covariance),
             training_motion=self.training_motion,
         )
+
+    def _plugins(self) -> dict[str, dict[str, str]]:
+        """Return the provenance of the plug-ins of other packages that the model needs,
+        ``{"plugins": {name: package and version}}``; {} if it needs none."""
+        found = {e.name: EFFECTS.provider(e.name) for e in self.model.effects}
+        found[self.method] = ESTIMATORS.provider(self.method)
+        if "solver" in self.settings:
+            solver = str(self.settings["solver"])
+            found[solver] = SOLVERS.provider(solver)
+        known = self.provenance.get("plugins", {})
+        plugins = {n: p or known[n] for n, p in found.items() if p or n in known}
+        return {"plugins": plugins} if plugins else {}
 
     def _entries(self) -> tuple[ParameterEntry, ...]:
         """Return what the file holds of each parameter."""
@@ -805,8 +819,17 @@ class Estimate(Record):
 
     def save(self, path: str | Path) -> None:
         """Write model.json atomically, with one field, or one record of a list, on each
-        line.
+        line; InputError for a model with an effect that no reader would find.
         """
+        for effect in self.model.effects:
+            kind = type(effect)
+            if not EFFECTS.has(kind):
+                raise InputError(
+                    f"effect {effect.name} is not registered, so that no model.json with it"
+                    " can be read",
+                    f"call sdp_vs_penalty.register({kind.__name__}) before",
+                    path,
+                )
         fields = []
         for name, value in self.to_dict().items():
             text = json.dumps(value)
@@ -859,7 +882,10 @@ def _from_dict(data: Mapping[str, Any]) -> Estimate:
     )
     file = ModelFile.from_dict(data)
     problem = file.problem.problem(file.robot)
-    effects = tuple(make_effect(e, problem.robot) for e in file.effects)
+    plugins = file.provenance.get("plugins", {})
+    effects = tuple(
+        make_effect(e, problem.robot, plugins.get(e.effect, "")) for e in file.effects
+    )
     model = Model(
         problem.robot, effects, file.reference, problem.gains, known=file.known
     )

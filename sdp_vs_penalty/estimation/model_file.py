@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.uncertainty import LEVEL, NOT_SEEN, Interval, Uncertainty
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
-from sdp_vs_penalty.estimators import estimator_types
+from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.problem.problem import ProblemFields
 from sdp_vs_penalty.records import JsonRecord, from_json
 from sdp_vs_penalty.robot.arrays import Array
@@ -223,6 +223,8 @@ class ProvenanceFields:
     samples: int
     #: Versions of the packages that took part, by name.
     versions: Mapping[str, str]
+    #: Packages, with their versions, of the plug-ins that it needs, by their names.
+    plugins: Mapping[str, str] = field(default_factory=dict)
     #: Seed of random choices.
     seed: int | None = None
     #: Verdict on the training runs, or on those that the model was judged on.
@@ -292,7 +294,7 @@ class ModelFile(JsonRecord):
         A method that is not installed here is not known: its settings are not checked.
         """
         _require(_Weighting, self.settings, "settings")
-        kind = estimator_types().get(self.method)
+        kind = ESTIMATORS.find(self.method)
         if kind is not None:
             _require(kind, self.settings, "settings")
 

@@ -1,21 +1,18 @@
 """Estimators, one file a family."""
 
 from dataclasses import replace
-from functools import cache
-from typing import Any, cast
+from typing import Any
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.plugins import classes, lazy_exports, load_class
+from sdp_vs_penalty.plugins import Registry, lazy_exports
 from sdp_vs_penalty.solvers import solver
 
 DEFAULT_METHOD = "lmi-sdp"
 
 
-@cache
-def estimator_types() -> dict[str, type[Estimator]]:
-    """Return every estimator class by name."""
-    return classes(__name__, __path__, Estimator)
+ESTIMATORS = Registry[type[Estimator]]("method", __name__, Estimator)
+estimator_types = ESTIMATORS.all
 
 
 def make_estimator(method: str | Estimator) -> Estimator:
@@ -33,10 +30,7 @@ def make_estimator(method: str | Estimator) -> Estimator:
     """
     if isinstance(method, Estimator):
         return method
-    return cast(
-        Estimator,
-        load_class("method", __name__, __path__, Estimator, method, estimator_types)(),
-    )
+    return ESTIMATORS.get(method)()
 
 
 def with_solver(method: str, solver_name: str | None) -> Estimator | str:
@@ -61,7 +55,7 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
             "leave --solver out",
         )
     solver(solver_name)
-    return cast(Estimator, replace(estimator, solver=solver_name))
+    return replace(estimator, solver=solver_name)
 
 
 __getattr__ = lazy_exports(

@@ -2,3 +2,15 @@
 :class:`sdp_vs_penalty.exporters.interface.ExportFormat` describes is a format: nothing
 else registers it.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sdp_vs_penalty.plugins import Registry
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.exporters.interface import ExportFormat
+
+#: Every format of export by the ending of its files.
+EXPORTS: Registry[ExportFormat] = Registry("format of export", __name__, "ENDING")

@@ -3,29 +3,18 @@
 import re
 import warnings
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
-from sdp_vs_penalty import exporters
 from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError, Remark, printable
 from sdp_vs_penalty.estimation.carried import doubts_of_bodies
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.c_formulas import has_closed_form
 from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
 from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.plugins import by_word, modules
-
-
-@cache
-def formats() -> dict[str, ExportFormat]:
-    """Return the modules of this folder that are export formats, by their file
-    suffix.
-    """
-    homes = modules(exporters.__name__, exporters.__path__, "ENDING")
-    return by_word((home.ENDING, home) for home in homes)
 
 
 def format_of(out: str | Path) -> ExportFormat:
@@ -42,13 +31,13 @@ def format_of(out: str | Path) -> ExportFormat:
         If no format has this suffix.
     """
     name = Path(out).name.lower()
-    endings = [ending for ending in formats() if name.endswith(ending)]
+    endings = [ending for ending in EXPORTS.all() if name.endswith(ending)]
     if not endings:
         known = ", ".join(
-            f"{ending} ({home.ABOUT})" for ending, home in formats().items()
+            f"{ending} ({home.ABOUT})" for ending, home in EXPORTS.all().items()
         )
         raise InputError("unknown suffix", f"choose one of {known}", out)
-    return formats()[max(endings, key=len)]
+    return EXPORTS.all()[max(endings, key=len)]
 
 
 def write_model(

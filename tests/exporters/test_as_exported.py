@@ -16,7 +16,8 @@ from small_runs import write_run
 from sdp_vs_penalty import Estimate, export, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, effect_types
-from sdp_vs_penalty.exporters.export import as_exported, formats
+from sdp_vs_penalty.exporters import EXPORTS
+from sdp_vs_penalty.exporters.export import as_exported
 from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -73,7 +74,7 @@ def test_mujoco_makes_the_torque_of_springs_and_offsets(name, effects, tmp_path)
 
 
 def exportable(ending: str) -> bool:
-    return hasattr(formats()[ending], "HOLDS")
+    return hasattr(EXPORTS.all()[ending], "HOLDS")
 
 
 def everything(name: str) -> str:
@@ -117,16 +118,16 @@ def ending_of(out: Path) -> str:
     return max((e for e in READERS if out.name.endswith(e)), key=len)
 
 
-@pytest.mark.parametrize("ending", formats())
+@pytest.mark.parametrize("ending", EXPORTS.all())
 def test_a_format_offers_what_the_interface_describes(ending):
-    home = formats()[ending]
+    home = EXPORTS.all()[ending]
     assert all(isinstance(getattr(home, name), str) for name in ("FILE", "ABOUT"))
     described = list(inspect.signature(ExportFormat.write).parameters)[1:]
     assert list(inspect.signature(home.write).parameters)[: len(described)] == described
 
 
 def test_every_format_of_a_model_has_a_reader():
-    holding = {ending for ending in formats() if exportable(ending)}
+    holding = {ending for ending in EXPORTS.all() if exportable(ending)}
     assert holding == set(READERS)
 
 

@@ -20,7 +20,7 @@ from recorded import changed, refusal, said
 from sdp_vs_penalty import Estimate, export, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.exporters.export import formats
+from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
@@ -353,10 +353,10 @@ def test_any_tree_survives_being_written_and_edited(
     assert all(check.consistent for check in check_urdf(edited))
 
 
-@pytest.mark.parametrize("ending", formats())
+@pytest.mark.parametrize("ending", EXPORTS.all())
 def test_an_export_is_twice_the_same_and_says_what_it_leaves_out(ending, tmp_path):
     estimate = estimate_with_everything()
-    home = formats()[ending]
+    home = EXPORTS.all()[ending]
     assert home.FILE.endswith(ending)
     assert home.ABOUT
     left_out = export(estimate, tmp_path / home.FILE)
@@ -371,9 +371,9 @@ def test_an_export_is_twice_the_same_and_says_what_it_leaves_out(ending, tmp_pat
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("ending", formats())
+@pytest.mark.parametrize("ending", EXPORTS.all())
 def test_figures_are_what_they_were_in_every_export(ending, tmp_path):
-    home = formats()[ending]
+    home = EXPORTS.all()[ending]
     left_out = export(estimate_with_everything(), tmp_path / home.FILE)
     written = (tmp_path / home.FILE).read_text()
     lines = {f"line {k}": line for k, line in enumerate(written.splitlines(), start=1)}

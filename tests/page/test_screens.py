@@ -23,7 +23,7 @@ from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.exporters.export import formats
+from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page import Sessions
@@ -286,7 +286,9 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     assert {key[7:] for key in keys if key.startswith("method-")} == methods
     takes = {key.removeprefix("take-") for key in keys if key.startswith("take-")}
     files = {
-        home.FILE for home in formats().values() if not home.ABOUT.startswith("payload")
+        home.FILE
+        for home in EXPORTS.all().values()
+        if not home.ABOUT.startswith("payload")
     }
     files |= {
         "model.json",

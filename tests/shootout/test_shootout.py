@@ -44,7 +44,7 @@ from sdp_vs_penalty.shootout.catalogue import CHANGES, FORMS, ROBOTS, Entry, sel
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instances import principal_rows
 from sdp_vs_penalty.shootout.judge import CLASSES, JUDGED_TO, Judgement, classes, judge
-from sdp_vs_penalty.solvers import ENTRY_POINTS, solver, solver_types
+from sdp_vs_penalty.solvers import SOLVERS, solver, solver_types
 
 CONTESTANTS = contestants()
 SMALL = (
@@ -715,7 +715,7 @@ def test_a_solver_of_another_package_takes_part(tmp_path, monkeypatch):
         "Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n"
     )
     (info / "entry_points.txt").write_text(
-        f"[{ENTRY_POINTS}]\ntheirs = their_solver:Theirs\n"
+        f"[{SOLVERS.package}]\ntheirs = their_solver:Theirs\n"
     )
     (tmp_path / "their_solver.py").write_text(
         "from sdp_vs_penalty.solvers.clarabel import Clarabel\n\n\n"
@@ -725,16 +725,16 @@ def test_a_solver_of_another_package_takes_part(tmp_path, monkeypatch):
         "    tuned_options = {}\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    solver_types.cache_clear()
+    SOLVERS.forget()
     try:
         runs = runner.run(setup(tmp_path / "s", solvers=["theirs"])).results.runs
         assert set(runs["solver"]) == {"theirs"}
         assert set(classes(runs, 1e-4)) == {"right"}
-        (info / "entry_points.txt").write_text(f"[{ENTRY_POINTS}]\nx = nowhere:X\n")
-        solver_types.cache_clear()
+        (info / "entry_points.txt").write_text(f"[{SOLVERS.package}]\nx = nowhere:X\n")
+        SOLVERS.forget()
         refusal(solver_types, "nowhere")
     finally:
-        solver_types.cache_clear()
+        SOLVERS.forget()
 
 
 @pytest.mark.long

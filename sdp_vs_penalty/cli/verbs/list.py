@@ -6,7 +6,7 @@ from sdp_vs_penalty.errors import require_known
 Rows = list[tuple[str, ...]]
 #: What can be listed.
 Kind = StrEnum(
-    "Kind", "problems effects methods solvers tables datasets engines exports"
+    "Kind", "problems effects methods solvers tables datasets engines formats exports"
 )
 
 
@@ -140,11 +140,24 @@ def _engines() -> tuple[tuple[str, ...], Rows]:
     return ("name", "version here", "installed by", "formulation"), rows
 
 
+def _formats() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the formats of measurements."""
+    from sdp_vs_penalty.data.formats import FORMATS
+    from sdp_vs_penalty.plugins import summary_line
+
+    rows: Rows = []
+    for name, home in FORMATS.all().items():
+        files = home.SUFFIXES or (f"folders with {home.FOLDER}",)
+        written = "yes" if hasattr(home, "write") else "no"
+        rows.append((name, " ".join(files), written, summary_line(home)))
+    return ("name", "files", "can be written", "what it is"), rows
+
+
 def _exports() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the export formats, by file suffix."""
-    from sdp_vs_penalty.exporters.export import formats
+    from sdp_vs_penalty.exporters import EXPORTS
 
-    rows: Rows = [(ending, home.ABOUT) for ending, home in formats().items()]
+    rows: Rows = [(ending, home.ABOUT) for ending, home in EXPORTS.all().items()]
     return ("file ends in", "what it is"), rows
 
 
@@ -156,5 +169,6 @@ _LISTINGS = {
     "tables": _tables,
     "datasets": _datasets,
     "engines": _engines,
+    "formats": _formats,
     "exports": _exports,
 }

@@ -11,17 +11,18 @@ from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 
-from sdp_vs_penalty.plugins import modules
+from sdp_vs_penalty.plugins import Registry
 
 #: What stands between the files of one run: "positions.csv+torques.csv".
 FILE_SEPARATOR = "+"
 
 
-@cache
+FORMATS = Registry[ModuleType]("format of measurements", __name__, "SUFFIXES")
+
+
 def formats() -> tuple[ModuleType, ...]:
-    """Import all modules of this folder that read measurements; they have
-    ``SUFFIXES``."""
-    return tuple(modules(__name__, __path__, "SUFFIXES"))
+    """Import all modules that read measurements; they have ``SUFFIXES``."""
+    return tuple(FORMATS.all().values())
 
 
 def suffixes(ability: str = "read") -> tuple[str, ...]:

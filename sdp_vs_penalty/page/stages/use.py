@@ -4,7 +4,7 @@ forward."""
 from functools import partial
 from typing import Any
 
-from sdp_vs_penalty.exporters.export import formats
+from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.charts import torque_chart
@@ -21,11 +21,11 @@ FILES = {
 }
 #: Of a model with a payload, as the makers' controllers take it; likewise what else
 #: `export` writes.
-_EXPORTS = {
-    home.FILE: home.ABOUT for home in formats().values() if home.FILE not in FILES
+_OTHERS = {
+    home.FILE: home.ABOUT for home in EXPORTS.all().values() if home.FILE not in FILES
 }
-LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")}
-MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
+LOAD = {name: use for name, use in _OTHERS.items() if use.startswith("payload")}
+MORE = {name: use for name, use in _OTHERS.items() if name not in LOAD}
 
 
 @requires_model("take-away", "Download", lambda s: (s.findings is None, s.runs))

@@ -28,9 +28,7 @@ DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
 @cache
 def makers() -> dict[str, TableSpec]:
     """Return the registration of every table, by name."""
-    specs = (
-        value for home in modules(__name__, __path__) for value in vars(home).values()
-    )
+    specs = (value for home in modules(__name__) for value in vars(home).values())
     return by_word(
         (maker.name, maker) for maker in specs if isinstance(maker, TableSpec)
     )
