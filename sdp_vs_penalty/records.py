@@ -54,22 +54,26 @@ def stored_as(name: str) -> Mapping[str, Any]:
     return {"json": name}
 
 
-class JsonRecord:
-    """A dataclass that becomes JSON and back, by the types of its fields."""
+class WritesJson:
+    """A dataclass that becomes JSON, which people and other programs read."""
 
-    #: Attributes and methods without arguments that its JSON holds beside the fields,
-    #: for people and programs; they are never read back.
+    #: Attributes and methods without arguments that its JSON holds beside the fields;
+    #: they are never read back.
     derived: ClassVar[tuple[str, ...]] = ()
+    #: Whether fields without a value, such as infinite limits, are left out.
+    skips_null: ClassVar[bool] = False
 
-    @classmethod
-    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Bring the JSON of an older file to today's fields; most records have none."""
-        return data
+    def as_written(self) -> Any:
+        """Return what stands for this record in JSON: most records themselves."""
+        return self
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields, and what is derived from them, as JSON; a number that is
         not finite becomes null.
         """
+        written = self.as_written()
+        if written is not self:
+            return to_json(written)  # type: ignore[no-any-return]
         out = {
             json_name: to_json(getattr(self, name))
             for name, json_name in _stored_fields(type(self)).items()  # type: ignore[arg-type]
@@ -77,7 +81,16 @@ class JsonRecord:
         for name in self.derived:
             value = getattr(self, name)
             out[name] = to_json(value() if callable(value) else value)
-        return out
+        return {k: x for k, x in out.items() if x is not None or not self.skips_null}
+
+
+class JsonRecord(WritesJson):
+    """A dataclass that becomes JSON and back, by the types of its fields."""
+
+    @classmethod
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Bring the JSON of an older file to today's fields; most records have none."""
+        return data
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -98,21 +111,13 @@ class JsonRecord:
         return from_json(cls, data)
 
 
-class JsonRecordSkippingNone(JsonRecord):
-    """A JsonRecord that leaves out fields without a value, such as infinite limits."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fields that have a value as JSON."""
-        return {k: x for k, x in super().to_dict().items() if x is not None}
-
-
 def to_json(value: Any) -> Any:
     """Return a value as JSON: records become objects, arrays and tuples lists; a number
     that is not finite becomes null.
     """
     import numpy as np  # which `--help` does not pay for
 
-    if isinstance(value, JsonRecord):
+    if isinstance(value, WritesJson):
         return value.to_dict()
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: to_json(getattr(value, f.name)) for f in fields(value)}
@@ -124,7 +129,7 @@ def to_json(value: Any) -> Any:
         if value.dtype.kind != "f" or np.all(np.isfinite(value)):
             return value.tolist()
         return to_json(value.tolist())
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple | range):
         return [to_json(x) for x in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
@@ -239,7 +244,17 @@ def _with_defaults(kind: Any, value: Any) -> Any:
     args = get_args(kind)
     if is_dataclass(kind) and isinstance(value, Mapping):
         return _fields_with_defaults(kind, value)
-    if origin in (tuple, list) and isinstance(value, list | tuple):
+    if hasattr(kind, "_fields") and isinstance(value, Mapping):  # a NamedTuple
+        if missing := [name for name in kind._fields if name not in value]:
+            what = f"the field {missing[0]!r} is missing"
+            raise InputError(what, "write the file anew")
+        types_of_fields = _kinds(kind)
+        return [
+            _with_defaults(types_of_fields[name], value[name]) for name in kind._fields
+        ]
+    if origin in (tuple, list, collections.abc.Sequence) and isinstance(
+        value, list | tuple
+    ):
         items = args[:1] * len(value)
         if origin is tuple and args[-1] is not Ellipsis:  # tuple[int, float]
             items = args

@@ -5,13 +5,14 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pytest
 from drawn import given, st
 from numpy.typing import NDArray
 
+import sdp_vs_penalty
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -30,6 +31,11 @@ class Inner(JsonRecord):
             raise InputError("a size is below 0", "give another")
 
 
+class Pair(NamedTuple):
+    first: float
+    second: str
+
+
 @dataclass(frozen=True)
 class Outer(JsonRecord):
     derived = ("total",)
@@ -41,6 +47,7 @@ class Outer(JsonRecord):
     by_name: Mapping[str, float]
     far: float = np.inf
     more: Inner | None = None
+    pairs: tuple[Pair, ...] = ()
 
     def total(self) -> float:
         return float(self.rows.sum())
@@ -62,12 +69,14 @@ def test_records_come_back(sizes, kind, name, far):
         by_name={"k": far},
         far=far,
         more=next(iter(inner), None),
+        pairs=(Pair(far, name),),
     )
     text = json.dumps(record.to_dict())
     back = Outer.from_dict(json.loads(text))
     assert back.to_dict() == record.to_dict()
     assert back.few == record.few
     assert back.many == record.many
+    assert back.pairs == record.pairs
     assert back.more == record.more
     assert back.far == record.far
     np.testing.assert_array_equal(back.rows, record.rows)
@@ -110,6 +119,7 @@ def test_infinity_is_none_in_json():
         ("rows", [True], "field rows: expected numbers alone"),
         ("by_name", 3, "field by_name: expected an object, got a whole number"),
         ("by_name", {"k": "x"}, "field by_name.*: expected a number, got a text"),
+        ("pairs", [{"first": 1.0}], "the field 'second' is missing"),
         ("more", 3, "field more: expected an object or null, got a whole number"),
     ],
 )
@@ -158,3 +168,13 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
     for content in (again, written):  # derived: later versions may write more
         content.pop("facts", None)
     assert again == written
+
+
+def test_no_conversion_is_written_by_hand():
+    package = Path(sdp_vs_penalty.__file__).parent
+    by_hand = [
+        path.relative_to(package)
+        for path in package.rglob("*.py")
+        if re.search(r"def (to|from)_dict\(", path.read_text())
+    ]
+    assert by_hand == [Path("records.py")]

@@ -91,10 +91,10 @@ def found_in_time(record: Record) -> bool:
     """An event overlaps the disturbance, give or take a second; a hum goes on all the
     time."""
     truth = record["truth"][0]
-    if truth["kind"] == "hum":
+    if truth["details"]["kind"] == "hum":
         return flagged(record)
-    begin = truth["t_start"] - 1.0
-    end = truth["t_end"] + 1.0
+    begin = truth["details"]["t_start"] - 1.0
+    end = truth["details"]["t_end"] + 1.0
     spans = [span for cause in passes(record) for span in cause["spans"]]
     said = (*record["events"], *spans)
     return any(e["t_start"] < end and e["t_end"] > begin for e in said)

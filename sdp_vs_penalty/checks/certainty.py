@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+
+from sdp_vs_penalty.records import WritesJson
 
 CERTAIN = "certain"
 LIKELY = "likely"
@@ -11,7 +12,7 @@ POSSIBLE = "possible"
 
 
 @dataclass(frozen=True)
-class Certainty:
+class Certainty(WritesJson):
     """How sure an issue is, and why; its text is "certain: read from the file"."""
 
     #: Grade: CERTAIN, LIKELY or POSSIBLE.
@@ -23,11 +24,9 @@ class Certainty:
         """Grade and reason in one sentence."""
         return f"{self.grade}: {self.why}"
 
-    @classmethod
-    def from_text(cls, text: str) -> Self:
-        """Read what :meth:`__str__` wrote."""
-        grade, _, why = text.partition(": ")
-        return cls(grade, why)
+    def as_written(self) -> str:
+        """Return grade and reason in one sentence."""
+        return str(self)
 
 
 def certain(why: str) -> Certainty:

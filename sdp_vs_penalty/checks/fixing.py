@@ -149,7 +149,7 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
 
     Orders of channels are repaired first: signs and gains refer to joints.
     """
-    facts = [f for f in report.issues if f.mends]
+    facts = [f for f in report.issues if f.can_fix]
     named = [f for f in report.issues if f.apply in apply and f.repair is not None]
     run = report.repaired_certain
     for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
@@ -178,12 +178,14 @@ def _checked_again(
     """
     from sdp_vs_penalty.checks.check import check_runs
 
-    facts = [{issue.kind for issue in done if issue.mends} for done in issues]
-    explanations = [{(f.kind, f.where) for f in done if not f.mends} for done in issues]
+    facts = [{issue.kind for issue in done if issue.can_fix} for done in issues]
+    explanations = [
+        {(f.kind, f.where) for f in done if not f.can_fix} for done in issues
+    ]
     for number in range(_PASSES + 1):
         reports = check_runs(problem, copies, problem.preprocessing, thorough=False)
         left = [
-            [f for f in report.errors_and_warnings if f.mends and f.kind in kinds]
+            [f for f in report.errors_and_warnings if f.can_fix and f.kind in kinds]
             for report, kinds in zip(reports, facts, strict=True)
         ]
         if number == _PASSES or not any(left):

@@ -104,9 +104,9 @@ def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -
     if len(errors) > 1:
         others = f"; {formatting.count(len(errors) - 1, 'more error')}"
     what = f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)"
-    if not issue.mends and not issue.apply:
+    if not issue.can_fix and not issue.apply:
         raise InputError(what, f"correct the log, or {otherwise}", run)
-    apply = () if issue.mends else (issue.apply,)
+    apply = () if issue.can_fix else (issue.apply,)
     raise RepairableError(what, f"repair the log, or {otherwise}", run, apply)
 
 

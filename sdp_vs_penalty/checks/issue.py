@@ -8,6 +8,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import CERTAIN, Certainty, possible
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.records import NOT_STORED, WritesJson
 
 #: The two natures of an issue.
 FACT = "fact"
@@ -15,8 +16,10 @@ EXPLANATION = "explanation"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Issue:
+class Issue(WritesJson):
     """One thing that the check has to say of a run, as a sentence and as figures."""
+
+    derived = ("can_fix",)
 
     #: What is wrong, in two or three words.
     kind: str
@@ -32,7 +35,9 @@ class Issue:
     #: What to do, in one sentence.
     remedy: str
     #: How a run is repaired, where that is safe; ``remedy`` says it in words.
-    repair: Callable[[Measurements], Measurements] | None = None
+    repair: Callable[[Measurements], Measurements] | None = field(
+        default=None, metadata=NOT_STORED
+    )
     #: The numbers behind the issue.
     figures: Mapping[str, Any] = field(default_factory=dict)
     #: Gravity that the torques show instead [m/s^2], for an issue about it.
@@ -47,10 +52,14 @@ class Issue:
     #: For an issue that happens at an instant, figures["t"] [s] in the log of all runs
     #: together: returns the issue in the words of that instant by one run's clock [s];
     #: None for what happens at no instant.
-    by_clock: "Callable[[float], Issue] | None" = None
+    by_clock: "Callable[[float], Issue] | None" = field(
+        default=None, metadata=NOT_STORED
+    )
     #: For an issue whose size belongs to each run: returns the issue in the words of
     #: several runs; None for what all runs share.
-    by_run: "Callable[[Sequence[Any]], Issue] | None" = None
+    by_run: "Callable[[Sequence[Any]], Issue] | None" = field(
+        default=None, metadata=NOT_STORED
+    )
 
     def __post_init__(self) -> None:
         """Refuse an explanation that is called an error: only facts are errors."""
@@ -125,37 +134,11 @@ class Issue:
         )
 
     @property
-    def mends(self) -> bool:
+    def can_fix(self) -> bool:
         """Whether `check --fix` repairs the issue by itself: it is a certain fact, and
         has a repair."""
         is_certain_fact = self.nature == FACT and self.certainty.grade == CERTAIN
         return is_certain_fact and self.repair is not None
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "Issue":
-        """Read an issue that :meth:`to_dict` wrote; its repair is lost."""
-        names = ("kind", "nature", "severity", "where", "what", "remedy")
-        gravity = data["gravity"]
-        return cls(
-            **{name: data[name] for name in names},
-            certainty=Certainty.from_text(data["certainty"]),
-            apply=data["apply"],
-            equivalents=tuple(data["equivalents"]),
-            figures=dict(data["figures"]),
-            gravity=None if gravity is None else tuple(gravity),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the issue as plain JSON; joints count from 1."""
-        names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
-        return {
-            **{name: str(getattr(self, name)) for name in names},
-            "can_fix": self.mends,
-            "apply": self.apply,
-            "equivalents": [*self.equivalents],
-            "figures": dict(self.figures),
-            "gravity": self.gravity,
-        }
 
 
 def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.arm_fit import text_of_share
@@ -14,7 +12,7 @@ from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.records import to_json
+from sdp_vs_penalty.records import NOT_STORED, stored_as
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -27,24 +25,32 @@ if TYPE_CHECKING:
 class Report(Record):
     """What the check found in one run."""
 
+    derived = ("meaningless", "unexplained_percent", "facts")
+
     #: Name of the run.
     run: str
     #: Issues of the run, the gravest first.
-    issues: tuple[Issue, ...]
+    issues: tuple[Issue, ...] = field(metadata=stored_as("findings"))
     #: The run with every repair, likely ones included.
-    repaired_all: Measurements
+    repaired_all: Measurements = field(metadata=NOT_STORED)
     #: The run with the certain repairs alone.
-    repaired_certain: Measurements
+    repaired_certain: Measurements = field(metadata=NOT_STORED)
     #: Share of the torques' energy that the arm's dynamics leave, after repair [-];
     #: None where there is nothing to fit.
-    unexplained: float | None = None
+    unexplained: float | None = field(default=None, metadata=NOT_STORED)
     #: Gravity that the torques show [m/s^2]; None for a run with fewer samples than one
     #: arm has parameters.
-    gravity: tuple[float, ...] | None = field(default=None, compare=False, repr=False)
+    gravity: tuple[float, ...] | None = field(
+        default=None, compare=False, repr=False, metadata=NOT_STORED
+    )
     #: The run as logged.
-    original: Measurements | None = field(default=None, compare=False, repr=False)
+    original: Measurements | None = field(
+        default=None, compare=False, repr=False, metadata=NOT_STORED
+    )
     #: Joints that move in proportion; None where none do.
-    lockstep: LockstepMotion | None = field(default=None, compare=False, repr=False)
+    lockstep: LockstepMotion | None = field(
+        default=None, compare=False, repr=False, metadata=NOT_STORED
+    )
     #: Kinds of issue that ``unexplained`` is corrected for, each once.
     corrected: tuple[str, ...] = ()
 
@@ -88,20 +94,6 @@ class Report(Record):
             [str(getattr(issue, name)) for name in columns] for issue in self.issues
         ]
         return pandas.DataFrame(rows, columns=columns)
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Read a report that :meth:`to_dict` wrote; repairs and repaired runs are lost."""
-        percent = data["unexplained_percent"]
-        nothing = Measurements(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
-        return cls(
-            run=data["run"],
-            issues=tuple(map(Issue.from_dict, data["findings"])),
-            repaired_all=nothing,
-            repaired_certain=nothing,
-            unexplained=None if percent is None else (percent / 100.0) ** 2,
-            corrected=tuple(data.get("corrected", ())),
-        )
 
     @property
     def verdict(self) -> str:
@@ -161,14 +153,3 @@ class Report(Record):
             lines.append("Not repaired:")
         lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]
         return "\n".join(lines) + "\n"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the report as plain JSON; repaired runs are not part of it."""
-        return {
-            "run": self.run,
-            "meaningless": self.meaningless,
-            "unexplained_percent": self.unexplained_percent,
-            "corrected": [*self.corrected],
-            "findings": [f.to_dict() for f in self.issues],
-            "facts": to_json(self.facts()),
-        }

@@ -355,8 +355,8 @@ def _issue(issue: Issue) -> None:
     kind = escape(printable(issue.kind))
     where = escape(printable(issue.where))
     out.print(f"  {word}{nature} {kind} ({where})")
-    tries = " (--fix does it)" if issue.mends else ""
-    if issue.apply and not issue.mends:
+    tries = " (--fix does it)" if issue.can_fix else ""
+    if issue.apply and not issue.can_fix:
         tries = f" (--fix with --apply {issue.apply} tries it)"
     for text in (
         issue.what,

@@ -29,8 +29,8 @@ from sdp_vs_penalty.estimation.verdict import (
     judge,
     noise_level,
 )
-from sdp_vs_penalty.formatting import finite, plain_unit
-from sdp_vs_penalty.records import to_json
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.records import NOT_STORED, stored_as
 from sdp_vs_penalty.regression.evidence import jackknifed, student_95
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
@@ -76,10 +76,12 @@ class Signals:
 class Comparison(Record):
     """Errors of one model on measurements, all joints behind the same low-pass."""
 
+    derived = ("verdict", "relative_error_percent", "facts")
+
     #: Name of the model in the comparison.
-    name: str
+    name: str = field(metadata=stored_as("model"))
     #: The model.
-    estimate: Estimate = field(compare=False)
+    estimate: Estimate = field(compare=False, metadata=NOT_STORED)
     #: (n,) RMS error of each joint's torque [N m or N].
     rmse: Array
     #: (n,) mean squared error of each joint's torque [(N m)^2 or N^2].
@@ -95,7 +97,7 @@ class Comparison(Record):
     #: Cut-off frequency of the low-pass [Hz].
     band_hz: float
     #: The filtered rows that were compared.
-    signals: Signals = field(compare=False)
+    signals: Signals = field(compare=False, metadata=NOT_STORED)
     #: Names of the measurements.
     runs: tuple[str, ...] = ()
     #: Share of the rows whose motion the model was not trained on (see
@@ -109,7 +111,7 @@ class Comparison(Record):
     #: of it, else None.
     judged_on: str | None = None
     #: How long the arm stands still [s]; these rows are left out.
-    still: float = 0.0
+    still: float = field(default=0.0, metadata=stored_as("standstill_left_out"))
 
     @property
     def errors(self) -> JointErrors:
@@ -364,29 +366,6 @@ class Comparison(Record):
         }
         joints = range(1, len(self.rmse) + 1)
         return pandas.DataFrame(columns, pandas.Index(joints, name="joint"))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON of all but the signals."""
-        return {
-            "model": self.name,
-            "verdict": self.verdict.to_dict(),
-            "rmse": self.rmse.tolist(),
-            "mse": self.mse.tolist(),
-            "r2": [finite(x) for x in self.r2],
-            "torque_rms": self.torque_rms.tolist(),
-            "noise_floor": (
-                [None] * len(self.rmse)
-                if self.noise_floor is None
-                else self.noise_floor.tolist()
-            ),
-            "relative_error_percent": finite(self.relative_error_percent),
-            "band_hz": self.band_hz,
-            "standstill_left_out": self.still,
-            "new_motion_share": self.new_motion_share,
-            "outside": dict(self.outside),
-            "judged_on": self.judged_on,
-            "facts": to_json(self.facts()),
-        }
 
 
 #: Length [s] of the stretches of which a relative error's spread is told: longer than

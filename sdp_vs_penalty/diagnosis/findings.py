@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
@@ -208,6 +208,8 @@ class Finding(Rated):
     #: Whether only the errors beside all other findings show this one, not those beside
     #: the findings before it.
     is_shown_beside_all: bool = False
+    #: Number in the diagnosis, from 1, which sets it; 0 for a finding of none.
+    number: int = field(default=0, compare=False)
 
     @property
     def splits_sentence(self) -> str:
@@ -379,7 +381,7 @@ class Finding(Rated):
             rival = f"{rival}:{self.joints[0]}"
         return f"{self.text},{rival}"
 
-    def telling_run(self, model: str, number: int) -> str:
+    def telling_run(self, model: str) -> str:
         """Return the command that designs a recording by which an open question is
         decided.
 
@@ -387,8 +389,6 @@ class Finding(Rated):
         ----------
         model
             Path of the model.json for the command.
-        number
-            Number of the finding, for the name of the trajectory's file.
 
         Returns
         -------
@@ -405,7 +405,7 @@ class Finding(Rated):
             "--separate",
             self.undecided,
             "--out",
-            f"tell{number}.csv",
+            f"tell{self.number}.csv",
         ]
         return command_line(["sdp-vs-penalty", *words])
 
@@ -556,6 +556,11 @@ class Diagnosis(Record, JsonRecord):
     #: out.
     standstill_left_out: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Number the findings."""
+        numbered = (replace(f, number=k) for k, f in enumerate(self.effects, start=1))
+        object.__setattr__(self, "effects", tuple(numbered))
+
     @property
     def scope(self) -> str:
         """Which errors are meant: below the low-pass, and what is left out."""
@@ -595,11 +600,12 @@ class Diagnosis(Record, JsonRecord):
             A number does not exist, or nothing is left.
         """
         self._refuse_unknown(numbers or ())
-        chosen = []
-        for number, finding in enumerate(self.effects, start=1):
-            is_asked_for = numbers is None or number in numbers
-            if is_asked_for and (finding.torque_is_certain or not confident):
-                chosen.append(finding)
+        chosen = [
+            finding
+            for finding in self.effects
+            if (numbers is None or finding.number in numbers)
+            and (finding.torque_is_certain or not confident)
+        ]
         retuned = [r for r in self.retuned if r.torque_is_certain or not confident]
         has_all = numbers is None and len(chosen) == len(self.effects)
         curves = self.curves if has_all else ()
@@ -725,11 +731,11 @@ class Diagnosis(Record, JsonRecord):
         import pandas
 
         rows = []
-        for number, finding in enumerate(self.effects, start=1):
+        for finding in self.effects:
             joint = finding.main_joint
             rows.append(
                 {
-                    "finding": number,
+                    "finding": finding.number,
                     "effect": finding.effect,
                     "joints": finding.joints,
                     "size": finding.size,
@@ -1021,8 +1027,8 @@ class Diagnosis(Record, JsonRecord):
             return ", ".join(f"{x:.3g}" for x in values)
 
         rows = [
-            (f"finding {number}", finding.line)
-            for number, finding in enumerate(self.worth_showing, start=1)
+            (f"finding {finding.number}", finding.line)
+            for finding in self.worth_showing
         ]
         rows.append(("next", self.advice))
         rows.append(("held-out RMSE", in_words(self.held_out_rmse_before)))
@@ -1035,9 +1041,7 @@ class Diagnosis(Record, JsonRecord):
     @property
     def worth_showing(self) -> tuple[Finding, ...]:
         """The findings without the weak ones at their end, except for two of these."""
-        certain = [
-            k for k, f in enumerate(self.effects, start=1) if f.torque_is_certain
-        ]
+        certain = [f.number for f in self.effects if f.torque_is_certain]
         return self.effects[: (certain[-1] if certain else 0) + 2]
 
     def _table(self) -> Table:
@@ -1063,13 +1067,6 @@ class Diagnosis(Record, JsonRecord):
     def format(self) -> int:
         """Format of findings.json."""
         return FINDINGS_FORMAT
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the content of findings.json, in which findings have their numbers."""
-        out = super().to_dict()
-        for number, finding in enumerate(out["effects"], start=1):
-            finding["number"] = number
-        return out
 
 
 def _hum_in_words(diagnosis: Diagnosis, hum: Event) -> str:

@@ -16,12 +16,12 @@ worst joint is the one whose error beyond them is the most times its noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
@@ -119,8 +119,16 @@ MEANINGS = {
     TORQUE_CURVATURE: "A gear that yields, or has play, makes such an error.",
 }
 
-#: Of a wave in JSON: how often a revolution, its amplitude, that over its surroundings.
-_ORDER = ("per_revolution", "amplitude", "over_surroundings")
+
+class Wave(NamedTuple):
+    """A wave of a joint's error over the joint's turns."""
+
+    #: Waves per revolution.
+    per_revolution: int
+    #: Amplitude [N m].
+    amplitude: float
+    #: Amplitude over the median of its neighbours in the spectrum.
+    over_surroundings: float
 
 
 class Hum(NamedTuple):
@@ -162,10 +170,10 @@ class JointFailure(JsonRecord):
     #: function of the cause explains on data left out; causes are ranked by it.
     held_out_shares: dict[str, float]
     #: RMS within 0.15 s of velocity reversals over that elsewhere.
-    reversal_lift: float
-    #: Waves per revolution, their amplitude [N m], and the amplitude over its
-    #: surroundings, the most conspicuous first.
-    orders: tuple[tuple[int, float, float], ...]
+    #: NaN where there is no row of either kind.
+    reversal_lift: float = np.nan
+    #: Waves over the joint's turns, the most conspicuous first.
+    orders: tuple[Wave, ...] = ()
     #: Stretches where the error is large, with the cause seen there.
     stretches: tuple[FailingStretch, ...] = ()
     #: By cause, the share of the whole residual that a function of the cause explains
@@ -247,44 +255,6 @@ class JointFailure(JsonRecord):
             f"{name} [%]": None if share is None else 100.0 * share
             for name, share in shares.items()
         }
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON of all fields; the joint counts from 1.
-
-        A wave is {"per_revolution": 2, "amplitude": 0.1, "over_surroundings": 5.0}, a
-        stretch {"run": name, "start": s, "stop": s, "cause": name}, a hum {"frequency":
-        Hz, "amplitude": N m or N}.
-        """
-        return super().to_dict() | {
-            "hums": [hum._asdict() for hum in self.hums],
-            "orders": [dict(zip(_ORDER, one, strict=True)) for one in self.orders],
-            "stretches": [s._asdict() for s in self.stretches],
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Restore a joint's failure from what :meth:`to_dict` wrote."""
-        lift = data["reversal_lift"]
-        return cls(
-            joint=int(data["joint"]),
-            rmse=float(data["rmse"]),
-            noise_floor=data["noise_floor"],
-            explainable_share=data["explainable_share"],
-            held_out_shares=dict(data["held_out_shares"]),
-            reversal_lift=float("nan") if lift is None else float(lift),
-            orders=tuple(
-                (int(one[_ORDER[0]]), float(one[_ORDER[1]]), float(one[_ORDER[2]]))
-                for one in data["orders"]
-            ),
-            stretches=tuple(FailingStretch(**one) for one in data["stretches"]),
-            shares_of_error=dict(data.get("shares_of_error", {})),
-            refit_share=float(data.get("refit_share", 0.0)),
-            hums=tuple(Hum(**one) for one in data.get("hums", ())),
-            torque=data.get("torque"),
-            usual_share=float(data.get("usual_share", 0.0)),
-            other_joint=data.get("other_joint", ""),
-            scatter=data.get("scatter"),
-        )
 
 
 def _energy_of(hums: Iterable[Hum]) -> float:
@@ -435,15 +405,26 @@ def _dependence_sentence(causes: CauseShares, named: Sequence[str]) -> str:
     )
 
 
-class Failures(Record, list[JointFailure]):
-    """Where a model fails, joint by joint, with the units of the joints' torques."""
+@dataclass(frozen=True, repr=False)
+class Failures(Record, JsonRecord):
+    """Where a model fails, joint by joint; it is a sequence of these."""
 
-    def __init__(
-        self, failures: Iterable[JointFailure] = (), units: Sequence[str] = ()
-    ) -> None:
-        """Hold the joints' failures in order, with the units of their torques."""
-        super().__init__(failures)
-        self.units = tuple(units)
+    #: How each joint's residual behaves, in the order of the joints.
+    joints: tuple[JointFailure, ...]
+    #: Unit of each joint's torque.
+    units: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Return the number of joints."""
+        return len(self.joints)
+
+    def __iter__(self) -> Iterator[JointFailure]:
+        """Iterate over the joints."""
+        return iter(self.joints)
+
+    def __getitem__(self, index: int) -> JointFailure:
+        """Return the failure of a joint, from 0."""
+        return self.joints[index]
 
     @fact("times", name="error near reversals over elsewhere")
     def reversal_lift(self) -> Array:
@@ -497,18 +478,6 @@ class Failures(Record, list[JointFailure]):
         """The worst joints (from 1) that differ by less than their noise is known."""
         badness = self.badness
         return (np.flatnonzero(badness * _SCATTER_KNOWN >= badness.max()) + 1).tolist()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON of all joints."""
-        return {
-            "units": list(self.units),
-            "joints": [failure.to_dict() for failure in self],
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Restore the failures from what :meth:`to_dict` wrote."""
-        return cls(map(JointFailure.from_dict, data["joints"]), data["units"])
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a table with one row a joint (from 1): rmse, noise_floor, share of
@@ -597,11 +566,13 @@ def where_it_fails(
         keep=np.asarray(rows.keep.all(axis=1), bool),
         repeats=source == REPETITION,
     )
-    out = Failures(units=estimate.torque_units)
-    for j in range(rows.n):
-        floor = None if floors is None else float(floors[j])
-        out.append(judge.failure_of(j, residual[:, j], floor))
-    return out
+    joints = (
+        judge.failure_of(
+            j, residual[:, j], None if floors is None else float(floors[j])
+        )
+        for j in range(rows.n)
+    )
+    return Failures(tuple(joints), estimate.torque_units)
 
 
 @dataclass(frozen=True)
@@ -675,9 +646,7 @@ class _Judge:
             ),
         )
 
-    def orders(
-        self, j: int, series: Sequence[_FullRate]
-    ) -> tuple[tuple[int, float, float], ...]:
+    def orders(self, j: int, series: Sequence[_FullRate]) -> tuple[Wave, ...]:
         """Find the waves per turn in the residual of joint j (from 0).
 
         Parameters
@@ -687,9 +656,8 @@ class _Judge:
 
         Returns
         -------
-        tuple of (int, float, float)
-            Waves per turn (order), amplitude [N m], and amplitude over the median of
-            neighbouring orders; empty for a prismatic joint.
+        tuple of Wave
+            Empty for a prismatic joint.
         """
         if self.estimate.robot.joints[j].kind != "revolute":
             return ()
@@ -904,9 +872,7 @@ _WAVE = 6.0
 _MOST_WAVES = 5
 
 
-def _orders(
-    full: Sequence[_FullRate], bins: int = 4096
-) -> tuple[tuple[int, float, float], ...]:
+def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[Wave, ...]:
     """Find waves per turn in residuals, by their amplitude over that of neighbouring
     orders.
 
@@ -925,8 +891,8 @@ def _orders(
 
     Returns
     -------
-    tuple of (int, float, float)
-        Order, amplitude and ratio of up to five waves, the largest amplitude first.
+    tuple of Wave
+        Up to five, the largest amplitude first.
     """
     turn = 2.0 * np.pi
     angle = np.concatenate([series.angle for series in full])
@@ -968,12 +934,12 @@ def _orders(
         waves[order] = float(over)
         columns, sizes, amplitude = with_wave, sizes_with, left
     found = [
-        (order, float(np.hypot(*size)), over)
+        Wave(order, float(np.hypot(*size)), over)
         for (order, over), size in zip(
             waves.items(), sizes[n_smooth:].reshape(-1, 2), strict=True
         )
     ]
-    return tuple(sorted(found, key=lambda one: -one[1]))
+    return tuple(sorted(found, key=lambda wave: -wave.amplitude))
 
 
 def _surroundings(amplitude: Array) -> Array:

@@ -29,6 +29,7 @@ from sdp_vs_penalty.estimation.link_figures import (
     certified_content,
 )
 from sdp_vs_penalty.estimation.model_file import (
+    FORMAT,
     CovarianceBlock,
     ModelFile,
     ParameterEntry,
@@ -38,7 +39,7 @@ from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.files import read_json, require_format, write_text
+from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
@@ -56,12 +57,6 @@ from sdp_vs_penalty.solvers import SOLVERS
 
 if TYPE_CHECKING:
     import pandas
-
-
-#: Of model.json; a file with a larger number was written by a newer version of this
-#: package. Format 1 did not keep the bounds under which a model was identified, and
-#: nothing can bring them back.
-FORMAT = 2
 
 
 #: Exporters are plug-ins of a later folder: found by name when a model is asked for
@@ -519,27 +514,6 @@ class Estimate(Record):
         """
         return _SIMULATORS("to_mjspec")(self, force)
 
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Estimate:
-        """Read an estimate from plain JSON.
-
-        Parameters
-        ----------
-        data : dict
-            The dictionary that :meth:`to_dict` wrote.
-
-        Returns
-        -------
-        Estimate
-            Equal to the one that was written.
-
-        Raises
-        ------
-        InputError
-            For a dictionary that is no estimate.
-        """
-        return _from_dict(data)
-
     @property
     def weighting(self) -> str:
         """How the joints' rows were weighted: "noise" or "none"."""
@@ -736,16 +710,12 @@ class Estimate(Record):
 
         return pandas.DataFrame(self.to_dict()["parameters"]).set_index("name")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the content of model.json as a JSON dictionary.
+    def as_written(self) -> ModelFile:
+        """Return the record of model.json.
 
         The covariance holds only parameters with a known standard deviation (not NaN),
-        with their names. A missing reference or training motion is null.
+        with their names.
         """
-        return self._file().to_dict()
-
-    def _file(self) -> ModelFile:
-        """Return the record of model.json."""
         # Rows and columns of the covariance that are finite.
         with_std = np.flatnonzero(~np.isnan(self.uncertainty.std))
         covariance = self.uncertainty.covariance[np.ix_(with_std, with_std)]
@@ -785,13 +755,7 @@ class Estimate(Record):
         """Return what the file holds of each parameter."""
         return tuple(
             ParameterEntry(
-                name=parameter.name,
-                unit=parameter.unit,
-                value=float(value),
-                std=interval.std,
-                lower=interval.lower,
-                upper=interval.upper,
-                verdict=interval.verdict,
+                **{**vars(interval), "value": float(value)},
                 nominal=float(nominal),
                 source=source,  # type: ignore[arg-type]
                 effect=parameter.effect,
@@ -867,19 +831,12 @@ def load_estimate(path: str | Path) -> Estimate:
         For a file that is no model.json, is incomplete, or comes from a newer version,
         or from an earlier one, which did not keep the problem.
     """
-    return read_json(path, "model.json", "format", _from_dict)
+    return read_json(path, "model.json", "format", estimate_of_file)
 
 
-def _from_dict(data: Mapping[str, Any]) -> Estimate:
-    """Read an Estimate from the dictionary of a model.json; InputError, with the path
-    of the field, for a damaged one."""
-    require_format(
-        data,
-        FORMAT,
-        oldest=FORMAT,
-        older="which did not keep the bounds of the model's problem",
-        remedy="identify again",
-    )
+def estimate_of_file(data: Mapping[str, Any]) -> Estimate:
+    """Return the Estimate of the JSON of a model.json; InputError, with the path of the
+    field, for a damaged one."""
     file = ModelFile.from_dict(data)
     problem = file.problem.problem(file.robot)
     plugins = file.provenance.get("plugins", {})

@@ -15,9 +15,10 @@ from sdp_vs_penalty.effects.effect import EffectEntry
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
-from sdp_vs_penalty.estimation.uncertainty import LEVEL, NOT_SEEN, Interval, Uncertainty
+from sdp_vs_penalty.estimation.uncertainty import LEVEL, Interval, Uncertainty
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import ESTIMATORS
+from sdp_vs_penalty.files import require_format
 from sdp_vs_penalty.problem.problem import ProblemFields
 from sdp_vs_penalty.records import JsonRecord, from_json
 from sdp_vs_penalty.robot.arrays import Array
@@ -30,24 +31,9 @@ Source = Literal["data", "prior", "bounds", "given"]
 
 
 @dataclass(frozen=True)
-class ParameterEntry(JsonRecord):
-    """One parameter of the model: its value, what the data say of it, and where it
-    belongs."""
+class ParameterEntry(Interval):
+    """One parameter of the model: its interval, and where it belongs."""
 
-    #: Name of the parameter, such as "m1".
-    name: str
-    #: Unit of the value.
-    unit: str
-    #: Value as identified.
-    value: float
-    #: Standard deviation; NaN where the data do not determine the parameter.
-    std: float = np.nan
-    #: Lower end of the 95 % interval.
-    lower: float = -np.inf
-    #: Upper end of the 95 % interval.
-    upper: float = np.inf
-    #: Verdict of the interval: "identifiable", "weakly" or "not seen".
-    verdict: str = NOT_SEEN
     #: Value that the robot's file states; NaN where it has none.
     nominal: float = np.nan
     #: What determines the value.
@@ -64,7 +50,7 @@ class ParameterEntry(JsonRecord):
 
     @property
     def interval(self) -> Interval:
-        """What the data say of the parameter."""
+        """What the data say of the parameter, alone."""
         return Interval(**{f.name: getattr(self, f.name) for f in fields(Interval)})
 
 
@@ -243,6 +229,12 @@ class ProvenanceFields:
     torque_unit: str = ""
 
 
+#: Of model.json; a file with a larger number was written by a newer version of this
+#: package. Format 1 did not keep the bounds under which a model was identified, and
+#: nothing can bring them back.
+FORMAT = 2
+
+
 @dataclass(frozen=True)
 class ModelFile(JsonRecord):
     """All of a model.json."""
@@ -279,6 +271,18 @@ class ModelFile(JsonRecord):
     covariance: CovarianceBlock | None = None
     #: Path of the training motion, where that was recorded.
     training_motion: MotionRecord | None = None
+
+    @classmethod
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Raise InputError for a file of another format."""
+        require_format(
+            data,
+            FORMAT,
+            oldest=FORMAT,
+            older="which did not keep the bounds of the model's problem",
+            remedy="identify again",
+        )
+        return data
 
     def __post_init__(self) -> None:
         """Raise InputError for parts that are of another type, or belong to another

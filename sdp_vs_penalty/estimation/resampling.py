@@ -20,10 +20,10 @@ no digit is lost, since the sum of all G_b is at most one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.records import WritesJson, stored_as
 from sdp_vs_penalty.regression.linalg import column_space
 from sdp_vs_penalty.regression.regression import (
     LeastSquares,
@@ -74,8 +75,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Fold:
+class Fold(WritesJson):
     """One fold: identified from all but a stretch, judged on it."""
+
+    derived = ("relative_error_percent", "rmse")
 
     #: Start of the stretch on the clock of the first motion [s].
     start: float
@@ -104,8 +107,10 @@ class Fold:
 
 
 @dataclass(frozen=True, repr=False)
-class CrossValidation(Shown):
+class CrossValidation(Shown, WritesJson):
     """Errors of a method on motion that its models have not seen, fold by fold."""
+
+    derived = ("relative_error_percent", "rmse", "worst_fold")
 
     #: Name of the problem.
     problem: str
@@ -122,7 +127,7 @@ class CrossValidation(Shown):
     #: Frequency below which all errors are meant [Hz].
     band_hz: float
     #: Time for which the arm stood still, whose rows are left out [s].
-    still: float = 0.0
+    still: float = field(default=0.0, metadata=stored_as("standstill_left_out"))
 
     @property
     def scope(self) -> str:
@@ -159,17 +164,17 @@ class CrossValidation(Shown):
         return self._whole.relative_error_percent
 
     @property
-    def worst(self) -> int:
+    def worst_fold(self) -> int:
         """Number of the fold with the largest relative error, from 1."""
         return 1 + int(np.argmax([f.relative_error_percent for f in self.folds]))
 
     @property
     def verdict(self) -> str:
         """Relative error over all folds and in the worst fold, as a sentence."""
-        worst = self.folds[self.worst - 1]
+        worst = self.folds[self.worst_fold - 1]
         return (
             f"{self.method} predicts unseen motion to {self.relative_error_percent:.3g}"
-            f" % (relative error); worst fold {self.worst}:"
+            f" % (relative error); worst fold {self.worst_fold}:"
             f" {worst.relative_error_percent:.3g} %."
         )
 
@@ -221,37 +226,6 @@ class CrossValidation(Shown):
             for joint, error in enumerate(fold.rmse, start=1)
         ]
         return pandas.DataFrame(rows).set_index(["fold", "joint"])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return a JSON dictionary of the settings, the totals and the folds.
-
-        Folds are numbered from 1; "rows" is the largest number of rows of a joint;
-        torque errors "rmse" (n,) are in N m or N.
-        """
-        folds = [
-            {
-                "number": number,
-                "start": fold.start,
-                "stop": fold.stop,
-                "rows": int(fold.rows.max(initial=0)),
-                "relative_error_percent": fold.relative_error_percent,
-                "rmse": fold.rmse.tolist(),
-            }
-            for number, fold in enumerate(self.folds, start=1)
-        ]
-        return {
-            "problem": self.problem,
-            "method": self.method,
-            "periodic": self.periodic,
-            "guard": self.guard,
-            "band_hz": self.band_hz,
-            "standstill_left_out": self.still,
-            "relative_error_percent": self.relative_error_percent,
-            "effects": list(self.effects),
-            "rmse": self.rmse.tolist(),
-            "worst_fold": self.worst,
-            "folds": folds,
-        }
 
 
 @checked_arguments

@@ -2,7 +2,7 @@
 that are."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from sdp_vs_penalty.exporters.content import Inertial
 from sdp_vs_penalty.exporters.urdf import Document, inertial_tags
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
+from sdp_vs_penalty.records import NOT_STORED, WritesJson, stored_as
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
@@ -44,13 +45,15 @@ _REACH_OF_BASE = 3.0
 
 
 @dataclass(frozen=True)
-class LinkCheck:
+class LinkCheck(WritesJson):
     """One link's inertial as the file writes it, and what is wrong with it."""
+
+    derived = ("mass", "consistent", "plausible", "nearest_inertia", "distance")
 
     #: Name of the link.
     link: str
     #: Mass, centre of mass and inertia that the file writes.
-    inertial_given: Inertial
+    inertial_given: Inertial = field(metadata=NOT_STORED)
     #: Smallest of D1 + D2 - D3 over the principal moments about the centre of mass
     #: [kg m^2], >= 0 for a possible body; NaN without a positive mass.
     triangle_margin: float
@@ -63,7 +66,7 @@ class LinkCheck:
     #: moves it).
     reach: float
     #: Radius sqrt(tr I / (2 m)) about the centre of mass of a consistent link [m].
-    gyration: float
+    gyration: float = field(metadata=stored_as("radius_of_gyration"))
     #: Why a consistent link does not fit its shapes or its place; "" where it does.
     misfit: str
     #: Numbers that the file writes twice, and differently, such as iyx against ixy.
@@ -71,10 +74,10 @@ class LinkCheck:
     #: Typing mistakes that explain it and are not told apart, the likeliest first.
     repairs: tuple[Repair, ...]
     #: Repair that explains an impossible link; None where no other is far behind.
-    repair: Repair | None
+    repair: Repair | None = field(metadata=NOT_STORED)
     #: Nearest possible inertial (Frobenius norm) of an inconsistent link with mass;
     #: None of other links.
-    nearest: Inertial | None
+    nearest: Inertial | None = field(metadata=NOT_STORED)
     #: Whether the nearest inertia differs by no more than the written digits.
     is_rounding: bool
 
@@ -196,28 +199,22 @@ class LinkCheck:
                 f" link; --fix writes this): {numbers}"
             )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the check as JSON: mass, margins, verdict, radius of gyration and
-        typing mistakes; for an inconsistent link also the nearest inertia and the
-        distance to it. A margin that is not known is null."""
-        names = ("link", "pseudo_inertia_margin", "consistent", "verdict")
-        out = {name: getattr(self, name) for name in names} | {
-            "radius_of_gyration": self.gyration
-        }
-        out |= {
-            "mass": self.inertial_given.mass,
-            "triangle_margin": formatting.finite(self.triangle_margin),
-        }
-        out["plausible"] = self.consistent and not self.unlikely
-        out["repairs"] = [
-            {"sentence": x.sentence, "numbers": dict(x.texts)} for x in self.repairs
-        ]
-        if self.misfit:
-            out["misfit"] = self.misfit
-        if self.nearest is not None:
-            values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
-            out |= {"nearest_inertia": values, "distance": self.distance}
-        return out
+    @property
+    def mass(self) -> float:
+        """Mass that the file writes [kg]."""
+        return self.inertial_given.mass
+
+    @property
+    def plausible(self) -> bool:
+        """Whether the body can exist, and fits its shapes and its place."""
+        return self.consistent and not self.unlikely
+
+    @property
+    def nearest_inertia(self) -> dict[str, float] | None:
+        """The nearest inertia as a URDF writes it, for an inconsistent link."""
+        if self.nearest is None:
+            return None
+        return {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
 
 
 def check_urdf(path: str | Path) -> list[LinkCheck]:

@@ -379,7 +379,7 @@ _LAST_COLOUR = 4
 
 def error_scale(model: ModelStep) -> tuple[str, str]:
     """Say what the first and the last colour of :func:`torque_errors` mean."""
-    is_known = None not in model.comparison["noise_floor"]
+    is_known = model.comparison["noise_floor"] is not None
     unit = "noise of the joint" if is_known else "noise of the joint, or its own RMS"
     return "no error", f"{_LAST_COLOUR} times the {unit}"
 
@@ -393,8 +393,8 @@ def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
     """
     error = np.abs(read["torque"] - read["modelled"])
     rms = np.sqrt(np.mean(error**2, axis=0))
-    floors = model.comparison["noise_floor"]
-    sizes = [floor or joint_rms for floor, joint_rms in zip(floors, rms, strict=True)]
+    floors = model.comparison["noise_floor"] or np.zeros(len(rms))
+    sizes = np.where(floors, floors, rms)
     scale = _LAST_COLOUR * np.maximum(sizes, 1e-12)  # no division by zero
     rows = np.searchsorted(read["t"], read["tf"]).clip(0, len(error) - 1)
     return np.round(np.clip(error[rows] / scale, 0.0, 1.0), 2)

@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, JointFailure
+from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, Failures
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import over_noise
@@ -219,7 +219,7 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
 
 
 def heat_rows(
-    failures: Sequence[JointFailure], shares_found: Mapping[str, Sequence[float]]
+    failures: Failures, shares_found: Mapping[str, Sequence[float]]
 ) -> list[tuple[str, list[float]]]:
     """Return the rows of the heat map: how much of each joint's error a cause explains.
 
@@ -227,7 +227,7 @@ def heat_rows(
 
     Parameters
     ----------
-    failures : sequence of JointFailure
+    failures : Failures
         Error analysis of each joint.
 
     Returns

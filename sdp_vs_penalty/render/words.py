@@ -119,10 +119,7 @@ def plain_name(effect: str) -> str:
 
 
 def describe_finding(
-    finding: Finding,
-    diagnosis: Diagnosis,
-    place_in_list: int,
-    model: str = "model.json",
+    finding: Finding, diagnosis: Diagnosis, model: str = "model.json"
 ) -> FindingWords:
     """Return the sentences about a finding.
 
@@ -131,19 +128,16 @@ def describe_finding(
     finding : Finding
         The effect that the diagnosis found.
     diagnosis : Diagnosis
-        The diagnosis that it belongs to.
-    place_in_list : int
-        Position in the diagnosis, from 1. An effect's physics is explained only where
-        it is listed first.
+        The diagnosis that it belongs to. An effect's physics is explained only where it
+        is listed first.
     model : str
         File name of the model, for the command that tests the finding.
     """
     physics = finding.physics
-    earlier = diagnosis.effects[: place_in_list - 1]
+    earlier = diagnosis.effects[: finding.number - 1]
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
     rivals = finding.rivals_in_words
-    run = finding.telling_run(model, place_in_list)
     return FindingWords(
         title=finding.title,
         on_the_arm=finding.on_the_arm,
@@ -155,7 +149,7 @@ def describe_finding(
         rivals=f"Fits as well: {rivals}." if rivals else "",
         splits=finding.splits_sentence,
         doubt=doubt_of(finding),
-        test=run,
+        test=finding.telling_run(model),
     )
 
 
@@ -233,10 +227,7 @@ def describe_diagnosis(
     model : str
         File name of the diagnosed model, for the commands that test a finding.
     """
-    findings = [
-        describe_finding(finding, diagnosis, k, model)
-        for k, finding in enumerate(diagnosis.effects, start=1)
-    ]
+    findings = [describe_finding(f, diagnosis, model) for f in diagnosis.effects]
     invisible: dict[str, set[int]] = {}
     for item in diagnosis.invisible:
         invisible.setdefault(item.effect, set()).update(item.joints)
@@ -281,9 +272,9 @@ def finding_table(
     rows = [("model", diagnosis.held_out_rmse_before)]
     if diagnosis.retuned and shown:
         rows.append(("re-estimated", shown[0].held_out_rmse_before))
-    for k, finding in enumerate(shown, start=1):
+    for finding in shown:
         mark = "" if finding.rating == "confident" else f" {finding.rating}"
-        rows.append((f"+ {k}.{mark}", finding.held_out_rmse_after))
+        rows.append((f"+ {finding.number}.{mark}", finding.held_out_rmse_after))
     noise = "noise" if diagnosis.noise_known else "noise?"
     rows.append((noise, diagnosis.noise_floor))
     kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))

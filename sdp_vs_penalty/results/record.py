@@ -9,6 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.errors import printable
+from sdp_vs_penalty.records import WritesJson
 from sdp_vs_penalty.results.facts import Fact, facts_of
 from sdp_vs_penalty.results.table import Table
 
@@ -78,9 +79,9 @@ def _cut(line: str) -> str:
     return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."
 
 
-class Record(Shown):
-    """A result. Each has ``to_dict`` and ``from_dict`` (plain JSON, there and back),
-    ``to_frame`` (all its numbers) and :meth:`facts`."""
+class Record(Shown, WritesJson):
+    """A result. Each has ``to_dict`` (plain JSON), ``to_frame`` (all its numbers) and
+    :meth:`facts`."""
 
     def facts(self) -> dict[str, Fact]:
         """Compute all facts of this result by name.

@@ -7,16 +7,17 @@ import io
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.files import read_text
 from sdp_vs_penalty.formatting import escape_markdown
+from sdp_vs_penalty.records import JsonRecord
 
 if TYPE_CHECKING:
     import pandas
@@ -51,7 +52,7 @@ _WRAPPED = 80
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class Table(JsonRecord):
     """A table of words and numbers, for terminal, HTML, Markdown, CSV and LaTeX."""
 
     #: Headings of the columns.
@@ -68,29 +69,12 @@ class Table:
     name: str = ""
     #: Significant digits of numbers.
     digits: int = 4
-    #: Columns (from 0) that hold words and stand left; None: the cells decide.
-    words: Sequence[int] | None = (0,)
+    #: Columns (from 0) that hold words and stand left.
+    words: Sequence[int] = (0,)
     #: CSS classes of each row.
     row_classes: Sequence[str] = ()
     #: CSS classes of the table.
     style: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the table as JSON, which a page needs to draw it."""
-        words = None if self.words is None else list(self.words)
-        return {
-            "headings": list(self.headings),
-            "rows": self.cells(),
-            "title": self.title,
-            "words": words,
-            "row_classes": list(self.row_classes),
-            "style": self.style,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Make a table from the JSON that :meth:`to_dict` returns."""
-        return cls(**data)
 
     def cells(self) -> list[list[str]]:
         """Return every cell as text, row by row."""
@@ -102,14 +86,10 @@ class Table:
         return [[row[k] for row in rows] for k in range(len(self.headings))]
 
     def numeric(self) -> list[bool]:
-        """Return for each column whether it holds numbers, which are aligned right.
-
-        These are the columns that ``words`` does not list; if that is None, those whose
-        cells are all numbers.
+        """Return for each column whether it holds numbers, which are aligned right:
+        ``words`` does not list it.
         """
-        if self.words is not None:
-            return [k not in self.words for k in range(len(self.headings))]
-        return [is_numeric(column) for column in self.columns()]
+        return [k not in self.words for k in range(len(self.headings))]
 
     def __rich__(self) -> Any:
         """Return the table as an object of the library rich, which prints it in a
@@ -198,14 +178,11 @@ class Table:
 
     def _with_columns(self, columns: Sequence[int]) -> Table:
         """Return the table with some of its columns (from 0), in this order."""
-        words = None
-        if self.words is not None:
-            words = [place for place, k in enumerate(columns) if k in self.words]
         return replace(
             self,
             headings=[self.headings[k] for k in columns],
             rows=[[row[k] for k in columns] for row in self.rows],
-            words=words,
+            words=[place for place, k in enumerate(columns) if k in self.words],
         )
 
     def text(self, width: int = 100) -> str:

@@ -13,11 +13,12 @@ within a factor of ten of the best are not told apart.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 
+from sdp_vs_penalty.records import NOT_STORED, WritesJson, stored_as
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny
 
@@ -178,17 +179,17 @@ class WrittenInertial:
 
 
 @dataclass(frozen=True)
-class Repair:
+class Repair(WritesJson):
     """One typing mistake that explains an inertial."""
 
     #: What is wrong and what it should be, as a sentence.
     sentence: str
     #: New text of each number that changes, by its name.
-    texts: Mapping[str, str]
+    texts: Mapping[str, str] = field(metadata=stored_as("numbers"))
     #: Characters that differ.
     n_characters: int
     #: (10,) m, centre and entries about it, in the tensor's axes.
-    barycentric: Array
+    barycentric: Array = field(metadata=NOT_STORED)
     #: Logarithm of its odds, up to a constant [nats].
     score: float
 

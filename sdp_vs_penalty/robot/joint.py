@@ -16,13 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.records import JsonRecord, JsonRecordSkippingNone
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 
 @dataclass(frozen=True)
-class Joint(JsonRecordSkippingNone):
+class Joint(JsonRecord):
     """One moving joint and the link that it carries."""
+
+    skips_null = True
 
     #: Name of the joint.
     name: str

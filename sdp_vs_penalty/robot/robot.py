@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.records import JsonRecordSkippingNone
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 from sdp_vs_penalty.robot.joint import (
@@ -37,7 +37,7 @@ ROUNDED_ANGLE = 1e-5
 
 
 @dataclass(frozen=True)
-class Robot(JsonRecordSkippingNone):
+class Robot(JsonRecord):
     """Joints (n), depth first, and the gravity vector [m/s^2] in the base frame.
 
     Depth first: what a joint carries follows it without a gap. Pinocchio's composite
@@ -46,6 +46,8 @@ class Robot(JsonRecordSkippingNone):
     themselves, a joint's parent counts in ``tree``, and there are more links than
     joints: ``links`` of them.
     """
+
+    skips_null = True
 
     #: Name of the robot.
     name: str

@@ -362,7 +362,7 @@ def _plan(
         "seed": seed,
         "level": level,
         "effects": [
-            {**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
+            {**h.truth.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
         ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }

@@ -20,7 +20,7 @@ from sdp_vs_penalty import (
     load_estimate,
     load_problem,
 )
-from sdp_vs_penalty.checks import Issue, Report, check, mended
+from sdp_vs_penalty.checks import Issue, check, mended
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.gate import consented, needs_check
@@ -187,7 +187,7 @@ def test_torques_tell_per_cent_of_the_ranges_from_degrees(simulated):
     (report,) = check(problem, logged, thorough=False)
     (issue,) = [f for f in report.issues if f.kind == "positions in per cent"]
     assert (issue.severity, issue.certainty.grade) == ("error", "likely")
-    assert not issue.mends
+    assert not issue.can_fix
     np.testing.assert_allclose(report.repaired_all.q, run.q, atol=0.01)
 
 
@@ -221,7 +221,7 @@ def test_only_what_is_certain_is_fixed(simulated):
     (report,) = check(problem, knocked(SPOILED["rows twice"][0](run)))
     assert {f.kind for f in report.errors_and_warnings} >= {"one-off event"}
     assert len(report.repaired_all.t) < len(report.repaired_certain.t) <= len(run.t)
-    repaired = [f for f in report.issues if f.mends]
+    repaired = [f for f in report.issues if f.can_fix]
     done, left = report.changes("run.csv", repaired).split("Not repaired:")
     assert "Done: " in done
     assert "one-off event" not in done
@@ -379,7 +379,7 @@ def test_the_verdict_says_what_is_corrected_before_the_share_is_taken(two_link):
         bad.verdict
     )
     assert bad.unexplained == pytest.approx(good.unexplained, rel=0.1)
-    assert Report.from_dict(bad.to_dict()).corrected == ("torque sign",)
+    assert bad.to_dict()["corrected"] == ["torque sign"]
 
 
 def test_the_verdict_names_facts_that_are_corrected(two_link):

@@ -490,7 +490,7 @@ def test_an_issue_is_mended_where_its_grade_is_certain_whatever_its_words():
         remedy="r",
         repair=flipped,
     )
-    assert issue.mends
+    assert issue.can_fix
     assert str(issue.certainty) == "certain: read from the file"
-    assert Issue.from_dict(issue.to_dict()).certainty == issue.certainty
-    assert not replace(issue, certainty=likely("certain: but for a few")).mends
+    assert issue.to_dict()["certainty"] == "certain: read from the file"
+    assert not replace(issue, certainty=likely("certain: but for a few")).can_fix

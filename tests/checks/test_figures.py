@@ -28,7 +28,7 @@ def told(report: Report) -> dict[str, Any]:
         f"{i.kind}, {i.where}": said(
             f"{i.severity} | {i.what} | {i.certainty} | {i.remedy}"
         )
-        | {"figures": dict(i.figures), "gravity": i.gravity, "mends": i.mends}
+        | {"figures": dict(i.figures), "gravity": i.gravity, "can_fix": i.can_fix}
         for i in report.issues
     }
     runs = {"mended": report.repaired_all, "fixed": report.repaired_certain}

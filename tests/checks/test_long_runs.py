@@ -59,7 +59,7 @@ def test_an_issue_of_all_windows_is_listed_once(flipped_report):
 
 
 def test_a_long_run_offers_no_repair(flipped_report):
-    assert not any(issue.mends for issue in flipped_report.issues)
+    assert not any(issue.can_fix for issue in flipped_report.issues)
 
 
 def test_unusable_rows_of_a_long_run_are_one_error(two_link, long_run):

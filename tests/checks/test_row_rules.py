@@ -84,7 +84,7 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
     assert np.all(np.diff(rows) > 0)
     assert len(clean.t) - len(rows) == gone
     assert np.abs(whole.t - clean.t[rows]).max() * RATE <= off + 1e-6
-    np.testing.assert_array_equal((whole if issue.mends else spoiled).t, fixed.t)
+    np.testing.assert_array_equal((whole if issue.can_fix else spoiled).t, fixed.t)
     wrong = np.flatnonzero(
         clean_rows.query(np.hstack([spoiled.q, spoiled.tau]))[0] > 1e-9
     )

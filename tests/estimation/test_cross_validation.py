@@ -24,8 +24,8 @@ def test_errors_are_of_unseen_motion(two_link):
     assert result.periodic
     assert len(result.folds) == 4
     worst = max(f.relative_error_percent for f in result.folds)
-    assert result.folds[result.worst - 1].relative_error_percent == worst
-    assert f"worst fold {result.worst}: {worst:.3g} %" in result.verdict
+    assert result.folds[result.worst_fold - 1].relative_error_percent == worst
+    assert f"worst fold {result.worst_fold}: {worst:.3g} %" in result.verdict
     rows = sum(f.rows for f in result.folds)
     np.testing.assert_allclose(
         result.rmse**2, sum(f.losses for f in result.folds) / rows, rtol=1e-12

@@ -66,7 +66,7 @@ def _at_a_thousand_hertz(name: str, mass: float, seed: int) -> SimulatedPicks:
     heavy = hidden_runs(problem, load, level, seed, world=clean.world)
     (truth,) = heavy.truth["effects"]
     frame = problem.robot.tree[-1].link_frame  # the truth is in the joint's frame
-    com = np.linalg.solve(frame, [*truth["com"], 1.0])[:3]
+    com = np.linalg.solve(frame, [*truth["details"]["com"], 1.0])[:3]
     *training, calibration, bare = clean.runs
     return SimulatedPicks(
         identify(problem, training, check=False),

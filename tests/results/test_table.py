@@ -39,7 +39,7 @@ def test_html_shows_backticks_as_code():
 
 
 def test_latex_has_a_column_of_numbers():
-    latex = Table(("name", "size"), [("a_b", 0.125)], words=None).latex()
+    latex = Table(("name", "size"), [("a_b", 0.125)]).latex()
     assert r"\begin{tabular}{l S[table-alignment-mode=marker]}" in latex
     assert r"a\_b & 0.125 \\" in latex
 

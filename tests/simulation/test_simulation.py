@@ -141,7 +141,7 @@ def test_a_pickled_effect_adds_the_same_torque(two_link):
     for name in ("stribeck_friction", "torque_offset", "joint_zero_error"):
         effect = replace(made(name, world, 1, rng), size=0.3)
         again = pickle.loads(pickle.dumps(effect))
-        assert again.to_dict() == effect.to_dict()
+        assert again.truth == effect.truth
         np.testing.assert_array_equal(
             again.torque(world, motion), effect.torque(world, motion)
         )

@@ -110,6 +110,6 @@ def mended(
             if issue.repair is not None:
                 # What is only likely is mended for the rules that follow, and deletes
                 # no row.
-                fixed = issue.repair(fixed) if issue.mends else fixed
+                fixed = issue.repair(fixed) if issue.can_fix else fixed
                 glance = replace(glance, run=issue.repair(glance.run))
     return issues, glance, fixed

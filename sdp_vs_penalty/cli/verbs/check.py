@@ -185,5 +185,5 @@ def _repair_words(reports: Sequence[Report]) -> list[str] | None:
     """
     issues = [issue for report in reports for issue in report.errors_and_warnings]
     named = list(dict.fromkeys(issue.apply for issue in issues if issue.apply))
-    is_repairable = bool(named) or any(issue.mends for issue in issues)
+    is_repairable = bool(named) or any(issue.can_fix for issue in issues)
     return named if is_repairable else None

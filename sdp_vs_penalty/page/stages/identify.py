@@ -266,6 +266,7 @@ class _Fit:
         units = session.robot["units"]
         steps = session.first_and_current
         recordings = [session.recording(step, view.run) for step in steps]
+        floors = model.comparison["noise_floor"]
         self._draw_bars(j, units)
         self._draw_torques(j, units, recordings)
         drawn = charts.residual_chart(
@@ -273,7 +274,7 @@ class _Fit:
             joint=j,
             signal=view.signal,
             unit=units[j],
-            floor=model.comparison["noise_floor"][j],
+            floor=floors and floors[j],
             span=view.span,
         )
         self.against.update_figure(drawn)

@@ -117,7 +117,7 @@ def _errors(study: Study, data: Data, judged: Judged) -> Row:
             "repeatability_error_percent": None,
         }
     unseen = study.unseen(judged.estimator)
-    worst = unseen.folds[unseen.worst - 1]
+    worst = unseen.folds[unseen.worst_fold - 1]
     return {
         "unseen_error_percent": unseen.relative_error_percent,
         "worst_fold_error_percent": worst.relative_error_percent,

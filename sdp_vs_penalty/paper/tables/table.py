@@ -155,15 +155,18 @@ class Table:
     @property
     def form(self) -> forms.Table:
         """The table in the form that is written as text, Markdown, LaTeX or CSV."""
+        rows = self.frame.to_numpy().tolist()
+        columns = forms.Table(tuple(self.frame), rows, digits=self.digits).columns()
+        words = [k for k, cells in enumerate(columns) if not forms.is_numeric(cells)]
         return forms.Table(
             headings=list(map(str, self.frame)),
-            rows=self.frame.to_numpy().tolist(),
+            rows=rows,
             title=self.title,
             caption=self.caption,
             notes=self.notes,
             name=self.name,
             digits=self.digits,
-            words=None,
+            words=words,
         )
 
     def markdown(self) -> str:

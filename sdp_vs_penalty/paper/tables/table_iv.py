@@ -84,7 +84,7 @@ def _unseen_rows(study: Study) -> list[Row]:
                 "measured, unseen",
                 result.relative_error_percent,
                 error_interval(result).in_words,
-                result.folds[result.worst - 1].relative_error_percent,
+                result.folds[result.worst_fold - 1].relative_error_percent,
             )
         )
     return rows

@@ -19,6 +19,7 @@ import scipy
 from numpy.random import Generator
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.records import WritesJson
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.world import (
     Array,
@@ -34,6 +35,22 @@ Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves
 #: most.
 LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
+
+
+@dataclass(frozen=True)
+class TrueEffect(WritesJson):
+    """An entry of truth.json: an effect that is hidden in the runs."""
+
+    #: The library's name of the effect.
+    effect: str
+    #: Numbers of its joints, from 1; none for the whole robot.
+    joints: tuple[int, ...]
+    #: Its parameter, in the unit of the library's; None if it has several.
+    size: float | None
+    #: Constants of the law's shape by name.
+    shape: Mapping[str, float]
+    #: What else describes it, such as a load's centre of mass "com" (3,) [m].
+    details: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -53,7 +70,7 @@ class Hidden:
     #: Returns by how much (N,) [rad, m] the joint's link stands elsewhere than its
     #: encoder says; None where the effect does not act that way.
     shift: Change | None = None
-    #: Further entries of truth.json.
+    #: Further facts for truth.json.
     details: Mapping[str, Any] = field(default_factory=dict)
     #: The library's name of the effect, from the tables of makers.
     effect: str = ""
@@ -112,17 +129,16 @@ class Hidden:
             out = replace(out, size=out.size * factor / ratio)
         return out
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the effect as JSON for truth.json: name, joints from 1, size in the
-        unit of the library's parameter (None if it has several), shape constants and
-        details."""
-        size = None if self.number is None else self.number * self.size
-        about = {
-            "effect": self.effect,
-            "joints": [joint + 1 for joint in self.joints],
-            "size": size,
-        }
-        return {**about, "shape": dict(self.shape), **self.details}
+    @property
+    def truth(self) -> TrueEffect:
+        """What truth.json says of the effect."""
+        return TrueEffect(
+            effect=self.effect,
+            joints=tuple(joint + 1 for joint in self.joints),
+            size=None if self.number is None else self.number * self.size,
+            shape=self.shape,
+            details=self.details,
+        )
 
 
 def made(name: str, world: World, joint: int, rng: Generator) -> Hidden:
