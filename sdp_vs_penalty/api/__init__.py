@@ -20,4 +20,5 @@ __getattr__ = lazy_exports(
     diagnosis="diagnose add_certain_findings",
     exporting="export judge_as_exported",
     identification="identify identify_and_judge identify_black_box",
+    remedies="Files State apply_change command_of next_command next_remedy",
 )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from sdp_vs_penalty.records import WritesJson
+from sdp_vs_penalty.results.remedy import Grade
 
-CERTAIN = "certain"
-LIKELY = "likely"
-POSSIBLE = "possible"
+CERTAIN: Final = "certain"
+LIKELY: Final = "likely"
+POSSIBLE: Final = "possible"
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,7 @@ class Certainty(WritesJson):
     """How sure an issue is, and why; its text is "certain: read from the file"."""
 
     #: Grade: CERTAIN, LIKELY or POSSIBLE.
-    grade: str
+    grade: Grade
     #: Why, in words.
     why: str
 

@@ -34,6 +34,7 @@ from sdp_vs_penalty.data.plausibility import (
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -309,7 +310,8 @@ def _as_fact(issue: Issue, percent: Mapping[int, tuple[float, float]] | None) ->
         return replace(issue, nature=FACT, severity="error", certainty=certainty)
     factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
     other = "degrees" if is_percent else "per cent of each joint's range"
-    command = f"convert --{'units q=deg' if is_percent else f'scale q={factors}'}"
+    unit_of_q = "deg" if is_percent else factors
+    reading = Change("read", f"read q in {other}", {"scale": {"q": unit_of_q}})
     told = likely(f"{why}; as {other} the torques are explained worse")
     if issue.equivalents:
         told = possible(f"{why}; as {other} the torques are explained as well")
@@ -318,7 +320,7 @@ def _as_fact(issue: Issue, percent: Mapping[int, tuple[float, float]] | None) ->
         nature=FACT,
         severity="error",
         certainty=told,
-        remedy=f"{issue.remedy}; were it {other}: `{command}`",
+        changes=(*issue.changes, reading),
     )
 
 

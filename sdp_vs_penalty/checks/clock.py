@@ -26,6 +26,7 @@ from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range
 from sdp_vs_penalty.data.stretches import is_set_back
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
 
@@ -163,9 +164,11 @@ def _speed_warning(unit: str, factor: float, speed: float) -> Issue:
         what=f"time is in {unit}, or positions are in another unit than radians, such as"
         f" degrees: in seconds and radians the arm would move at {speed:.2g} rad/s.",
         certainty=possible("speed alone does not tell which of the two it is"),
-        remedy="find out which of the two it is: `convert --units"
-        f" t={_UNITS[unit]}` multiplies t by {factor:g}, and `convert --units q=deg`"
-        " converts degrees",
+        remedy="find out which of the two it is",
+        changes=(
+            Change("read", f"read t in {unit}", {"scale": {"t": _UNITS[unit]}}),
+            Change("read", "read q in degrees", {"scale": {"q": "deg"}}),
+        ),
         figures={"factor": factor, "speed": speed},
     )
 

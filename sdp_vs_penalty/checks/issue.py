@@ -9,6 +9,7 @@ from sdp_vs_penalty.checks.certainty import CERTAIN, Certainty, possible
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.records import NOT_STORED, WritesJson
+from sdp_vs_penalty.results.remedy import Change, Remedy
 
 #: The two natures of an issue.
 FACT = "fact"
@@ -19,7 +20,7 @@ EXPLANATION = "explanation"
 class Issue(WritesJson):
     """One thing that the check has to say of a run, as a sentence and as figures."""
 
-    derived = ("can_fix",)
+    derived = ("can_fix", "remedies")
 
     #: What is wrong, in two or three words.
     kind: str
@@ -49,6 +50,9 @@ class Issue(WritesJson):
     apply: str = ""
     #: What explains as much, in words.
     equivalents: tuple[str, ...] = ()
+    #: Changes beside the repair and the gravity above that may mend it: other readings
+    #: of the file, a motion to record.
+    changes: tuple[Change, ...] = ()
     #: For an issue that happens at an instant, figures["t"] [s] in the log of all runs
     #: together: returns the issue in the words of that instant by one run's clock [s];
     #: None for what happens at no instant.
@@ -80,13 +84,14 @@ class Issue(WritesJson):
         repair: Callable[[Measurements], Measurements] | None = None,
         nature: str = FACT,
         apply: str = "",
+        changes: Sequence[Change] = (),
         **figures: Any,
     ) -> "Issue":
         """Make an issue about some joints.
 
         Parameters
         ----------
-        kind, severity, what, certainty, remedy, repair, nature, apply
+        kind, severity, what, certainty, remedy, repair, nature, apply, changes
             As the attributes of the issue. ``{where}`` in ``what`` stands for the
             place.
         joints : sequence of int
@@ -112,6 +117,7 @@ class Issue(WritesJson):
             figures={**numbers, **figures},
             nature=nature,
             apply=apply,
+            changes=tuple(changes),
         )
 
     @classmethod
@@ -139,6 +145,22 @@ class Issue(WritesJson):
         has a repair."""
         is_certain_fact = self.nature == FACT and self.certainty.grade == CERTAIN
         return is_certain_fact and self.repair is not None
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """What would mend the issue, the likeliest first; none where no change of the
+        log, the robot or the reading does."""
+        changes = list[Change]()
+        if self.gravity is not None:
+            x, y, z = self.gravity
+            words = f"set gravity to ({x:g}, {y:g}, {z:g}) m/s^2"
+            changes.append(Change("mount", words, {"gravity": [x, y, z]}))
+        if self.apply or self.can_fix:
+            named = [self.apply] if self.apply and not self.can_fix else []
+            changes.append(Change("transform", self.remedy, {"apply": named}))
+        changes += self.changes
+        what, sure = self.what, self.certainty
+        return tuple(Remedy(what, sure.grade, sure.why, change) for change in changes)
 
 
 def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:

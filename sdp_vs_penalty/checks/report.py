@@ -9,16 +9,43 @@ from typing import TYPE_CHECKING
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.arm_fit import text_of_share
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, gravest_first
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.records import NOT_STORED, stored_as
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.remedy import Change, Remedy
 from sdp_vs_penalty.results.table import Table
 
 if TYPE_CHECKING:
     import pandas
+
+
+def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
+    """List what would mend runs that were judged together, each once, the most useful
+    first: all repairs at once, then gravity, readings, and runs to record, of errors
+    before warnings.
+    """
+    issues = gravest_first([f for r in reports for f in r.errors_and_warnings])
+    by_change = {str(x.change): x for f in reversed(issues) for x in f.remedies[::-1]}
+    remedies = list(by_change.values())[::-1]
+    repairs = [x for x in remedies if x.change.verb == "transform"]
+    if len(repairs) > 1:
+        words = [word for x in repairs for word in x.change.arguments["apply"]]
+        change = Change(
+            "transform", f"make these {len(repairs)} repairs", {"apply": words}
+        )
+        kinds = formatting.words(list(dict.fromkeys(x.problem for x in repairs)))
+        grade = min((x.certainty for x in repairs), key=_GRADES.index)
+        why = "the least sure of them is so"
+        remedies.insert(0, Remedy(kinds, grade, why, change))
+    first = ("transform", "mount", "read", "cut", "hold", "record").index
+    return tuple(sorted(remedies, key=lambda x: first(x.change.verb)))
+
+
+#: From the least sure one on.
+_GRADES = ("possible", "likely", "certain")
 
 
 @dataclass(frozen=True, repr=False)

@@ -23,6 +23,7 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 explanation = partial(Issue.of, nature=EXPLANATION)
@@ -247,7 +248,7 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
             certainty=likely("by least squares, were its error white noise"),
             remedy="move these joints farther, faster and independently of each other, or add"
             " runs that do",
-            repair=None,
+            changes=(Change("record", "record a motion that excites every joint"),),
             figures={"base_parameters": total, **counts(known.base), "names": dark},
             nature=EXPLANATION,
         )

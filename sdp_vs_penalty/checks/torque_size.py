@@ -5,7 +5,7 @@ the joints' effort limits, which bind every sample, and what an arm of the probl
 masses needs on the motion.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -23,6 +23,7 @@ from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.normal_equations import solve
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 
 #: Largest share of the joints that have a unit of their own; of more, all share it.
@@ -59,8 +60,9 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             what=f"the torque of {{where}} is {times} times what the joint is made for:"
             " in another unit.",
             certainty=_BY_SIZE,
-            remedy=_conversion([f"tau{j + 1}" for j in too_large]),
+            remedy=_CONVERT,
             nature=EXPLANATION,
+            changes=_scales(f"tau{j + 1}" for j in too_large),
         )
         return
     size = _Size.of(log, repair, shares)
@@ -77,6 +79,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             where=reason.where,
             nature=EXPLANATION,
             apply=UNIT_OF_TORQUES if reason.factor else "",
+            changes=reason.changes,
             times_nominal=size.times_nominal,
         )
 
@@ -229,6 +232,8 @@ class _Reason:
     where: str = "all torque channels"
     #: Factor that makes the torques right, if that is known.
     factor: float | None = None
+    #: Readings of the file that make them right.
+    changes: tuple[Change, ...] = ()
     #: How sure the reason is.
     certainty: Certainty = _BY_SIZE
 
@@ -288,6 +293,7 @@ def _reason_of_size(
         " them is unscaled: its ratios are right, its kilograms are not",
         "multiply each channel by its drive gain (N m per A, gear ratio included);"
         f" {_CORRECT_MASSES}",
+        changes=_scales(["tau"]),
     )
 
 
@@ -303,16 +309,25 @@ def _in_another_unit(size: _Size) -> _Reason:
                 f"multiply by {factor:g}",
                 factor=factor,
             )
-    remedy = f"{_conversion(['tau'])}; {_CORRECT_MASSES}"
-    return _Reason("torque unit", "their unit is not N m", remedy)
+    remedy = f"{_CONVERT}; {_CORRECT_MASSES}"
+    changes = _scales(["tau"])
+    return _Reason("torque unit", "their unit is not N m", remedy, changes=changes)
 
 
-def _conversion(columns: Sequence[str]) -> str:
-    """Return how torques in an unknown unit are converted; columns : tau, or tau7 ..."""
-    scale = ",".join(f"{column}=mNm" for column in columns)
-    return (
-        f"convert to N m (N for a prismatic joint) by `convert --scale {scale}`, or by"
-        " another unit's name or factor: N cm times 0.01, mN m times 0.001"
+#: What is done with torques in an unknown unit.
+_CONVERT = (
+    "convert to N m (N for a prismatic joint), by the unit's name or factor: N cm times"
+    " 0.01, mN m times 0.001"
+)
+
+
+def _scales(columns: Iterable[str]) -> tuple[Change, ...]:
+    """Return the readings of torque columns (tau, or tau7 ...) by a unit or by factors
+    that the user has to name."""
+    words = "read {} in another unit, or by its drive gains"
+    return tuple(
+        Change("read", words.format(column), {"scale": {column: None}})
+        for column in columns
     )
 
 

@@ -151,8 +151,7 @@ def _late(glance: RunSummary, lag: float) -> Issue:
         f" ({1e3 * abs(lag) * glance.usual_step:.3g} ms) {later} than the derivative of the"
         " positions: they are filtered, or from another source.",
         certainty=READ,
-        remedy="no action needed: velocities are taken from the positions; whether"
-        " torques come late as well, `check` tells from the dynamics",
+        remedy="no action needed: velocities are taken from the positions",
         figures={"samples": lag, "seconds": lag * glance.usual_step},
     )
 

@@ -11,7 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.console import out, paragraph, say
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.errors import printable
+from sdp_vs_penalty.errors import command_line, printable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import channel_gains, drive_gains, loop_gains
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -19,10 +19,12 @@ from sdp_vs_penalty.render import tables
 from sdp_vs_penalty.signals.noise import said_before
 
 if TYPE_CHECKING:  # `identify` needs no diagnosis
+    from sdp_vs_penalty.api.remedies import Files
     from sdp_vs_penalty.checks.issue import Issue
     from sdp_vs_penalty.checks.report import Report
     from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
     from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+    from sdp_vs_penalty.problem.check_command import CheckCommand
     from sdp_vs_penalty.render.words import DiagnosisWords
 
 
@@ -314,10 +316,15 @@ def before_after(
     say(f"all joints together: {errors[0]} error before, {errors[1]} after")
 
 
-def checks(reports: Sequence[Report]) -> None:
+def checks(reports: Sequence[Report], command: CheckCommand) -> None:
     """Print the issues of the data check: those that all runs share first, then each
     run's.
+
+    command : the check of these runs, for the commands of other readings of a file.
     """
+    from sdp_vs_penalty.api.remedies import Files
+
+    files = Files(replace(command, runs=command.runs[:1]), blank="UNIT")
     common = []
     if len(reports) > 1:
         first, *others = reports
@@ -329,12 +336,12 @@ def checks(reports: Sequence[Report]) -> None:
     if common:
         say(f"All {len(reports)} runs", style="bold")
         for issue in common:
-            _issue(issue)
+            _issue(issue, files)
     for report in reports:
         say(report.verdict, style="bold")
         for issue in report.issues:
             if not _has(common, issue):
-                _issue(issue)
+                _issue(issue, files)
 
 
 def _has(issues: Sequence[Issue], issue: Issue) -> bool:
@@ -346,9 +353,12 @@ def _has(issues: Sequence[Issue], issue: Issue) -> bool:
 _COLOURS = {"error": "red", "warning": "yellow", "note": "dim"}
 
 
-def _issue(issue: Issue) -> None:
-    """Print an issue: severity and kind, what it is, how sure it is, and what to do."""
+def _issue(issue: Issue, files: Files) -> None:
+    """Print an issue: severity and kind, what it is, how sure it is, and what to do;
+    other readings of the file with their command, by ``files``."""
     from rich.markup import escape
+
+    from sdp_vs_penalty.api.remedies import command_of
 
     word = f"[{_COLOURS[issue.severity]}]{issue.severity}[/]"
     nature = "" if issue.nature == "fact" else " [dim]explanation[/]"
@@ -364,3 +374,8 @@ def _issue(issue: Issue) -> None:
         f"What to do: {issue.remedy}{tries}.",
     ):
         say(f"    {text}")
+    for change in issue.changes:
+        words = command_of(change, files) if change.verb == "read" else None
+        if words is not None:
+            printed = command_line(["sdp-vs-penalty", *words])
+            say(f"    To {change.words}: {printed}")

@@ -32,6 +32,7 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.records import JsonRecord, from_json
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.remedy import Change, Grade, Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import (
@@ -88,6 +89,17 @@ class Rated(JsonRecord):
             return "confident"
         only_rivals = [doubt.reason for doubt in self.doubts] == ["rivals"]
         return "near-tie" if only_rivals else "weak"
+
+    @property
+    def grade_and_why(self) -> tuple[Grade, str]:
+        """How sure it is, in the words of a remedy, and the reasons for doubt."""
+        grades: Mapping[Rating, Grade] = {
+            "confident": "certain",
+            "near-tie": "likely",
+            "weak": "possible",
+        }
+        why = "; ".join(self.remarks) or "shown on data left out"
+        return grades[self.rating], why
 
     @property
     def torque_is_certain(self) -> bool:
@@ -381,6 +393,24 @@ class Finding(Rated):
             rival = f"{rival}:{self.joints[0]}"
         return f"{self.text},{rival}"
 
+    def remedy(self, number: int) -> Remedy:
+        """Return what would mend the model: adding this finding, by its number in the
+        list; the effects that fit as well are its rivals.
+        """
+        arguments = {"effects": [self.text], "findings": [number]}
+        rivals = tuple(
+            Change("add", f"add {effect_in_words(text)}", {"effects": [text]})
+            for text in self.rivals_without_curve
+        )
+        return Remedy(
+            self.title,
+            *self.grade_and_why,
+            Change("add", f"add {self.title}", arguments),
+            tuple(self.held_out_rmse_before.tolist()),
+            tuple(self.held_out_rmse_after.tolist()),
+            rivals,
+        )
+
     def telling_run(self, model: str) -> str:
         """Return the command that designs a recording by which an open question is
         decided.
@@ -508,7 +538,7 @@ class Diagnosis(Record, JsonRecord):
     """What a model lacks: the missing effects, and what the recordings say of
     everything else."""
 
-    derived = ("format", "facts")
+    derived = ("format", "facts", "remedies")
 
     #: Whether an effect is missing, nothing is, or what is missing is unknown.
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
@@ -759,6 +789,62 @@ class Diagnosis(Record, JsonRecord):
         return tuple(f for f in candidates if f.torque_is_certain)
 
     @property
+    def leaves_curves_out(self) -> bool:
+        """Whether the sure findings are added without the measured curves: these were
+        measured beside weak findings, which would be added as well.
+        """
+        are_certain = [f.torque_is_certain for f in self.beside_curves]
+        return bool(self.curves) and bool(self.sure) and not all(are_certain)
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """What would mend the model, the most useful first: all that is sure, then each
+        re-estimated constant and finding, then the runs that decide what is open.
+        """
+        remedies = []
+        if self.sure or self.curves or self.passing:
+            remedies.append(self._all_that_is_sure)
+        remedies += [constant.remedy for constant in self.retuned]
+        remedies += [f.remedy(k) for k, f in enumerate(self.effects, start=1)]
+        for finding in self.effects:
+            if finding.undecided is not None:
+                change = Change(
+                    "record",
+                    f"record a motion that shows whether it is {finding.title}",
+                    {"separate": finding.undecided.split(",")},
+                )
+                what = f"{finding.title}: these runs do not decide it"
+                remedies.append(Remedy(what, *finding.grade_and_why, change))
+        return tuple(remedies)
+
+    @property
+    def _all_that_is_sure(self) -> Remedy:
+        """The remedy that adds what is sure, with the curves where these stay."""
+        texts = [f.text for f in self.sure]
+        takes_all = bool(self.curves) and not self.leaves_curves_out
+        words = "add what was measured and has no name"
+        if not self.curves:
+            words = "leave out the spans in which something passes"
+        if len(texts) == 1:
+            words = f"add {self.sure[0].title}"
+        elif texts:
+            words = f"add the {len(texts)} that are sure"
+        change = Change(
+            "add",
+            words,
+            {"effects": texts, "findings": "all" if takes_all else "confident"},
+        )
+        before, after = self.held_out_rmse_before, self.held_out_rmse_with_all
+        return Remedy(
+            self._missing,
+            "certain" if all(f.rating == "confident" for f in self.sure) else "likely",
+            "judged on data left out",
+            change,
+            tuple(before.tolist()),
+            tuple(after.tolist()),
+        )
+
+    @property
     def texts(self) -> list[str]:
         """All findings and re-estimated constants as texts that `add` takes, such as
         "backlash:3@w=0.01".
@@ -971,10 +1057,7 @@ class Diagnosis(Record, JsonRecord):
     def advice(self) -> str:
         """What to do next, in one sentence."""
         if self.unexplained_sentence:
-            return (
-                "Look first at what the error that is left depends on: `compare`"
-                " says it."
-            )
+            return "Look first at what the error that is left depends on."
         if self.noise_source != REPETITION:
             record = (
                 "record a run with more than one period: only repetition tells noise"
@@ -990,7 +1073,7 @@ class Diagnosis(Record, JsonRecord):
                 " weak."
             )
         if self.joints_above_noise:
-            return "Look at what the error depends on: `compare` says it."
+            return "Look at what the error depends on."
         return "Use the model, or record motion that excites more."
 
     @property
@@ -1147,6 +1230,19 @@ class Retune(ShapeEstimate, Rated):
     def joints(self) -> tuple[int, ...]:
         """The joint (from 1) as a tuple, as a finding has its joints."""
         return (self.joint,)
+
+    @property
+    def title(self) -> str:
+        """The constant and its place, such as "Coulomb friction, joint 7: v_s"."""
+        name = formatting.sentence(effect_name(self.effect))
+        return f"{name}, joint {self.joint}: {self.shape}"
+
+    @property
+    def remedy(self) -> Remedy:
+        """What would mend the model: this constant at its new value."""
+        arguments = {"effects": [self.text]}
+        change = Change("reset", f"re-estimate {self.title}", arguments)
+        return Remedy(self.explanation, *self.grade_and_why, change)
 
     @property
     def text(self) -> str:

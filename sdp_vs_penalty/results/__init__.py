@@ -6,5 +6,6 @@ __getattr__ = lazy_exports(
     __name__,
     facts="Fact FactMethod fact facts_of",
     record="Record Shown Summary",
+    remedy="Change Remedy",
     table="Cell Table cell_text markdown_lines",
 )

@@ -107,7 +107,7 @@ def _degrees(glance: RunSummary, how: str, unwrap: bool) -> Issue:
         joints=joints,
         what=f"the positions of {{where}} are in degrees{how}: they reach {largest:.4g}.",
         certainty=READ,
-        remedy=f"{remedy} (`convert --units q=deg`)",
+        remedy=remedy,
         repair=partial(_in_radians, robot=glance.robot, unwrap=unwrap),
     )
 

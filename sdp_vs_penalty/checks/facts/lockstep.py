@@ -14,6 +14,7 @@ from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import LOCKSTEP
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Share of the variance that the counted directions of a motion hold [-].
@@ -79,6 +80,7 @@ class LockstepMotion:
             " cannot be told, nor what belongs to which of them.",
             certainty=certain("read from the positions"),
             remedy="move each joint by a signal of its own",
+            changes=[Change("record", "record a motion that excites every joint")],
             rank=self.rank,
             moving=self.moving,
             groups=[[j + 1 for j in group] for group in self.groups],

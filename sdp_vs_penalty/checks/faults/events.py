@@ -179,7 +179,7 @@ def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         joints=(event.joint,),
         what=f"the model lacks a law of {joints_text([event.joint])}'s motion:"
         f" {event.at} is the nearest of {len(LAWS)} that were tried.",
-        remedy="identify, and let `diagnose` name it",
+        remedy="no action needed: a diagnosis of the model names it",
         removal=repair.without_event(event),
         log_odds_against=odds_against_one_of(log.n * len(LAWS)),
         is_repairable=False,

@@ -100,7 +100,7 @@ class Mounting(Transformation):
         rounded = [float(round(v, 2)) + 0.0 for v in g]  # no negative zero
         x, y, z = rounded
         kind = "gravity direction"
-        remedy = f"identify with --gravity {x:g},{y:g},{z:g}"
+        remedy = f"set gravity to ({x:g}, {y:g}, {z:g}) m/s^2"
         removal: LogTransform | FaultSize = _with_gravity(repair, assumed)
         if not _is_earths_gravity(size):
             kind = "gravity of the problem"

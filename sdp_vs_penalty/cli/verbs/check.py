@@ -32,25 +32,32 @@ def verb(
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
     --apply sign:tau3 ...: Explanations to repair as well, by their words.
     """
+    from sdp_vs_penalty.api.remedies import Files, next_command
+    from sdp_vs_penalty.checks.report import list_remedies
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.files import run_files
     from sdp_vs_penalty.problem.check_command import CheckCommand
+    from sdp_vs_penalty.records import to_json
 
     files = [file for path in data for file in run_files(path)]
     _refuse(files, fix, apply)
     robot, runs, reports, hold = _read_and_check(files, problem, gravity, hold)
-    printing.checks(reports)
-    content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
-    console.save_json(json_, content)
     command = CheckCommand(problem=problem, runs=files, hold=hold, gravity=gravity)
-    meaningless = any(report.meaningless for report in reports)
+    printing.checks(reports, command)
+    content = {
+        "problem": robot.name,
+        "runs": [r.to_dict() for r in reports],
+        "remedies": to_json(list_remedies(reports)),
+    }
+    console.save_json(json_, content)
     copies = None
     if fix is not None:
         copies = _write_copies(robot, files, runs, reports, fix, apply or [])
+    meaningless = any(report.meaningless for report in reports)
     if copies is not None:
         console.next_step(replace(command, runs=copies).words)
-    elif (repair := _repair_words(reports)) is not None:
-        console.next_step(command.applying(repair).repair_words)
+    elif (words := next_command(list_remedies(reports), Files(command))) is not None:
+        console.next_step(words)
     elif not meaningless and not _are_in_another_unit(reports):
         _say_identify(files, problem, command.options)
     if meaningless:
@@ -176,14 +183,3 @@ def _are_in_another_unit(reports: Sequence[Report]) -> bool:
     them would have wrong masses."""
     issues = [issue for report in reports for issue in report.errors_and_warnings]
     return any(issue.kind == "torque unit" for issue in issues)
-
-
-def _repair_words(reports: Sequence[Report]) -> list[str] | None:
-    """Return the words of --apply that a repair of these runs can use.
-
-    [] if only facts, which need no consent, are repaired; None if nothing can be.
-    """
-    issues = [issue for report in reports for issue in report.errors_and_warnings]
-    named = list(dict.fromkeys(issue.apply for issue in issues if issue.apply))
-    is_repairable = bool(named) or any(issue.can_fix for issue in issues)
-    return named if is_repairable else None

@@ -1,11 +1,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.findings import Diagnosis
-
 
 #: Said where the command to add takes some of the findings.
 CURVES_LEFT_OUT = (
@@ -36,8 +31,10 @@ def verb(
     --json out.json: JSON file for the findings.
     """
     from sdp_vs_penalty.api import diagnose as find_missing_effects
+    from sdp_vs_penalty.api.remedies import Files, next_command
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing, runs
+    from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.problem.check_command import CheckCommand
 
@@ -73,50 +70,24 @@ def verb(
             "--gain-uncertainty": gain_uncertainty,
         }
     )
-    what = _what_to_add(result, json_)
+    files = Files(
+        check=CheckCommand.of(estimate.problem, data),
+        model=model,
+        findings=json_,
+        data=words,
+        new={"model": free_name(model), "trajectory": "trajectory.csv"},
+    )
+    what = next_command(result.remedies, files)
     units = estimate.torque_units
-    printing.diagnosis(result, units, model, bool(what), verbose)
+    printing.diagnosis(result, units, model, what is not None, verbose)
     console.save_json(json_, result.to_dict())
-    if what:
-        out = ["--out", _next_name(model)]
-        if json_ is not None and _leaves_curves_out(result):
+    if what is not None:
+        if json_ is not None and result.leaves_curves_out:
             console.paragraph(CURVES_LEFT_OUT)
-        console.next_step(["add", model, *what, *words, *out])
+        console.next_step(what)
 
 
 def _written(options: dict[str, object]) -> list[str]:
     """Return the options that were given, with their values, as words of a command."""
     pairs = [(name, x) for name, x in options.items() if x is not None]
     return [str(word) for pair in pairs for word in pair]
-
-
-def _what_to_add(result: Diagnosis, json_: Path | None) -> list[str]:
-    """Return the arguments of `add`: the file of findings if there is one, else their
-    texts.
-
-    Curves have no text: they can be added from the file only. What acts for a part of
-    the time is left out by the file only.
-    """
-    if not (result.sure or result.curves or result.passing):
-        return []
-    if json_ is None:
-        return [",".join(f.text for f in result.sure)] if result.sure else []
-    # Curves were measured beside all findings, and are added with all of them only.
-    takes_all = bool(result.curves) and not _leaves_curves_out(result)
-    return ["--from", str(json_), *["--confident"] * (not takes_all)]
-
-
-def _leaves_curves_out(result: Diagnosis) -> bool:
-    """Return whether the command to add names sure findings without measured curves.
-
-    That is so where weak findings would be added beside the curves.
-    """
-    are_certain = [f.torque_is_certain for f in result.beside_curves]
-    return bool(result.curves) and bool(result.sure) and not all(are_certain)
-
-
-def _next_name(model: Path) -> Path:
-    """Return the next free name after a model's: model2.json, model3.json ..."""
-    from sdp_vs_penalty.cli.next_step import free_name
-
-    return free_name(model)

@@ -1,0 +1,296 @@
+"""A change of a remedy, done and written: one function a verb applies it to runs, problem
+and model, one writes it as a command.
+
+docs/contracts.md has the table of verbs; `results/remedy.py` the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.checks.check import check_runs
+from sdp_vs_penalty.checks.fixing import fix_runs
+from sdp_vs_penalty.data.formats.renaming import scaled
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.problem.check_command import CheckCommand
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.results.remedy import Change, Remedy, Verb
+
+
+@dataclass(frozen=True)
+class State:
+    """What a change is applied to, and comes out as."""
+
+    #: Of the robot that was logged.
+    problem: Problem
+    #: The runs.
+    runs: tuple[Measurements, ...] = ()
+    #: The model; None before one is identified.
+    model: Estimate | None = None
+    #: What the model lacks; None before it is diagnosed.
+    diagnosis: Diagnosis | None = None
+    #: What the change did to the error on data left out, in a sentence; "" where nothing
+    #: was left out.
+    effect: str = ""
+
+
+@dataclass(frozen=True)
+class Files:
+    """The files that a user has, which commands may name."""
+
+    #: The `check` of the runs, with the options that every command needs.
+    check: CheckCommand
+    #: The model.
+    model: str | Path | None = None
+    #: The findings of the diagnosis.
+    findings: str | Path | None = None
+    #: Words of `add` behind what it adds: the runs and its options.
+    data: Sequence[str] = ()
+    #: Names of new files by their kind ("model", "run", "trajectory").
+    new: Mapping[str, str | Path] = field(default_factory=dict)
+    #: Word for a unit that only the user knows; "": there is no command then.
+    blank: str = ""
+
+
+def apply_change(change: Change, state: State) -> State:
+    """Apply a change to the state that it is about.
+
+    Parameters
+    ----------
+    change : Change
+        Of a remedy of the check or of the diagnosis.
+    state : State
+        Problem, runs, model and diagnosis.
+
+    Returns
+    -------
+    State
+        With other runs, another problem or another model, as docs/contracts.md says.
+
+    Raises
+    ------
+    InputError
+        Where the change is refused: a repair that does not lower the error on motion
+        left out, a unit that nobody named, a run that has to be recorded first.
+    """
+    return _APPLY[change.verb](change.arguments, state)
+
+
+def command_of(change: Change, files: Files) -> list[str] | None:
+    """Write a change as the words of one command that runs as printed, without the
+    program's name.
+
+    Returns
+    -------
+    list of str or None
+        None where the command would lack a word or a file that only the user has.
+    """
+    words = _WORDS[change.verb](change.arguments, files)
+    return None if words is None else [str(word) for word in words]
+
+
+def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
+    """Return the first remedy of a result that is a next step; None where none is.
+
+    A run that would have to be recorded is none, nor is a missing effect that is only
+    possible: both are the user's to choose.
+    """
+    for remedy in remedies:
+        verb = remedy.change.verb
+        is_guess = verb in ("add", "reset") and remedy.certainty == "possible"
+        asks_for_unit = not all(
+            remedy.change.arguments.get("scale", {"": "1"}).values()
+        )
+        if verb != "record" and not is_guess and not asks_for_unit:
+            return remedy
+    return None
+
+
+def next_command(remedies: Sequence[Remedy], files: Files) -> list[str] | None:
+    """Return the command of the next step that remedies advise; None without one."""
+    remedy = next_remedy(remedies)
+    return None if remedy is None else command_of(remedy.change, files)
+
+
+def _transformed(arguments: Mapping[str, Any], state: State) -> State:
+    """Repair the runs as `check --fix --apply` does: what is certain, and what is
+    named."""
+    problem = state.problem
+    settings = problem.preprocessing
+    reports = check_runs(problem, state.runs, settings, thorough=False)
+    repaired = fix_runs(problem, state.runs, reports, arguments.get("apply", ()))
+    return replace(state, runs=repaired.runs, effect=repaired.sentence)
+
+
+def _cut(arguments: Mapping[str, Any], state: State) -> State:
+    """Leave spans (begin, end) [s] of one run out; time counts from the run's start."""
+
+    def outside(run: Measurements) -> Measurements:
+        if run.names[0] != arguments["run"]:
+            return run
+        t = run.t - run.t[0]
+        spans = arguments["spans"]
+        inside = [(t >= begin) & (t <= end) for begin, end in spans]
+        return run.rows(~sum(inside, start=t < 0.0))
+
+    return replace(state, runs=tuple(map(outside, state.runs)))
+
+
+def _read(arguments: Mapping[str, Any], state: State) -> State:
+    """Read the runs' columns in other units. Raises InputError where the unit is still
+    to be named, or where the file itself has to be read anew."""
+    scale = arguments.get("scale", {})
+    if set(arguments) - {"scale"}:
+        raise InputError(
+            "the file has to be read anew", "convert it with these columns"
+        )
+    if not all(scale.values()):
+        column = next(name for name, word in scale.items() if not word)
+        remedy = "a unit (mNm, Ncm, kgfm, lbfin), a factor, or one a joint: 10:10.7:8.5"
+        raise InputError(f"{column}: no unit is named", f"name {remedy}")
+    return replace(state, runs=tuple(scaled(run, scale) for run in state.runs))
+
+
+def _held(arguments: Mapping[str, Any], state: State) -> State:
+    """Hold joints where they stand: their links belong to their parents."""
+    before = state.problem
+    problem = load_problem(
+        before.source or before.name, before.robot.gravity, arguments["positions"]
+    )
+    places = [before.robot.joint_names.index(name) for name in arguments["positions"]]
+    runs = tuple(run.without_joints(places) for run in state.runs)
+    return replace(state, problem=problem, runs=runs, model=None)
+
+
+def _mounted(arguments: Mapping[str, Any], state: State) -> State:
+    """Set gravity in the base frame [m/s^2]."""
+    problem = state.problem.with_gravity(arguments["gravity"])
+    return replace(state, problem=problem, model=None)
+
+
+def _added(arguments: Mapping[str, Any], state: State) -> State:
+    """Add effects to the model, or re-estimate its constants, and identify it again."""
+    if state.model is None:
+        raise InputError("there is no model to add to", "identify one first")
+    chosen = arguments["effects"]
+    what: Any = list(chosen)
+    if state.diagnosis is not None:
+        which = arguments.get("findings")
+        numbers = None if which in ("confident", "all", None) else which
+        if which is not None:
+            what = state.diagnosis.selected(numbers, confident=which == "confident")
+        else:
+            found: tuple[Any, ...] = (
+                *state.diagnosis.effects,
+                *state.diagnosis.retuned,
+            )
+            by_text = {finding.text: finding for finding in found}
+            what = [by_text.get(text, text) for text in chosen]
+    return replace(state, model=add(state.model, what, concatenate(state.runs)))
+
+
+def _recorded(arguments: Mapping[str, Any], state: State) -> State:
+    """Refuse: nothing changes before the run is recorded."""
+    raise InputError("this asks for a new run", "record it, and add it to the runs")
+
+
+def _transform_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
+    return files.check.applying(arguments.get("apply", ())).repair_words
+
+
+def _cut_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
+    """`identify` with the windows that are left; None for several runs, of which each
+    window is a window."""
+    if len(files.check.runs) != 1 or "model" not in files.new:
+        return None
+    ends = [0.0, *(t for span in sorted(arguments["spans"]) for t in span)]
+    pairs = zip(ends[::2], [*ends[1::2], ""], strict=True)
+    window = ",".join(f"{begin}:{end}" for begin, end in pairs)
+    check = files.check
+    words = [str(check.problem), "--data", str(check.runs[0]), "--window", window]
+    return ["identify", *words, *check.options, "--out", str(files.new["model"])]
+
+
+def _read_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
+    """`convert` of a single run; None where a unit is still to be named."""
+    options = []
+    for name in ("scale", "rename"):
+        pairs = {k: v or files.blank for k, v in arguments.get(name, {}).items()}
+        if not all(pairs.values()):
+            return None
+        if pairs:
+            options += [f"--{name}", ",".join(f"{k}={v}" for k, v in pairs.items())]
+    for name in ("rate", "topic"):
+        if name in arguments:
+            options += [f"--{name}", str(arguments[name])]
+    if len(files.check.runs) != 1:
+        return None
+    copy = str(files.check.copy)
+    return ["convert", str(files.check.runs[0]), *options, "--out", copy]
+
+
+def _hold_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
+    held = ",".join(f"{k}={v:.6g}" for k, v in arguments["positions"].items())
+    before = files.check.hold
+    return replace(files.check, hold=f"{before},{held}" if before else held).words
+
+
+def _mount_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
+    gravity = ",".join(f"{g:g}" for g in arguments["gravity"])
+    return replace(files.check, gravity=gravity).words
+
+
+def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
+    """`add` of findings from their file where there is one, else by their texts."""
+    if files.model is None:
+        return None
+    which = arguments.get("findings")
+    words: list[Any] = [",".join(arguments["effects"])]
+    if which is not None and files.findings is not None:
+        words = ["--from", files.findings]
+        words += ["--confident"] * (which == "confident")
+        if not isinstance(which, str):
+            words += ["--only", ",".join(map(str, which))]
+    elif not arguments["effects"]:
+        return None  # curves have no text: they are added from the file only
+    out = ["--out", files.new["model"]]
+    return ["add", files.model, *words, *files.data, *out]
+
+
+def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
+    """`excite`: the motion within the robot's limits, or the one that tells two effects
+    apart."""
+    separate = arguments.get("separate")
+    of = files.check.problem if not separate else files.model
+    how = ["--separate", ",".join(separate)] if separate else []
+    return ["excite", str(of), *how, "--out", str(files.new["trajectory"])]
+
+
+_APPLY: Mapping[Verb, Callable[[Mapping[str, Any], State], State]] = {
+    "transform": _transformed,
+    "cut": _cut,
+    "read": _read,
+    "hold": _held,
+    "mount": _mounted,
+    "add": _added,
+    "reset": _added,
+    "record": _recorded,
+}
+_WORDS: Mapping[Verb, Callable[[Mapping[str, Any], Files], list[str] | None]] = {
+    "transform": _transform_words,
+    "cut": _cut_words,
+    "read": _read_words,
+    "hold": _hold_words,
+    "mount": _mount_words,
+    "add": _add_words,
+    "reset": _add_words,
+    "record": _record_words,
+}

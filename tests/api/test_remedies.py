@@ -1,0 +1,113 @@
+"""Each verb of a remedy, done to runs, problem and model, and written as a command."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_runs import small_run
+
+from sdp_vs_penalty import InputError, Problem, check
+from sdp_vs_penalty.api.remedies import (
+    Files,
+    State,
+    apply_change,
+    command_of,
+    next_command,
+    next_remedy,
+)
+from sdp_vs_penalty.checks.report import list_remedies
+from sdp_vs_penalty.problem.check_command import CheckCommand
+from sdp_vs_penalty.results import Change
+
+FILES = Files(
+    CheckCommand(problem="arm.urdf", runs=["run 1.csv"]),
+    model="model.json",
+    findings="found.json",
+    data=["--data", "run 1.csv"],
+    new={"model": "model2.json", "trajectory": "motion.csv"},
+)
+EFFECT = "coulomb_friction:1"
+WORDS = [
+    (Change("transform", "", {"apply": ["sign:tau2"]}), "--apply sign:tau2"),
+    (Change("cut", "", {"run": "run 1.csv", "spans": [[2, 3]]}), "--window 0.0:2,3:"),
+    (Change("read", "", {"scale": {"q": "deg"}}), "convert *--scale q=deg"),
+    (Change("read", "", {"rate": 100.0}), "--rate 100.0"),
+    (Change("hold", "", {"positions": {"finger": 0.0}}), "--hold finger=0"),
+    (Change("mount", "", {"gravity": [0, -9.81, 0]}), "--gravity 0,-9.81,0"),
+    (Change("add", "", {"effects": [EFFECT]}), f"add model.json {EFFECT}"),
+    (Change("add", "", {"effects": [], "findings": [2]}), "--only 2"),
+    (Change("add", "", {"effects": [], "findings": "confident"}), "--confident"),
+    (Change("reset", "", {"effects": [f"{EFFECT}@v_s=1"]}), "@v_s=1"),
+    (Change("record", ""), "excite arm.urdf --out motion.csv"),
+    (Change("record", "", {"separate": [EFFECT]}), f"model.json --separate {EFFECT}"),
+]
+
+
+@pytest.mark.parametrize(("change", "words"), WORDS)
+def test_a_change_is_one_command(change, words):
+    printed = " ".join(command_of(change, FILES) or [])
+    assert all(part in printed for part in words.split(" *"))
+
+
+@pytest.mark.parametrize(
+    ("change", "files"),
+    [
+        (Change("read", "", {"scale": {"tau": None}}), FILES),
+        (Change("add", "", {"effects": [EFFECT]}), replace(FILES, model=None)),
+    ],
+)
+def test_what_the_user_has_to_say_first_is_no_command(change, files):
+    assert command_of(change, files) is None
+
+
+@pytest.fixture(scope="module")
+def spoiled(two_link: Problem) -> State:
+    """Two runs in which the torque of joint 2 has the wrong sign."""
+    runs = (small_run(two_link, 8.0, seed) for seed in (1, 2))
+    names = ("run1.csv", "run2.csv")
+    return State(
+        two_link,
+        tuple(
+            replace(run, tau=run.tau * [1.0, -1.0], names=(name,))
+            for run, name in zip(runs, names, strict=True)
+        ),
+    )
+
+
+def test_the_first_remedy_of_a_check_repairs_its_runs(spoiled):
+    reports = [check(spoiled.problem, list(spoiled.runs), thorough=False)]
+    remedy = next_remedy(list_remedies(reports[0]))
+    assert remedy is not None
+    assert remedy.change.arguments == {"apply": ["sign:tau2"]}
+    repaired = apply_change(remedy.change, spoiled)
+    for before, after in zip(spoiled.runs, repaired.runs, strict=True):
+        np.testing.assert_allclose(after.tau[:, 1], -before.tau[:, 1])
+    assert "Error on motion left out" in repaired.effect
+    command = next_command(list_remedies(reports[0]), FILES)
+    assert command is not None
+    assert command[-2:] == ["--apply", "sign:tau2"]
+
+
+def test_spans_are_cut_units_read_and_gravity_set(spoiled):
+    cut = Change("cut", "", {"run": "run1.csv", "spans": [[1.0, 2.0]]})
+    first, second = apply_change(cut, spoiled).runs
+    assert not np.any((first.t >= 1.0) & (first.t <= 2.0))
+    assert len(second.t) == len(spoiled.runs[1].t)
+    read = apply_change(Change("read", "", {"scale": {"tau": "mNm"}}), spoiled)
+    np.testing.assert_allclose(read.runs[0].tau, 1e-3 * spoiled.runs[0].tau)
+    mount = Change("mount", "", {"gravity": [0.0, -9.81, 0.0]})
+    assert apply_change(mount, spoiled).problem.robot.gravity == (0.0, -9.81, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (Change("read", "", {"scale": {"tau": None}}), "no unit is named"),
+        (Change("read", "", {"rate": 100.0}), "read anew"),
+        (Change("add", "", {"effects": [EFFECT]}), "no model"),
+        (Change("record", ""), "asks for a new run"),
+    ],
+)
+def test_a_change_that_lacks_something_says_what(spoiled, change, what):
+    with pytest.raises(InputError, match=what):
+        apply_change(change, spoiled)
