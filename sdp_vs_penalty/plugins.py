@@ -21,14 +21,18 @@ def modules(package: str) -> Iterator[ModuleType]:
 
 
 def classes(package: str, base: type) -> dict[str, Any]:
-    """Return the subclasses of ``base`` with a ``name`` in a package's modules, by name;
-    InputError if two classes have the same name."""
-    return by_word(
-        (value.name, value)
-        for home in modules(package)
-        for value in vars(home).values()
-        if inspect.isclass(value) and issubclass(value, base) and hasattr(value, "name")
+    """Return the public subclasses of ``base`` with a ``name`` in a package's modules, by
+    name; InputError if two classes have the same name."""
+    values: Iterator[Any] = (
+        v for home in modules(package) for v in vars(home).values()
     )
+    return by_word((v.name, v) for v in values if is_named_subclass(v, base))
+
+
+def is_named_subclass(value: Any, base: type) -> bool:
+    """Tell whether a value is a public subclass of the base with a ``name``."""
+    is_subclass = inspect.isclass(value) and issubclass(value, base)
+    return is_subclass and hasattr(value, "name") and not value.__name__.startswith("_")
 
 
 class Registry(Generic[P]):
@@ -61,8 +65,7 @@ class Registry(Generic[P]):
         """Tell whether a value is a plug-in of this kind."""
         if isinstance(self.base, str):
             return not inspect.isclass(value) and hasattr(value, self.base)
-        is_subclass = inspect.isclass(value) and issubclass(value, self.base)
-        return is_subclass and isinstance(getattr(value, "name", None), str)
+        return is_named_subclass(value, self.base)
 
     def name_of(self, plugin: P) -> str:
         """Return the name by which users choose a plug-in."""
@@ -85,7 +88,7 @@ class Registry(Generic[P]):
 
     def forget(self) -> None:
         """Look for the plug-ins of the folder and of other packages again."""
-        for cached in ("_all", "_of_folder"):
+        for cached in ("_all", "of_folder"):
             vars(self).pop(cached, None)
         installed_entry_points.cache_clear()
 
@@ -100,11 +103,11 @@ class Registry(Generic[P]):
     @cached_property
     def _all(self) -> dict[str, P]:
         """What :meth:`all` returns."""
-        found = (*self._of_folder.values(), *self._of_packages(), *self._registered)
+        found = (*self.of_folder.values(), *self._of_packages(), *self._registered)
         return by_word((self.name_of(p), p) for p in found)
 
     @cached_property
-    def _of_folder(self) -> dict[str, P]:
+    def of_folder(self) -> dict[str, P]:
         """The plug-ins of our folder, by name."""
         if isinstance(self.base, type):
             return classes(self.package, self.base)
@@ -140,7 +143,7 @@ class Registry(Generic[P]):
             for value in (home, *vars(home).values()):
                 if self.accepts(value) and self.name_of(value) == name:
                     return value  # type: ignore[no-any-return]
-        return self._of_folder.get(name) or self.all().get(name)
+        return self.of_folder.get(name) or self.all().get(name)
 
     def get(self, name: str, provider: str = "") -> P:
         """Return the plug-in with a name.
@@ -172,7 +175,7 @@ class Registry(Generic[P]):
     def provider(self, name: str) -> str:
         """Return the package that brings a plug-in, with its version: "theirs 1.0"; ""
         for ours, and for a name that is unknown."""
-        if name in self._of_folder or name not in self.all():
+        if name in self.of_folder or name not in self.all():
             return ""
         plugin: Any = self.all()[name]
         for point in installed_entry_points().select(group=self.package):

@@ -24,7 +24,7 @@ from sdp_vs_penalty.checks.constants import (
 )
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
-from sdp_vs_penalty.effects.links import BaseTilt
+from sdp_vs_penalty.effects.links import across_gravity
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -146,7 +146,7 @@ def _errors_of_tilt(log: Likelihood, repair: LogTransform, weights: Array) -> Ar
     robot = replace(log.problem.robot, gravity=repair.gravity)
     weight = [
         np.take(_weight_under(log, repair, axis), log.data.independent, axis=2)
-        for axis in BaseTilt(robot).across
+        for axis in across_gravity(robot)
     ]
     theta = log.fit(repair).theta
     mask = log.torque_mask(repair)

@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
-from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects import EXAMPLES, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -156,9 +156,7 @@ def _read_effects(
     new_effects = parse_effects(_written(effects, estimate), estimate.robot)
     leaves_spans_out = isinstance(effects, Diagnosis) and bool(effects.passing)
     if not new_effects and (frozen or not leaves_spans_out):
-        raise InputError(
-            "No effect to add", "name one, such as presliding_hysteresis:7"
-        )
+        raise InputError("No effect to add", f"name one, such as {EXAMPLES[0]}")
     added, retuned = _retunes(estimate, new_effects, frozen)
     if frozen and isinstance(effects, Diagnosis):
         added = _without_held(estimate, added)

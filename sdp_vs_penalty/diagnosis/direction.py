@@ -7,33 +7,12 @@ and a law that lessens it there explains the error, whatever its phase.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.effects.links import JointResonance
-from sdp_vs_penalty.robot.arrays import Array
-
-
-class SwingBothWays(JointResonance):
-    """A resonance without a direction in time: half of the swing comes before its cause.
-
-    Let G(w) be the response of the resonance at the angular frequency w. This one's is
-    its real part, (G(w) + G(-w)) / 2: the amplitude in phase, and none in quadrature.
-    """
-
-    def lag(
-        self, torque: Array, step: float, compliance: float, slopes: Sequence[Array]
-    ) -> Array:
-        """Compute the mean (N,) [rad, m] of the lag in the log as it is and in the log
-        played backwards, where velocities have the other sign."""
-        by_q, by_dq, by_ddq = slopes
-        backwards = by_q[::-1], -by_dq[::-1], by_ddq[::-1]
-        after = super().lag(torque, step, compliance, slopes)
-        before = super().lag(torque[::-1], step, compliance, backwards)
-        return (after + before[::-1]) / 2.0
+from sdp_vs_penalty.effects.links import swing_both_ways
 
 
 def has_no_direction(search: Search, term: ScoredEffect) -> bool:
@@ -48,10 +27,9 @@ def has_no_direction(search: Search, term: ScoredEffect) -> bool:
     search
         The model with all findings.
     """
-    effect = term.form.effect
-    if not isinstance(effect, JointResonance):
+    both_ways = swing_both_ways(term.form.effect)
+    if both_ways is None:
         return False
-    both_ways = SwingBothWays(effect.robot, effect.joints, **effect.shape)
     columns = search.data.columns(both_ways)
     others = [t for t in search.terms if t is not term]
     fit = search.score.fit(search.nuisances.with_law_misfits(others), search.fit)

@@ -20,6 +20,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import largest_sums_of_scores
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
+from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.formatting import plain_unit
@@ -264,8 +265,10 @@ def offsets_beside_friction(
     p = len(estimate.theta)
     fit = fit_with_priors(rows, np.zeros(p), np.full(p, np.inf))
     friction = np.zeros(estimate.robot.n)
+    names = [standard_effect(field).name for field in ("friction", "offset")]
+    name_of_friction, name_of_offset = names
     for index, parameter in enumerate(estimate.model.parameters):
-        if parameter.effect == "coulomb_friction":
+        if parameter.effect == name_of_friction:
             friction[parameter.joint - 1] = fit.theta[index]
     explained = {
         joint
@@ -276,7 +279,7 @@ def offsets_beside_friction(
     out = []
     for index, parameter in enumerate(estimate.model.parameters):
         joint = parameter.joint - 1
-        if parameter.effect != "torque_offset" or joint in explained:
+        if parameter.effect != name_of_offset or joint in explained:
             continue
         offset = float(fit.theta[index])
         std = float(fit.std[index])

@@ -25,7 +25,7 @@ from sdp_vs_penalty.diagnosis.own_constants import with_constants
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.effects.velocity_friction import SigmoidFriction
+from sdp_vs_penalty.effects.velocity_friction import STAND_FOR_WIDTH
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 
 #: The constant that is the width of a sign [rad/s, m/s].
@@ -96,7 +96,7 @@ def _widths_in_doubt(search: Search) -> Iterator[_WidthInDoubt]:
             continue
         _, joint = key
         on_joint = [t for t in search.terms if joint in t.joints]
-        keys = key, (SigmoidFriction.name, joint)
+        keys = key, *((name, joint) for name in STAND_FOR_WIDTH)
         stand_ins = tuple(t for t in on_joint if t.key in keys)
         with_sign = tuple(
             t for t in on_joint if t not in stand_ins and not t.form.effect.signless

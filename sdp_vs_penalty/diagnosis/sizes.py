@@ -37,7 +37,6 @@ from sdp_vs_penalty.diagnosis.white_rows import (
     model_columns,
     spread_columns,
 )
-from sdp_vs_penalty.effects.channel import TorqueOffset
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -232,7 +231,7 @@ def joints_with_offset(data: WhiteData) -> frozenset[int]:
     """Return the joints (from 0) whose constant torque the model's own offset takes in;
     none of a model that is held fixed."""
     effects = () if data.frozen else data.estimate.model.effects
-    offsets = [e for e in effects if e.name == TorqueOffset.name]
+    offsets = [e for e in effects if e.simulator_field == "offset"]
     return frozenset(joint for effect in offsets for joint in effect.joints)
 
 

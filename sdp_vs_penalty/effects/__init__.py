@@ -1,9 +1,10 @@
 """The library of effects, by kind; :func:`effect_types` finds them."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
-from sdp_vs_penalty.effects.effect import Effect, EffectEntry
+from sdp_vs_penalty.effects.effect import Effect, EffectEntry, SimulatorField
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.plugins import Registry, lazy_exports
 from sdp_vs_penalty.robot.robot import Robot
@@ -27,6 +28,8 @@ DEFAULT_EFFECTS = (
 )
 
 
+#: Effects as they are written, for sentences that ask for one or two.
+EXAMPLES = ("torque_ripple:4@k=2", "joint_spring:4")
 EFFECTS = Registry[type[Effect]]("effect", __name__, Effect)
 
 
@@ -34,6 +37,19 @@ def effect_types() -> dict[str, type[Effect]]:
     """Import all effects, by name; the rigid body comes first."""
     types = EFFECTS.all()
     return {"rigid_body": types["rigid_body"], **types}
+
+
+def standard_effect(field: SimulatorField) -> type[Effect]:
+    """Return the effect that a field of simulators' files stands for, such as dry
+    friction for "friction"."""
+    return _standard_effects()[field]
+
+
+@cache
+def _standard_effects() -> dict[str, type[Effect]]:
+    """Our effects that simulators' files have a field for, by the field."""
+    kinds = EFFECTS.of_folder.values()
+    return {kind.simulator_field: kind for kind in kinds if kind.simulator_field}
 
 
 def parse_effects(

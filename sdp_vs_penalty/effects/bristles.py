@@ -213,6 +213,10 @@ def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     return np.append(start, np.clip(moved, -1.0, 1.0))
 
 
+#: Travels before sliding from which a search starts [rad].
+PRESLIDING_TRAVELS = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)
+
+
 class PreslidingHysteresis(StatefulEffect, JointEffect):
     equation = "f_h (z - sign(dq)), dz/dq = (1 - z sign(dq)) / d"
     explanation = (
@@ -233,10 +237,7 @@ class PreslidingHysteresis(StatefulEffect, JointEffect):
     at_rest: ClassVar[Literal["", "holds", "turns"]] = "turns"
     shapes = {
         "d": ShapeConstant(
-            0.003,
-            POSITION,
-            grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
-            bounds=(0.00005, 0.05),
+            0.003, POSITION, grid=PRESLIDING_TRAVELS, bounds=(0.00005, 0.05)
         )
     }
 

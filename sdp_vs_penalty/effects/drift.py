@@ -181,6 +181,7 @@ class WarmingFriction(Rubbing):
     )
     symbol = "f_w"
     lower = 0.0
+    needs_temperature = True
     refines: tuple[str, ...] = (
         "coulomb_friction",
         "viscous_friction",

@@ -238,6 +238,20 @@ class MotorInertia(JointEffect):
         return motion.motor_acceleration[:, joint] - motion.ddq[:, joint]
 
 
+def across_gravity(robot: Robot) -> Array:
+    """Return (2, 3) unit vectors of the two directions perpendicular to gravity.
+
+    They are two base axes where gravity points along the third, otherwise the
+    orthonormal pair that is nearest to two base axes.
+    """
+    gravity = np.array(robot.gravity if any(robot.gravity) else (0.0, 0.0, -1.0))
+    down = gravity / np.linalg.norm(gravity)
+    axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
+    flat = axes - np.outer(axes @ down, down)
+    u, _, vt = np.linalg.svd(flat, full_matrices=False)
+    return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
+
+
 class BaseTilt(Effect):
     equation = "g_1 dID/dg_1 + g_2 dID/dg_2"
     explanation = (
@@ -259,31 +273,16 @@ class BaseTilt(Effect):
     whole_robot = True
     signless = True
 
-    @property
-    def across(self) -> Array:
-        """(2, 3) unit vectors of the two directions perpendicular to gravity.
-
-        They are two base axes where gravity points along the third, otherwise the
-        orthonormal pair that is nearest to two base axes.
-        """
-        gravity = (
-            np.array(self.robot.gravity)
-            if any(self.robot.gravity)
-            else np.array([0.0, 0.0, -1.0])
-        )
-        down = gravity / np.linalg.norm(gravity)
-        axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
-        flat = axes - np.outer(axes @ down, down)
-        u, _, vt = np.linalg.svd(flat, full_matrices=False)
-        return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
-
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name the two components of gravity across the assumed one, "g_x" and "g_y"
         [m/s^2]."""
         names = ["1", "2"]
         is_along_an_axis = np.count_nonzero(self.robot.gravity) < 2
         if is_along_an_axis:
-            names = ["xyz"[int(np.argmax(np.abs(axis)))] for axis in self.across]
+            names = [
+                "xyz"[int(np.argmax(np.abs(axis)))]
+                for axis in across_gravity(self.robot)
+            ]
         return [(f"g_{name}", "m/s^2") for name in names]
 
     def torques(self, motion: Motion) -> Array:
@@ -291,7 +290,7 @@ class BaseTilt(Effect):
         direction."""
         zero = np.zeros_like(motion.q)
         columns = []
-        for gravity in self.across:
+        for gravity in across_gravity(self.robot):
             robot = replace(self.robot, gravity=(gravity[0], gravity[1], gravity[2]))
             columns.append(
                 robot.inverse_dynamics(motion.model_links, motion.q, zero, zero)
@@ -787,6 +786,33 @@ class JointResonance(LinkDeviation):
         right_side[2:] = (torque[:-2] + 2.0 * torque[1:-1] + torque[2:]) / 4.0
         bands[1, 0] = 0.0  # the first two instants are at rest
         return np.asarray(scipy.linalg.solve_banded((2, 0), bands, right_side))
+
+
+class _SwingBothWays(JointResonance):
+    """A resonance without a direction in time: half of the swing comes before its cause.
+
+    Let G(w) be the response of the resonance at the angular frequency w. This one's is
+    its real part, (G(w) + G(-w)) / 2: the amplitude in phase, and none in quadrature.
+    """
+
+    def lag(
+        self, torque: Array, step: float, compliance: float, slopes: Sequence[Array]
+    ) -> Array:
+        """Compute the mean (N,) [rad, m] of the lag in the log as it is and in the log
+        played backwards, where velocities have the other sign."""
+        by_q, by_dq, by_ddq = slopes
+        backwards = by_q[::-1], -by_dq[::-1], by_ddq[::-1]
+        after = super().lag(torque, step, compliance, slopes)
+        before = super().lag(torque[::-1], step, compliance, backwards)
+        return (after + before[::-1]) / 2.0
+
+
+def swing_both_ways(effect: Effect) -> Effect | None:
+    """Return the effect without a direction in time, where it is a link that swings
+    after it is pushed; None for all other effects."""
+    if not isinstance(effect, JointResonance):
+        return None
+    return _SwingBothWays(effect.robot, effect.joints, **effect.shape)
 
 
 def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import Array, Effect, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
@@ -405,3 +405,83 @@ class MeasuredCurve(JointEffect):
                 x = over.along(motion)
                 out |= (x < self.shape[f"{axis}low"]) | (x > self.shape[f"{axis}high"])
         return out
+
+
+#: What a finding cannot be told apart from where a curve stands instead of it.
+CURVE = MeasuredCurve.name
+
+
+def table_variables(effect: Effect, joint: int) -> tuple[str, ...] | None:
+    """Return the names of the variables of a table on a joint (from 0); None for effects
+    that are no table there."""
+    if not isinstance(effect, MeasuredCurve) or joint not in effect.joints:
+        return None
+    return tuple(variable.name for variable in effect.variables(joint))
+
+
+def table_effect(
+    robot: Robot,
+    joint: int,
+    of: Sequence[str],
+    points: Array,
+    values: Array,
+    measured: int,
+) -> MeasuredCurve:
+    """Make the effect whose torque is a table over a grid of one or two variables.
+
+    An effect keeps all numbers as named constants, with which it is written to a file.
+    For the first variable x (y for the second) they are its word's number, joint "xj",
+    second joint "xi" and ratio "xc" of a sum of two joints, range "xlow" to "xhigh",
+    and number of points "xn". The values are "v1", "v2" ... (measured) and "w1" ...
+    (from a formula).
+
+    ``joint`` counts from 0.
+
+    Parameters
+    ----------
+    of
+        Names of the variables, such as "q1".
+    points
+        (P, number of variables) points of an equally spaced grid; some may be missing.
+    values
+        (P,) torque there [N m or N].
+    measured
+        Number of the first points that were measured; a formula gave the others.
+
+    Returns
+    -------
+    MeasuredCurve
+        The effect. Files hold six digits, so its values are rounded to these here.
+    """
+    shape: dict[str, float] = {}
+    places = []
+    counts = []
+    for axis, name, x in zip("xy", of, points.T, strict=False):
+        variable = Variable.parse(name)
+        # Points may be missing: the smallest distance is the step of the grid.
+        steps = np.diff(np.unique(x))
+        low = float(x.min())
+        high = float(x.max())
+        step = float(steps.min(initial=high - low))
+        count = round((high - low) / step) + 1
+        shape[axis] = WORDS.index(variable.word) + 1.0
+        shape[f"{axis}j"] = variable.joint + 1.0
+        if variable.other >= 0:
+            shape[f"{axis}i"] = variable.other + 1.0
+            shape[f"{axis}c"] = variable.ratio
+        shape[f"{axis}low"] = _six_digits(low)
+        shape[f"{axis}high"] = _six_digits(high)
+        shape[f"{axis}n"] = float(count)
+        places.append(np.rint((x - low) / (high - low) * (count - 1)))
+        counts.append(count)
+    # Cells are numbered row by row; "v7" is a measured value of cell 7, "w7" a law's.
+    cells = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
+    for k in np.argsort(cells, kind="stable"):
+        letter = "v" if k < measured else "w"
+        shape[f"{letter}{cells[k] + 1}"] = _six_digits(values[k])
+    return MeasuredCurve(robot, [joint], **shape)
+
+
+def _six_digits(value: float) -> float:
+    """Round a number to the six digits with which effects are written."""
+    return float(f"{value:.6g}")

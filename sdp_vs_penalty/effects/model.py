@@ -163,7 +163,7 @@ class Model:
         """(10 n,) indices in theta of the links' ten standard parameters; empty without
         a rigid body."""
         for effect, indices in self.parts:
-            if effect.name == "rigid_body":
+            if effect.simulator_field == "links":
                 return indices
         return np.arange(0)
 

@@ -7,6 +7,7 @@ links, the friction and the gains together, up to one common factor.
 """
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,6 +28,11 @@ class Servo(JointEffect):
 
     forward = "drive"
     needs_command = True
+    #: Its law without the gain, as a combination (7,) of a command, its two derivatives
+    #: and its integral, and of position, velocity and integral; d [s] is a further
+    #: delay, by Taylor's series to second order: q_cmd(t - d) = q_cmd - d q_cmd' + d^2 /
+    #: 2 q_cmd''.
+    terms: ClassVar["staticmethod[[float], list[float]]"]
     signless = True
     lower = 0.0
     range = 1e8
@@ -75,6 +81,8 @@ class ServoPosition(Servo):
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
     sized_by = slice(0, 1)
     position_gains = slice(0, None, 2)
+    #: Of the position error; the damping kd is in all laws.
+    terms = staticmethod(lambda d: [1.0, -d, d * d / 2.0, 0.0, -1.0, 0.0, 0.0])
     shapes = {**Servo.shapes, "d": ShapeConstant(0.0, "s", scale="linear", signed=True)}
     searched = ("T",)  # the delay; the age of the velocity is given or zero
 
@@ -111,6 +119,8 @@ class ServoIntegral(ServoGain):
     )
     on_the_arm = "the drive of {joint} adds up its position error ({size})"
     reference = "Astrom, Murray, Feedback Systems 2008, ch. 10"
+    has_constant_part = True  # the integral begins anywhere
+    terms = staticmethod(lambda d: [-d, d * d / 2.0, 0.0, 1.0, 0.0, 0.0, -1.0])
     symbol = "ki"
     units = ("N*m/rad/s", "N/m/s")
 
@@ -140,6 +150,7 @@ class ServoVelocityLoop(ServoGain):
         "Janot, Gautier, Brunot, Control Engineering Practice 2019 (EMPS); Corke, sec."
         " 9.1.7"
     )
+    terms = staticmethod(lambda d: [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
     needs_command = False
     symbol = "kh"
     units = ("N*m/rad", "N/m")
@@ -165,6 +176,7 @@ class ServoFeedforward(ServoGain):
         "the drive of {joint} adds torque in proportion to the commanded speed ({size})"
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.3"
+    terms = staticmethod(lambda d: [0.0, 1.0, -d, 0.0, 0.0, 0.0, 0.0])
     symbol = "kc"
     units = ("N*m*s/rad", "N*s/m")
 
@@ -174,3 +186,27 @@ class ServoFeedforward(ServoGain):
         Minus, because a drive's torque counts as a negative load.
         """
         return -motion.logged_command.velocity(at)
+
+
+#: The laws of drives by their names, those with fewer gains first: their effects.
+LAWS: dict[str, tuple[type[Servo], ...]] = {
+    name + more: effects + also
+    for name, effects in (
+        ("PD", (ServoPosition,)),
+        ("PID", (ServoPosition, ServoIntegral)),
+        ("cascade", (ServoPosition, ServoIntegral, ServoVelocityLoop)),
+    )
+    for more, also in (("", ()), (" with feed-forward", (ServoFeedforward,)))
+}
+
+
+def law_of_terms(name: str, d: float) -> Array:
+    """Return a law as (7, 1 + m) combinations of the seven terms (:attr:`Servo.terms`),
+    with a further delay d [s] of the command.
+
+    Column 0 is the control error e = q_cmd(t - d) - q; the other m columns are what the
+    law adds to it (damping, integral, velocity loop, feed-forward), each with a gain.
+    """
+    damping = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    error, *further = (effect.terms(d) for effect in LAWS[name])
+    return np.array([error, damping, *further]).T

@@ -1,11 +1,11 @@
 """Friction of a joint that is a function of its velocity, and of the load that it
 carries."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, Effect, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import VELOCITY, ShapeConstant
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -96,6 +96,18 @@ class FrictionLead(JointEffect):
         """Return the sign of the velocity ``lead`` [s] ahead, less that of the velocity
         (N,)."""
         return motion.sign_ahead(joint, self.shape["lead"]) - motion.sign(joint)
+
+
+LEAD = FrictionLead.name
+
+
+def lead_of_friction(effects: Sequence[Effect]) -> Effect | None:
+    """Return the lead of the dry friction among some effects; None without Coulomb
+    friction, or where the lead is among them."""
+    names = {effect.name for effect in effects}
+    if CoulombFriction.name not in names or FrictionLead.name in names:
+        return None
+    return FrictionLead(effects[0].robot)
 
 
 class AsymmetricViscousFriction(JointEffect):
@@ -229,6 +241,10 @@ class SigmoidFriction(JointEffect):
         v0 = self.shape["v0"]
         deviation = sigmoid(motion.dq[:, joint] / v0) - motion.sign(joint)
         return deviation * (v0 >= WIDER_THAN_SIGN * motion.width(joint))
+
+
+#: Effects that stand for another width over which a joint's sign turns round.
+STAND_FOR_WIDTH = (CoulombFriction.name, SigmoidFriction.name)
 
 
 class StribeckFriction(JointEffect):

@@ -23,7 +23,7 @@ import numpy as np
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.effects import make_effect
+from sdp_vs_penalty.effects import make_effect, standard_effect
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, require_known
@@ -268,7 +268,9 @@ def _pose_black_box(
     The answers have no noise of sensors: no filters, equal weights of all joints. The
     model has rigid links only, unless the user names effects.
     """
-    effects = "rigid_body" if options.effects is None else options.effects
+    effects = (
+        standard_effect("links").name if options.effects is None else options.effects
+    )
     model = with_known(problem.model(effects), options.known)
     progress("compressing the black box's answers")
     regression = compress_black_box(data, model)

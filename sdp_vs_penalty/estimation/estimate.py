@@ -18,7 +18,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.colours import AFTER, NEUTRAL
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import EFFECTS, make_effect
+from sdp_vs_penalty.effects import EFFECTS, make_effect, standard_effect
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
@@ -628,9 +628,9 @@ class Estimate(Record):
         """
         table = self.to_frame()
         mass = table.index.str.fullmatch("m[0-9]+")
-        by_effect = table[(table["effect"] != "rigid_body") | mass].groupby(
-            "effect", sort=False
-        )
+        by_effect = table[
+            (table["effect"] != standard_effect("links").name) | mass
+        ].groupby("effect", sort=False)
         size = (3.0 * len(by_effect), 2.6)
         panels = np.atleast_1d(
             formatting.axes(axes, 1, len(by_effect), figsize=size, layout="constrained")

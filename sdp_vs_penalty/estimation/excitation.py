@@ -27,8 +27,8 @@ import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.arguments import checked_arguments, require_in_range
+from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimation.constants import DIFFERENCE
@@ -725,7 +725,7 @@ def payload_run(
     start.b[still] = 0.0
     start.q_0[still] = limits.middle[still]
     regressor = Regressor(
-        Model(robot, (Payload(robot),)),
+        Model(robot, (standard_effect("payload")(robot),)),
         columns=np.arange(10),
         scale=1.0 / noise_of_model(estimate),
     )

@@ -30,9 +30,8 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Effect, Parameter
-from sdp_vs_penalty.effects.links import Payload
+from sdp_vs_penalty.effects import standard_effect
+from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
@@ -107,7 +106,7 @@ def gains_from_loads(
     InputError
         For a mass that is not positive and finite.
     """
-    payload = Payload(model.robot)
+    payload = standard_effect("payload")(model.robot)
     # What is known is in true units, the channels' torques are not.
     bare = replace(model.reference_free, gains=None, known={})
     with_load = replace(bare, effects=(*bare.effects, payload))
@@ -510,12 +509,12 @@ class _LoadedRun:
     ) -> _LoadedRun:
         """Compress runs with a known mass in the columns of a model and a load."""
         robot = model.robot
-        offset: list[Effect] = []
-        if any(e.name == "servo_integral" for e in model.effects):
-            offset.append(effect_types()["torque_offset"](robot))
+        drives = [e for e in model.effects if e.forward == "drive"]
+        begins_anywhere = any(drive.has_constant_part for drive in drives)
+        offset = [standard_effect("offset")(robot)] if begins_anywhere else []
         wide = Model(
             robot,
-            (*model.effects, Payload(robot), *offset),
+            (*model.effects, standard_effect("payload")(robot), *offset),
             gains=model.gains,
             allow_duplicates=True,
         )

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects import EXAMPLES, parse_effects
 from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
@@ -104,9 +104,7 @@ class Hypotheses:
         self.row_rate = independent_rate(estimate)  # independent rows a second [Hz]
         if not 1 <= len(self.effects) <= 2:
             what = f"--separate {texts!r} names {len(self.effects)} effects"
-            raise InputError(
-                what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one'
-            )
+            raise InputError(what, f'name two, such as "{",".join(EXAMPLES)}", or one')
         model_names = {p.name for p in estimate.model.parameters}
         for effect in self.effects:
             if twice := model_names & {p.name for p in effect.parameters}:

@@ -22,10 +22,11 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.servo import LATEST
+from sdp_vs_penalty.effects.servo import LATEST, LAWS, law_of_terms
+from sdp_vs_penalty.effects.velocity_friction import LEAD, lead_of_friction
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
@@ -44,21 +45,6 @@ from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import sample_rate
 from sdp_vs_penalty.signals.spectrum import highest_harmonic, unbent_cutoff
-
-#: The laws, those with fewer gains first, and their effects.
-LAWS = {
-    name + more: effects + also
-    for name, effects in (
-        ("PD", ("servo_position",)),
-        ("PID", ("servo_position", "servo_integral")),
-        ("cascade", ("servo_position", "servo_integral", "servo_velocity_loop")),
-    )
-    for more, also in (("", ()), (" with feed-forward", ("servo_feedforward",)))
-}
-
-
-#: The effect of dry friction that turns round before or after the velocity does.
-_LEAD = "friction_lead"
 
 
 class _Terms(Effect):
@@ -103,27 +89,6 @@ class _Terms(Effect):
         columns = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
         indices = np.arange(self.count)
         return [Block(j, indices + self.count * j, columns[:, j]) for j in self.joints]
-
-
-def _law(name: str, d: float) -> Array:
-    """Return a servo's control law as (7, 1 + m) combinations of the seven terms.
-
-    Column 0 is the control error e = qcmd(t - T - d) - q; the other m columns are the
-    terms that the law adds to it (damping, integral, velocity loop, feed-forward), each
-    with a gain. The terms have the delay T; ``d`` [s] is a further delay, by Taylor's
-    series to second order.
-    """
-    h = 0.5 * d * d  # qcmd(t - d) = qcmd - d qcmd' + h qcmd''
-    # Terms: command, its rate, its acceleration, its integral; q, dq, integral of q.
-    error = [1.0, -d, h, 0.0, -1.0, 0.0, 0.0]
-    damping = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    terms = {
-        "servo_integral": [-d, h, 0.0, 1.0, 0.0, 0.0, -1.0],
-        "servo_velocity_loop": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
-        "servo_feedforward": [0.0, 1.0, -d, 0.0, 0.0, 0.0, 0.0],
-    }
-    further = [terms[effect] for effect in LAWS[name] if effect in terms]
-    return np.array([error, damping, *further]).T
 
 
 #: One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold
@@ -227,7 +192,7 @@ def _has_lead(
     and by more than two standard errors. ``score`` (folds,) is the law's with these
     columns. The delay T [s] of the terms is found anew without them if it is open.
     """
-    is_lead = np.array([p.effect == _LEAD for p in cells.parameters])
+    is_lead = np.array([p.effect == LEAD for p in cells.parameters])
     if not is_lead.any():
         return False
     terms = _joints(cells.keeping(~is_lead), split)
@@ -250,12 +215,10 @@ def _with_several_turns(load: Sequence[Effect]) -> list[Effect]:
             effects += [effect.with_shape(v_s=v) for v in c.TURNS]
         else:
             effects.append(effect)
-    if not any(effect.name == "torque_offset" for effect in load):
-        effects.append(effect_types()["torque_offset"](load[0].robot))
-    names = {effect.name for effect in effects}
-    if "coulomb_friction" in names and _LEAD not in names:
-        effects.append(effect_types()[_LEAD](load[0].robot))
-    return effects
+    if not any(effect.simulator_field == "offset" for effect in load):
+        effects.append(standard_effect("offset")(load[0].robot))
+    lead = lead_of_friction(effects)
+    return effects if lead is None else [*effects, lead]
 
 
 def _fewest_gains(scores: Mapping[str, Array]) -> tuple[str, str]:
@@ -353,7 +316,7 @@ def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
 
     def log_residual(delay: float) -> float:
         """Return the sum over joints of the logarithm of the squared residual."""
-        law = _law(name, delay)
+        law = law_of_terms(name, delay)
         losses = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
         return float(np.sum(np.log(at_least_tiny(losses))))
 
@@ -372,7 +335,7 @@ def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     The law is fitted to the training terms of each fold and judged on its test terms.
     ``delay`` [s] counts from the delay of the terms.
     """
-    law = _law(name, delay)
+    law = law_of_terms(name, delay)
     squared_errors = [
         [np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds]
         for _, folds in joints
@@ -435,11 +398,12 @@ class _Loop:
         """
         robot = self.problem.robot
         delayed_drives = [e.with_shape(T=float(f"{delay:.6g}")) for e in self.drives]
-        names = {e.name for e in (*self.load, *delayed_drives)}
+        has_offset = any(e.simulator_field == "offset" for e in self.load)
         # A servo's integral may begin anywhere: beside a constant.
+        begins_anywhere = any(drive.has_constant_part for drive in delayed_drives)
         offset: list[Effect] = []
-        if "servo_integral" in names and "torque_offset" not in names:
-            offset = [effect_types()["torque_offset"](robot)]
+        if begins_anywhere and not has_offset:
+            offset = [standard_effect("offset")(robot)]
         model = Model(
             robot, (*self.load, *offset, *delayed_drives), gains=self.problem.gains
         )
@@ -551,21 +515,21 @@ def servo_log(
     drives = [e for e in effects if e.forward == "drive"]
     load = _load_of(problem, effects, has_law=bool(drives), chosen=chosen)
     if not load:
+        moved = (standard_effect(field).name for field in ("links", "friction"))
         raise InputError(
             f"effects {', '.join(e.text for e in effects)}: the drives have nothing to"
             " move",
-            f"name it too: rigid_body,coulomb_friction,{drives[0].text}",
+            f"name it too: {','.join((*moved, drives[0].text))}",
         )
     given_delay = _given_delay(drives)
     names = _laws_of(drives) if drives else tuple(LAWS)
     progress("choosing the servo law")
     law = find_law(load, runs, names, given_delay)
-    if law.has_lead and not chosen:
-        load.append(effect_types()[_LEAD](problem.robot))
+    lead = lead_of_friction(load)
+    if law.has_lead and not chosen and lead is not None:
+        load.append(lead)
     progress("balancing the gains")
-    effects_of_law = drives or [
-        effect_types()[name](problem.robot) for name in LAWS[law.name]
-    ]
+    effects_of_law = drives or [effect(problem.robot) for effect in LAWS[law.name]]
     moves_delay = given_delay is None and law.delay > 0.0
     loop = _Loop(
         problem,
@@ -670,11 +634,11 @@ def _load_of(
     """
     load = [e for e in effects if e.forward != "drive"]
     if not has_law:  # kd and viscous friction have one column: kd is their sum
-        load = [e for e in load if e.name != "viscous_friction"]
-    has_rotors = any(e.name == "rotor_inertia" for e in load)
+        load = [e for e in load if e.simulator_field != "damping"]
+    has_rotors = any(e.simulator_field == "armature" for e in load)
     # A drive has a rotor. A single joint's cannot be told from what it moves.
     if not chosen and not has_rotors and problem.robot.n > 1:
-        load.append(effect_types()["rotor_inertia"](problem.robot))
+        load.append(standard_effect("armature")(problem.robot))
     return load
 
 
@@ -693,8 +657,8 @@ def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:
 
     Without such a law the result is the last of LAWS, the one with most gains.
     """
-    drive_names = {e.name for e in drives}
-    same = tuple(name for name, law in LAWS.items() if set(law) == drive_names)
+    kinds = {type(drive) for drive in drives}
+    same = tuple(name for name, law in LAWS.items() if set(law) == kinds)
     return same or tuple(LAWS)[-1:]
 
 
@@ -768,7 +732,7 @@ def loop_beside_torque(
         )
     robot = drives[0].robot
     turned = replace(data, tau=-data.tau)  # a drive's torque counts negative
-    offset = effect_types()["torque_offset"](robot)
+    offset = standard_effect("offset")(robot)
     runs = FilteredRuns.of(turned, settings)
 
     def fitted(delay: float) -> tuple[Model, Regression, Array]:

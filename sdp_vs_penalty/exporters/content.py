@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from lxml import etree
 
+from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.effect import Effect, SimulatorField
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.carried import payload_parameters
@@ -121,8 +122,9 @@ class Content:
         robot = estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
-                f"model {estimate.problem.name}: the model has no rigid_body effect, so"
-                " there are no inertias to export",
+                f"model {estimate.problem.name}: the model has no"
+                f" {standard_effect('links').name} effect, so there are no inertias to"
+                " export",
                 "write .json instead",
             )
         links = about_joints(robot, _with_payload(estimate))
@@ -160,7 +162,7 @@ class Content:
         """
         lost = list[str]()
         if not armature and np.any(self.armature > 0.0):
-            lost.append("rotor_inertia")
+            lost.append(standard_effect("armature").name)
         if not springs:
             lost += self.springs
         return (*lost, *self.others)

@@ -50,7 +50,7 @@ def write(estimate: Estimate, options: Options) -> Written:
     for c in curves:
         for row in zip(c.velocity, c.torque, c.std, strict=True):
             lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
-    others = (e for e in estimate.model.effects if e.name != "rigid_body")
+    others = (e for e in estimate.model.effects if e.simulator_field != "links")
     left = tuple(e.text for e in others if not follows_alone(e, "dq"))
     return ("\n".join(lines) + "\n").encode(), left
 

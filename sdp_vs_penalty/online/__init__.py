@@ -8,7 +8,7 @@ __getattr__ = lazy_exports(
     change="ChangeDetector",
     information="Information PayloadPrior",
     noise="ResidualNoise",
-    payload="Payload PayloadChange PayloadEstimator",
+    payload="PayloadChange PayloadEstimator PayloadNow",
     projection="ConeProjection",
     smoothing="SmoothingFilter",
 )

@@ -23,7 +23,7 @@ from sdp_vs_penalty.robot.inertia import barycentric_from_standard, inertia_matr
 
 
 @dataclass(frozen=True, repr=False)
-class Payload(Shown):
+class PayloadNow(Shown):
     """What the last link carries, as data and physics together have it."""
 
     #: Instant of the estimate [s]: the filters' delay before the last sample.
@@ -92,7 +92,7 @@ class PayloadChange(Shown):
         ]
 
 
-def _mass_text(known: Payload | PayloadChange) -> str:
+def _mass_text(known: PayloadNow | PayloadChange) -> str:
     """Return a mass with its 95 % half-width as text."""
     half = NORMAL_95 * known.mass_std
     return f"{known.mass:.2f} ± {formatting.number(half, 1)} kg"
@@ -563,7 +563,7 @@ class PayloadEstimator:
         return float(np.linalg.norm(share @ errors))
 
     @property
-    def payload(self) -> Payload | None:
+    def payload(self) -> PayloadNow | None:
         """Payload that is carried now, at the time that the filters speak of.
 
         None without a payload, and until the first certified projection after a change.
@@ -585,7 +585,7 @@ class PayloadEstimator:
         jacobian[:, 1:4] = np.eye(3) * self._prior.reach / mass
         # Variances (3,): the diagonal of J C J^T.
         com_variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
-        return Payload(
+        return PayloadNow(
             # The last tick, less the filters' delay.
             time=self._next_tick - self.period - self.delay,
             theta=theta,

@@ -14,7 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.effects import effect_in_words, effects_in_words
+from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_in_words, effects_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
@@ -570,7 +570,9 @@ class Session:
         method.
         """
         if not self.effects:
-            raise InputError("No effect is chosen", "choose at least rigid_body")
+            raise InputError(
+                "No effect is chosen", f"choose at least {DEFAULT_EFFECTS[0]}"
+            )
         self._refuse_meaningless()
         request = {
             "effects": ",".join(self.effects),

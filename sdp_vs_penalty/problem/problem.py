@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
+from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects, standard_effect
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, require_known
@@ -313,7 +313,7 @@ class Problem(Shown):
         geared = self.torque_side == "motor" or (
             self.torque_side == "unknown" and self.robot.n > 1
         )
-        return DEFAULT_EFFECTS + (("rotor_inertia",) if geared else ())
+        return DEFAULT_EFFECTS + ((standard_effect("armature").name,) if geared else ())
 
     def _summary(self) -> Summary:
         """Return the title and the (label, text) lines of the printed summary."""
@@ -346,7 +346,7 @@ class Problem(Shown):
         """
         chosen = self.default_effects if effects is None else effects
         effects = parse_effects(chosen, self.robot)
-        has_links = any(e.name == "rigid_body" for e in effects)
+        has_links = any(e.simulator_field == "links" for e in effects)
         known = self.known if has_links else {}
         return Model(self.robot, effects, gains=self.gains, known=known)
 

@@ -1,14 +1,15 @@
 """Base parameters by name: the standard parameter each one leads with, and its whole
 symbol."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects import standard_effect
+from sdp_vs_penalty.effects.effect import Motion, SimulatorField
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -115,14 +116,14 @@ def _rigid_base(
     rigid = model.rigid_indices
     if not len(rigid):
         return np.zeros((0, 0)), rigid, ()
-    present = {e.name for e in model.effects}
+    present = {e.simulator_field for e in model.effects}
     # A rotor acts like inertia of the first links, an offset like the weight of a link
     # that slides upright: their common combinations are what counts.
-    merged = {"rotor_inertia"}
+    merged: set[SimulatorField] = {"armature"}
     if "m" in model.robot.position_units:
-        merged.add("torque_offset")
+        merged.add("offset")
     if present & merged:
-        return _merged_base(model, ("rigid_body", *merged))
+        return _merged_base(model, {"links", *merged})
     try:
         matrix, lead = base_parameters(model, problem.independent)
     except InputError:  # the list was made for another direction of gravity
@@ -131,15 +132,16 @@ def _rigid_base(
 
 
 def _merged_base(
-    model: Model, effects: Sequence[str]
+    model: Model, fields: Set[SimulatorField]
 ) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
-    """Return the base parameters of several effects together, by their names.
+    """Return the base parameters of several effects together, by their fields.
 
     Returns B (b, k), the indices (k,) of their parameters in theta, and which of the k
     lead the combinations, as _rigid_base does. Dependent columns are found at random
     states.
     """
-    part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
+    effects = tuple(e for e in model.effects if e.simulator_field in fields)
+    part = Model(model.robot, effects)
     names = [p.name for p in model.parameters]
     places = np.array([names.index(q.name) for q in part.parameters])
     states = part.robot.random_states
@@ -223,7 +225,7 @@ def base_parameter_symbols(problem: Problem) -> dict[str, str]:
         Sums by the name of the leading parameter (Izz1, mx2, ...).
     """
     base, independent = base_parameters(
-        problem.model("rigid_body"), problem.independent
+        problem.model(standard_effect("links").name), problem.independent
     )
     rigid = [
         name

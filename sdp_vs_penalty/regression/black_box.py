@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.data.store import digest
+from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.regression.regression import Factor, Regression, triangular
@@ -181,10 +182,10 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     InputError
         For a model with other effects, which such answers do not contain.
     """
-    if [effect.name for effect in model.effects] != ["rigid_body"]:
+    if [effect.simulator_field for effect in model.effects] != ["links"]:
         raise InputError(
             "A black box answers gravity torque and inertia matrix only",
-            "identify the one effect rigid_body",
+            f"identify the one effect {standard_effect('links').name}",
         )
     robot = model.robot
     n = model.robot.n

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.bristles import PreslidingHysteresis, dahl
+from sdp_vs_penalty.effects.bristles import PRESLIDING_TRAVELS, dahl
 from sdp_vs_penalty.effects.motion import Legs, Motion
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
@@ -165,8 +165,7 @@ def friction_laws(motion: Motion, joint: int) -> Array:
     path = Legs.of(motion.q[:, joint])
     dq = motion.dq[:, joint]
     start = float(np.sign(dq[0]))
-    travels = PreslidingHysteresis.shapes["d"].grid
-    memory = [dahl(path, travel, start) for travel in travels]
+    memory = [dahl(path, travel, start) for travel in PRESLIDING_TRAVELS]
     return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(dq))])
 
 

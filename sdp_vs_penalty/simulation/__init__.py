@@ -4,7 +4,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    experiments="Experiment experiment innovation_share Sensor sigmoid_friction",
+    experiments="Experiment experiment innovation_share Sensor sigmoid_torque",
     hidden_runs="HiddenRuns true_world",
     engines="engine_types",
     worlds=(

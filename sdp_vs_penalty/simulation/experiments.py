@@ -38,7 +38,7 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.signals.kernels import autoregressive
 
 
-def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
+def sigmoid_torque(phi: ArrayLike, dq: Array) -> Array:
     """Return sigmoid friction (N, n) [N m] at velocities (N, n) [rad/s], which is zero
     at rest (Gaz et al. 2019, eq. 12).
 
@@ -265,7 +265,7 @@ class Experiment:
         )
         if self.friction is None:
             return rigid
-        return rigid + sigmoid_friction(self.friction, motion.dq)
+        return rigid + sigmoid_torque(self.friction, motion.dq)
 
     def training_run(self, seed: int = 0) -> Measurements:
         """Simulate one measurement of the exciting trajectory.

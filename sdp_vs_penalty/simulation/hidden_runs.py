@@ -19,7 +19,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects import effect_types, parse_effects, standard_effect
 from sdp_vs_penalty.effects.effect import Effect, JointEffect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
@@ -272,9 +272,9 @@ def true_world(
         arm,
         built=model,
         dry=dry,
-        coulomb=zeros if "coulomb_friction" in without else coulomb,
-        viscous=zeros if "viscous_friction" in without else viscous,
-        offset=zeros if "torque_offset" in without else offset,
+        coulomb=zeros if standard_effect("friction").name in without else coulomb,
+        viscous=zeros if standard_effect("damping").name in without else viscous,
+        offset=zeros if standard_effect("offset").name in without else offset,
         noise=setup.sensor.torque_std,
     )
 
@@ -476,5 +476,5 @@ def _measure(
     )
     run = full_run.window(_BLEND, _BLEND + DURATION)
     clock = run.t + _start(k)
-    warm = any(h.effect == "warming_friction" for h in hidden)
+    warm = any(effect_types()[h.effect].needs_temperature for h in hidden)
     return replace(run, t=clock, temperature=world.temperature(clock) if warm else None)

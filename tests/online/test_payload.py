@@ -23,7 +23,7 @@ from sdp_vs_penalty import (
     identify,
 )
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.online import Payload, PayloadChange, PayloadPrior, ResidualNoise
+from sdp_vs_penalty.online import PayloadChange, PayloadNow, PayloadPrior, ResidualNoise
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 
@@ -63,7 +63,7 @@ class Replay:
     """A stream that was played once: its changes, and the payload at instants [s]."""
 
     changes: list[PayloadChange]
-    payloads: dict[float, Payload]
+    payloads: dict[float, PayloadNow]
 
 
 #: Instants at which a payload is looked at, by the instant of its pick [s].

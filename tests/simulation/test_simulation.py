@@ -27,7 +27,7 @@ from sdp_vs_penalty.simulation import (
     experiment,
     innovation_share,
     misplaced,
-    sigmoid_friction,
+    sigmoid_torque,
     torques,
     true_world,
 )
@@ -55,11 +55,11 @@ def test_an_ideal_sensor_shows_the_truth(panda):
 def test_sigmoid_friction_is_the_papers_formula(panda):
     phi = experiment(panda).friction
     dq = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 7))
-    got = sigmoid_friction(phi, dq)
+    got = sigmoid_torque(phi, dq)
     p1, p2, p3 = phi.T
     expected = p1 / (1 + np.exp(-p2 * (dq + p3))) - p1 / (1 + np.exp(-p2 * p3))
     np.testing.assert_allclose(got, expected, atol=1e-13)
-    np.testing.assert_allclose(sigmoid_friction(phi, np.zeros((1, 7))), 0.0, atol=1e-15)
+    np.testing.assert_allclose(sigmoid_torque(phi, np.zeros((1, 7))), 0.0, atol=1e-15)
 
 
 def test_noise_has_the_spectrum_it_is_given(panda):

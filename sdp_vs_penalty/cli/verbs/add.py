@@ -163,10 +163,11 @@ def _say_sizes(effects: Any, model: Any, added: Any) -> None:
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
+    from sdp_vs_penalty.effects import effect_types
     from sdp_vs_penalty.estimation import carried
 
     for finding in () if isinstance(effects, str) else effects.beside_curves:
-        if finding.effect != "payload":
+        if effect_types()[finding.effect].simulator_field != "payload":
             size = size_in_model(finding, model).size_text
             console.say(f"{finding.title}: {size}")
     for effect, indices in model.model.parts:

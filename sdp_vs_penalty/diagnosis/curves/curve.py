@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdp_vs_penalty.effects.measured_curve import WORDS, MeasuredCurve, Variable
+from sdp_vs_penalty.effects.effect import JointEffect
+from sdp_vs_penalty.effects.measured_curve import CURVE as CURVE
+from sdp_vs_penalty.effects.measured_curve import Variable, table_effect
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-#: What a finding cannot be told apart from where a curve stands instead of it.
-CURVE = MeasuredCurve.name
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class Curve(JsonRecord):
         """(P, number of variables) the points at which the curve was measured."""
         return self.x.reshape(len(self.torque), -1)
 
-    def effect(self, robot: Robot) -> MeasuredCurve:
+    def effect(self, robot: Robot) -> JointEffect:
         """Return the curve as a table effect, which can be added to a model of the
         robot.
         """
@@ -121,71 +120,3 @@ class Curve(JsonRecord):
             f" data left out; the error there falls from {self.held_out_rmse_before:.3g}"
             f" to {self.held_out_rmse_after:.3g} {unit}.{words}"
         )
-
-
-def table_effect(
-    robot: Robot,
-    joint: int,
-    of: Sequence[str],
-    points: Array,
-    values: Array,
-    measured: int,
-) -> MeasuredCurve:
-    """Make the effect whose torque is a table over a grid of one or two variables.
-
-    An effect keeps all numbers as named constants, with which it is written to a file.
-    For the first variable x (y for the second) they are its word's number, joint "xj",
-    second joint "xi" and ratio "xc" of a sum of two joints, range "xlow" to "xhigh",
-    and number of points "xn". The values are "v1", "v2" ... (measured) and "w1" ...
-    (from a formula).
-
-    ``joint`` counts from 0.
-
-    Parameters
-    ----------
-    of
-        Names of the variables, such as "q1".
-    points
-        (P, number of variables) points of an equally spaced grid; some may be missing.
-    values
-        (P,) torque there [N m or N].
-    measured
-        Number of the first points that were measured; a formula gave the others.
-
-    Returns
-    -------
-    MeasuredCurve
-        The effect. Files hold six digits, so its values are rounded to these here.
-    """
-    shape: dict[str, float] = {}
-    places = []
-    counts = []
-    for axis, name, x in zip("xy", of, points.T, strict=False):
-        variable = Variable.parse(name)
-        # Points may be missing: the smallest distance is the step of the grid.
-        steps = np.diff(np.unique(x))
-        low = float(x.min())
-        high = float(x.max())
-        step = float(steps.min(initial=high - low))
-        count = round((high - low) / step) + 1
-        shape[axis] = WORDS.index(variable.word) + 1.0
-        shape[f"{axis}j"] = variable.joint + 1.0
-        if variable.other >= 0:
-            shape[f"{axis}i"] = variable.other + 1.0
-            shape[f"{axis}c"] = variable.ratio
-        shape[f"{axis}low"] = _six_digits(low)
-        shape[f"{axis}high"] = _six_digits(high)
-        shape[f"{axis}n"] = float(count)
-        places.append(np.rint((x - low) / (high - low) * (count - 1)))
-        counts.append(count)
-    # Cells are numbered row by row; "v7" is a measured value of cell 7, "w7" a law's.
-    cells = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
-    for k in np.argsort(cells, kind="stable"):
-        letter = "v" if k < measured else "w"
-        shape[f"{letter}{cells[k] + 1}"] = _six_digits(values[k])
-    return MeasuredCurve(robot, [joint], **shape)
-
-
-def _six_digits(value: float) -> float:
-    """Round a number to the six digits with which effects are written."""
-    return float(f"{value:.6g}")

@@ -25,7 +25,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import (
     fit_spline,
     list_variables,
 )
-from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.curves.laws import (
     Law,
     LawFit,
@@ -35,8 +35,12 @@ from sdp_vs_penalty.diagnosis.curves.laws import (
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
-from sdp_vs_penalty.effects.effect import Effect, follows_alone
-from sdp_vs_penalty.effects.measured_curve import MeasuredCurve, Variable
+from sdp_vs_penalty.effects.effect import Effect, JointEffect, follows_alone
+from sdp_vs_penalty.effects.measured_curve import (
+    Variable,
+    table_effect,
+    table_variables,
+)
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The score of a curve, the curve, and the law that it is.
@@ -53,9 +57,9 @@ class Measured:
     #: The law that the curve follows, or None.
     law: LawFit | None
     #: The curve as an effect.
-    table: MeasuredCurve
+    table: JointEffect
     #: For each fold the curve with values from the other folds' rows.
-    by_fold: tuple[MeasuredCurve, ...]
+    by_fold: tuple[JointEffect, ...]
     #: Values of the variables on the rows.
     variables: Variables
     #: The findings that the curve replaces.
@@ -311,11 +315,7 @@ class _Measuring:
         curves.
         """
         joint = self.joint
-        taken = {
-            tuple(variable.name for variable in effect.variables(joint))
-            for effect in effects
-            if isinstance(effect, MeasuredCurve) and joint in effect.joints
-        }
+        taken = {table_variables(effect, joint) for effect in effects}
         possible = list_variables(
             joint, self.variables.robot, self.variables.has_temperature
         )

@@ -24,9 +24,8 @@ from sdp_vs_penalty.diagnosis.linear_fit import with_ridge
 from sdp_vs_penalty.diagnosis.passing.cause import WANDERING
 from sdp_vs_penalty.diagnosis.passing.spans import regular
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
-from sdp_vs_penalty.effects.channel import TorqueOffset
+from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.effect import Effect, JointEffect, Motion
-from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -130,7 +129,7 @@ class PassingCandidate(Candidate):
 def load_law(data: WhiteData) -> Law:
     """Return the law of a load: mass and first moments on the last link."""
     robot = data.estimate.robot
-    effect = Payload(robot)
+    effect = standard_effect("payload")(robot)
     columns = spread_columns(data.rows, effect)[:, :, :4]
     return Law("load", robot.links, effect, columns, 4)
 
@@ -138,8 +137,8 @@ def load_law(data: WhiteData) -> Law:
 def joint_laws(data: WhiteData) -> list[Law]:
     """Return the laws of a constant torque, one for each joint, and then those of a
     change of dry friction."""
-    kinds: dict[str, type[JointEffect]] = {
-        "torque": TorqueOffset,
+    kinds: dict[str, type[Effect]] = {
+        "torque": standard_effect("offset"),
         "friction": DryFriction,
     }
     out = []
@@ -171,7 +170,7 @@ def wandering_laws(data: WhiteData) -> list[Law]:
     for j in range(data.n):
         columns = np.zeros((data.n, *course.shape))
         columns[j] = course
-        effect = TorqueOffset(data.estimate.robot, [j])
+        effect = standard_effect("offset")(data.estimate.robot, [j])
         out.append(Law(WANDERING, j + 1, effect, columns, course.shape[1]))
     return out
 

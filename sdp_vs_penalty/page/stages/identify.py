@@ -10,7 +10,12 @@ from nicegui import ui
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import (
+    DEFAULT_EFFECTS,
+    EXAMPLES,
+    effect_types,
+    standard_effect,
+)
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
@@ -31,13 +36,7 @@ from sdp_vs_penalty.render.tables import JUDGED_HEADS, parameter_table
 from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
 from sdp_vs_penalty.results.table import Table
 
-_USUAL = (
-    "rigid_body",
-    "viscous_friction",
-    "coulomb_friction",
-    "torque_offset",
-    "rotor_inertia",
-)
+_USUAL = (*DEFAULT_EFFECTS, standard_effect("armature").name)
 
 
 def _model_now(session: Session) -> Any:
@@ -167,10 +166,7 @@ def _options(view: View) -> None:
     with draw.details(
         f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"
     ):
-        hint = (
-            "Effects as text: name[:joints][@shape=value], such as"
-            " coulomb_friction@v_s=0.01"
-        )
+        hint = f"Effects as text: name[:joints][@shape=value], such as {EXAMPLES[0]}"
         draw.text_field(
             hint,
             ",".join(session.effects),

@@ -4,6 +4,7 @@ forward."""
 from functools import partial
 from typing import Any
 
+from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
@@ -46,7 +47,7 @@ def take_away(view: View) -> None:
         {} if session.findings is None else {"findings.json": "the diagnosis"}
     )
     tiles("Files to download", FILES | findings_file)
-    if "payload" in session.history[-1].effects:
+    if standard_effect("payload").name in session.history[-1].effects:
         hint = "Flange in the last link's frame [m]: x,y,z"
         draw.text_field(
             hint, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107"
