@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.problem.load import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
     from sdp_vs_penalty.problem.problem import Problem as Problem
+    from sdp_vs_penalty.ranges.table import find_ranges as find_ranges
     from sdp_vs_penalty.reports import report as report
     from sdp_vs_penalty.simulation.follow import follow as follow
     from sdp_vs_penalty.simulation.hidden_runs import simulate as simulate
@@ -55,6 +56,7 @@ _NAMES = {
     "online.payload": "PayloadEstimator",
     "problem.load": "convert load_problem",
     "problem.problem": "Problem",
+    "ranges": "find_ranges",
     "reports": "report",
     "simulation.follow": "follow",
     "simulation.hidden_runs": "simulate",

@@ -40,6 +40,7 @@ ORDER = (
     "solvers",
     "estimators",
     "estimation",
+    "ranges",
     "online",
     "exporters",
     "diagnosis",

@@ -76,6 +76,10 @@ VERBS = {
         ),
         "diagnose": "Name the physical effects that a model is missing.",
         "add": "Add effects to a model and identify it again, under all constraints.",
+        "ranges": (
+            "Show between which values masses and other parameters can lie at all, "
+            "whatever the prior."
+        ),
         "report": (
             "Write one self-contained HTML file: torques, errors, simulation, "
             "parameters, certificate, check."

@@ -64,6 +64,21 @@ if TYPE_CHECKING:
 _SIMULATORS = lazy_exports(
     "sdp_vs_penalty.exporters", simulators="to_pinocchio to_mjspec"
 )
+#: Ranges are of a later folder, too.
+_RANGES = lazy_exports("sdp_vs_penalty.ranges", table="find_ranges")
+
+
+@dataclass(frozen=True)
+class Training:
+    """What a model was identified from, while the program runs: no file and no other
+    process has it."""
+
+    #: The EstimationProblem.
+    posed: Any
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy as None: another process poses its data anew."""
+        return type(None), ()
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -97,6 +112,8 @@ class Estimate(Record):
         Versions, hash of the data, seed, verdict on the training runs, their noise.
     training_motion : MotionRecord, optional
         The path of the motion that it was identified from, where that was recorded.
+    training : Training, optional
+        What it was identified from, while the program runs.
     """
 
     #: The bounds and the prior that held in the identification.
@@ -121,6 +138,8 @@ class Estimate(Record):
     provenance: MutableMapping[str, Any]
     #: The path of the motion that it was identified from, where that was recorded.
     training_motion: MotionRecord | None = None
+    #: What it was identified from, while the program runs; None for a file's model.
+    training: Training | None = None
 
     def __post_init__(self) -> None:
         """Keep theta from being changed, and bind the certificate to it.
@@ -231,6 +250,33 @@ class Estimate(Record):
         """(p,) what determines each parameter: "data", "prior", "bounds" or "given"."""
         undetermined = self.details.get("undetermined", {})
         return tuple(undetermined.get(p.name, "data") for p in self.model.parameters)
+
+    def range(self, function: str, level: float = 0.95, data: Any = None) -> Any:
+        """Return the least and the greatest value of a function that data and physical
+        consistency allow, whatever the prior.
+
+        Parameters
+        ----------
+        function : str
+            "m4", "c4x", "I4xx", "total mass", or a parameter's name.
+        level : float
+            Probability with which the range is to hold the truth.
+        data : path, arrays, Measurements, optional
+            Measurements; default: those that the model was identified from, as long as
+            the program runs.
+
+        Returns
+        -------
+        Range
+            Certified ends, and what decides each
+            (:class:`~sdp_vs_penalty.ranges.table.Range`).
+
+        Raises
+        ------
+        InputError
+            For an unknown function, and for a model from a file without data.
+        """
+        return _RANGES("find_ranges")(self, data, [function], level=level)[function]
 
     def value_text(self, index: int) -> str:
         """Write a parameter with its unit and 95 % interval, "0.31 ± 0.02 N m/rad (95

@@ -34,7 +34,7 @@ from sdp_vs_penalty.estimation.build_problem import (
     pose_filtered,
 )
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, Training
 from sdp_vs_penalty.estimation.gains import with_torque_error
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
@@ -234,6 +234,8 @@ def build_estimate(
         details=details,
         provenance=provenance,
         training_motion=None if runs is None else record_motion(runs),
+        # A model must not keep a long recording alive.
+        training=None if runs is None or runs.are_long else Training(posed),
     )
 
 
@@ -599,7 +601,9 @@ def _what_is_proved(
     nothing satisfies the constraints.
     """
     if interval is None:
-        return "no parameters satisfy all constraints, in exact arithmetic"
+        claims = [c["name"] for c in proof["constraints"] if c["family"] == "claim"]
+        with_claim = f" and have {claims[0]}" if claims else ""
+        return f"no parameters satisfy all constraints{with_claim}, in exact arithmetic"
     low, high = map(float, interval)
     sentences = [
         f"the least objective lies in [{low!r}, {high!r}], in exact arithmetic"
@@ -648,16 +652,14 @@ def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:
     return ""
 
 
-def _reposed(model: Estimate, data: Measurements) -> Proof | None:
-    """State the optimisation problem of a model again, from its measurements.
+def posed_again(model: Estimate, data: Measurements) -> EstimationProblem | None:
+    """Pose the optimisation problem of a model again, from measurements.
 
-    The result is compared with a proof. It is None for a method that solves no SDP, and
-    for a log without torque whose recipe (how the servos' law and scale were found) the
-    model does not keep.
+    None for a log without torque whose recipe (how the servos' law and scale were
+    found) the model does not keep.
     """
-    estimator = model.estimator
     recipe = model.details.get("recipe")
-    if not isinstance(estimator, LmiSdp) or (recipe is None and not data.torque_logged):
+    if recipe is None and not data.torque_logged:
         return None
     settings: dict[str, Any] = {
         "preprocessing": model.preprocessing,
@@ -666,7 +668,23 @@ def _reposed(model: Estimate, data: Measurements) -> Proof | None:
     options = PoseOptions(model.model.effects, known=model.model.known, **settings)
     if recipe is not None:
         options = PoseOptions.following(recipe, model.robot, **settings)
-    task = build_problem(model.problem, data, options).task
+    return build_problem(model.problem, data, options)
+
+
+def _reposed(model: Estimate, data: Measurements) -> Proof | None:
+    """State the optimisation problem of a model again, from its measurements.
+
+    The result is compared with a proof. It is None for a method that solves no SDP, and
+    for a log without torque whose recipe (how the servos' law and scale were found) the
+    model does not keep.
+    """
+    estimator = model.estimator
+    if not isinstance(estimator, LmiSdp):
+        return None
+    posed = posed_again(model, data)
+    if posed is None:
+        return None
+    task = posed.task
     objective, constraints = estimator.posed(task)
     return stated(
         objective,

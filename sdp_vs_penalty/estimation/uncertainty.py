@@ -651,6 +651,29 @@ def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> San
     return sandwich
 
 
+def linear_spread(
+    task: Task,
+    own_regression: Regression,
+    theta: Array,
+    wide: Regression | None = None,
+    gain_errors: Array | None = None,
+) -> Callable[[Array], Array]:
+    """Return the function that gives linear functions rows (b, p) of theta the standard
+    deviations (b,) of their intervals, NaN where the data do not determine one.
+
+    The arguments are those of :func:`of_regression`.
+    """
+    p = len(task.bound)
+    intervals = _intervals(
+        task,
+        theta,
+        _sandwich_of(task, wide or own_regression),
+        np.zeros((own_regression.joints, 0)) if gain_errors is None else gain_errors,
+        ends=np.outer([-np.inf, np.inf], np.ones(p)),
+    )
+    return intervals.std
+
+
 def of_regression(
     task: Task,
     own_regression: Regression,
@@ -699,23 +722,8 @@ def of_regression(
     # Without errors of the gains, and of another kind: factors of width zero.
     if gain_errors is None:
         gain_errors = np.zeros((n, 0))
-    if gains is None:
-        gains = known.gain_response(value)[:p]
-        # A drive's known gain, from a load, scales with its channel.
-        for k, gain in task.model.known_values.items():
-            if task.model.drives[k]:
-                gains[k, task.model.parameters[k].joint - 1] = gain
-    if extra is None:
-        extra = np.zeros((p, 0))
-    intervals = _Intervals(
-        task=task,
-        value=value,
-        known=known,
-        ends=_allowed(task) if constrained else np.outer([-np.inf, np.inf], np.ones(p)),
-        extra=extra,
-        gains=gains,
-        gain_errors=gain_errors,
-    )
+    ends = _allowed(task) if constrained else np.outer([-np.inf, np.inf], np.ones(p))
+    intervals = _intervals(task, value, known, gain_errors, ends, gains, extra)
     names = [q.name for q in task.model.parameters]
     standard = BaseParameters(np.eye(p), names, list(range(p)))
     mean_squares = own_regression.joint_losses(value) / np.maximum(
@@ -724,11 +732,33 @@ def of_regression(
     return Uncertainty(
         standard=intervals.of(standard),
         base=intervals.of(base),
-        spread=np.hstack([known.factor[:p], extra]),
-        gain_response=gains,
+        spread=np.hstack([known.factor[:p], intervals.extra]),
+        gain_response=intervals.gains,
         torque_noise=np.sqrt(mean_squares),
         gain_errors=gain_errors,
     )
+
+
+def _intervals(
+    task: Task,
+    value: Array,
+    known: Sandwich,
+    gain_errors: Array,
+    ends: Array,
+    gains: Array | None = None,
+    extra: Array | None = None,
+) -> _Intervals:
+    """Return what intervals are made of, as :func:`of_regression` takes it."""
+    p = len(task.bound)
+    if gains is None:
+        gains = known.gain_response(value)[:p]
+        # A drive's known gain, from a load, scales with its channel.
+        for k, gain in task.model.known_values.items():
+            if task.model.drives[k]:
+                gains[k, task.model.parameters[k].joint - 1] = gain
+    if extra is None:
+        extra = np.zeros((p, 0))
+    return _Intervals(task, value, known, ends, extra, gains, gain_errors)
 
 
 def _allowed(task: Task) -> Array:
@@ -808,15 +838,14 @@ class _Intervals:
         # Ends may be infinite: 0 times infinity shall count 0.
         return np.asarray(np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2))
 
-    def of(self, base: BaseParameters) -> tuple[Interval, ...]:
-        """Return the 95 % interval of each of ``base``'s linear functions of theta.
+    def std(self, rows: Array) -> Array:
+        """Return the standard deviations (b,) of linear functions rows (b, p) of theta,
+        NaN where the data do not determine one.
 
         variance = noise^2 + offset^2 + gains^2 + extra^2, all independent: noise by the
         sandwich covariance; offset, the shift that open shape constants cause; the
         errors of the torque channels' gains; and ``extra``, a further error of theta.
         """
-        rows = base.rows
-        lowest, highest = self._ends_of(rows)
         # What is known has no noise: functions of it alone, and its part of others.
         free_rows = rows.copy()
         free_rows[:, list(self.task.model.known_values)] = 0.0
@@ -825,7 +854,13 @@ class _Intervals:
         noise = np.where(is_known, 0.0, np.hypot(noise, free_rows @ self._offset))
         errors_of_gains = rows @ self.gains @ self.gain_errors
         other = np.hstack([rows @ self.extra, errors_of_gains])
-        std = np.hypot(noise, np.linalg.norm(other, axis=1))
+        return np.asarray(np.hypot(noise, np.linalg.norm(other, axis=1)))
+
+    def of(self, base: BaseParameters) -> tuple[Interval, ...]:
+        """Return the 95 % interval of each of ``base``'s linear functions of theta."""
+        rows = base.rows
+        lowest, highest = self._ends_of(rows)
+        std = self.std(rows)
         # Largest possible values, to which small ones are compared; fmin ignores NaN.
         sizes = np.fmin(np.abs(rows) @ self.task.bound, self._largest[base.leading])
         values = rows @ self.value

@@ -23,6 +23,7 @@ def verb(
     known_load: list[str] | None = None,
     known: str | None = None,
     instruments: str | None = None,
+    ranges: bool = False,
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> None:
@@ -34,6 +35,7 @@ def verb(
     --out model.json: File to write the model to.
     --solver: Solver of the SDP methods, of `sdp-vs-penalty list solvers`.
     --proof proof.json: File for the proof of optimality; `verify` checks it.
+    --ranges: Between which values the masses can lie at all, too, whatever the prior.
     """
     from sdp_vs_penalty.api import identify_and_judge
     from sdp_vs_penalty.cli import console, printing, runs
@@ -91,6 +93,10 @@ def verb(
         estimate.provenance.update(data=given_words, judged_data=given_words)
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
+    if ranges:
+        from sdp_vs_penalty.ranges.table import find_ranges
+
+        console.table(find_ranges(estimate).table())
     for path in filter(None, (out, proof)):
         console.written(path)
     if fit is not None:

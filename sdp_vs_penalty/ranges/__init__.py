@@ -1,0 +1,11 @@
+"""What data and physical consistency allow, whatever the prior: least and greatest
+values with a proof of each end, bands of torque, and samples of consistent models."""
+
+from sdp_vs_penalty.plugins import lazy_exports
+
+__getattr__ = lazy_exports(
+    __name__,
+    allowed="AllowedSet allowed_set",
+    ends="End EndSearch",
+    table="Range Ranges find_end find_ranges",
+)

@@ -1,0 +1,278 @@
+"""The set of models that data and constraints allow,
+
+    {theta : every F_i(theta) in its cone,   |A theta - a|^2 <= loss* - loss_ls + c},
+
+with |A theta - a|^2 = loss(theta) - loss_ls, loss_ls that of least squares and loss* the least
+one under the constraints. A = U^T R_lead B, U the column space of the data's triangle R in the
+base parameters B theta: directions that no torque shows are left out exactly.
+
+c is a likelihood ratio. An end of a range rests on the data through one function w^T theta
+alone, the slope of the loss there: every consistent theta beyond the end has a w^T theta
+below the one at the end. c is therefore what the interval of w^T theta says, with the
+noise's correlation, the effective rows and all else that intervals have:
+
+    c(w) = (half-width of w^T theta's interval)^2 / |w|^2,      |w| in the metric of A.
+
+Where the residual is structure more than noise, a model's error may hide in the columns as
+well as beside them. The second, wider c adds the loss that noise does not explain: the
+consistent model may differ from the best one by as much torque (root mean square) as the
+best one, noise aside, differs from the measured torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import EstimationProblem, in_columns
+from sdp_vs_penalty.estimation.constants import LEVEL
+from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
+from sdp_vs_penalty.estimation.uncertainty import linear_spread
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import interior_point
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.ranges.interior_point import Ball, InteriorPoint
+from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.regression.linalg import column_space
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.solvers.primal_dual import minimise
+from sdp_vs_penalty.solvers.small_cones import SmallCones
+
+#: What a table names, each with those before it: physics alone, where mass can be, what
+#: bounds state of each link and joint, and the robot's mass.
+KINDS = ("consistency", "bodies", "bounds", "total")
+_KIND_BY_FAMILY = {
+    "pseudo-inertia": "consistency",
+    "sign": "consistency",
+    "moment": "consistency",
+    "body": "bodies",
+    "bounding ellipsoid": "bodies",
+    "minimum thickness": "bodies",
+    "total mass": "total",
+}
+#: Family of the limits that only keep the set finite: masses and distances beyond which
+#: the problem takes no link to be, and so many times the largest of a joint's parameters.
+#: An end that rests on them is open.
+FAR = "far limit"
+_FAR_PARAMETER = 10.0
+
+
+def kind_of(constraint: Constraint) -> str:
+    """Return the kind of a constraint, one of KINDS, or FAR."""
+    if constraint.family == FAR:
+        return FAR
+    return _KIND_BY_FAMILY.get(constraint.family, "bounds")
+
+
+@dataclass(frozen=True)
+class DataBall:
+    """What the data say: |A theta - a|^2 = loss(theta) - loss_ls, and how far that may
+    be from zero."""
+
+    #: (r, p) visible directions of theta, in torque.
+    A: Array
+    #: (r,) the same at least squares.
+    a: Array
+    #: Loss of least squares [weighted (N m)^2].
+    loss_ls: float
+    #: Standard deviations of linear functions (k, p) of theta, as intervals have them.
+    spread: Callable[[Array], Array]
+    #: Loss that the noise does not explain; 0 where noise is not known or explains all.
+    structure: float
+
+    def c(self, w: Array, level: float) -> Array:
+        """Return c(w) (k,) of functions w (k, p) in the span of A; 0 for w = 0."""
+        z = np.sqrt(2.0) * scipy.special.erfinv(level)
+        gram = np.linalg.norm(w @ self.directions, axis=1)
+        is_seen = gram > 0.0
+        out = np.zeros(len(w))
+        if is_seen.any():
+            std = self.spread(w[is_seen])
+            out[is_seen] = (z * std / gram[is_seen]) ** 2
+        return out
+
+    @cached_property
+    def directions(self) -> Array:
+        """(p, r) V with A V = 1."""
+        return np.asarray(np.linalg.pinv(self.A, rcond=1e-13), float)
+
+
+@dataclass(frozen=True)
+class AllowedSet:
+    """Data and constraints of one problem; ends, bands and samples read this."""
+
+    #: The identification problem.
+    task: Task
+    #: What the data say.
+    ball: DataBall
+    #: Constraints that hold, the far limits among them.
+    constraints: ConstraintSet
+    #: (p,) with |theta_k| <= bound_k wherever the constraints hold.
+    bound: Array
+    #: (p,) the same of the far limits alone.
+    far_bound: Array
+    #: (p,) strictly inside of all constraints.
+    interior: Array
+    #: (p,) a central model that fits best under the tightest constraints of the table.
+    fit: Array
+    #: Kinds of the constraints, of KINDS.
+    kinds: tuple[str, ...]
+    #: Probability with which an interval holds the truth.
+    level: float = LEVEL
+
+    @cached_property
+    def cost(self) -> float:
+        """loss* - loss_ls: what the tightest constraints of the table cost."""
+        residual = self.ball.A @ self.fit - self.ball.a
+        return float(residual @ residual)
+
+    @cached_property
+    def cones(self) -> SmallCones:
+        """Cones for the interior-point method."""
+        return SmallCones(None, self.constraints, len(self.bound))
+
+    def limit(self, c: float) -> float:
+        """Return the largest |A theta - a|^2, loss* - loss_ls + c."""
+        return self.cost + c
+
+    @cached_property
+    def first_c(self) -> float:
+        """Median c of the ball's own axes, where the search for each end starts."""
+        return float(np.median(self.ball.c(self.ball.A, self.level)))
+
+    def optimiser(self, c: float) -> InteriorPoint:
+        """Return the interior-point method on this set, scaled to a ball of radius 1.
+
+        It starts at a central point whose loss is a part of c above the least one.
+        """
+        radius = np.sqrt(self.limit(c))
+        ball = Ball(self.ball.A / radius, self.ball.a / radius, 1.0)
+        loss = max(self.cost + self.ball.loss_ls, 1e-12 * self.task.data.tau_squared)
+        return InteriorPoint(self.cones, ball, self.best_fit(0.25 * c / loss))
+
+    def best_fit(self, accuracy: float) -> Array:
+        """Return a central theta (p,) whose loss is within ``accuracy`` of the least."""
+        found = minimise(self.cones, self._data, [self.interior], accuracy)
+        if found is None:
+            what = "no consistent model that fits these data was found"
+            raise InputError(what, "check the units of data and bounds")
+        return found.theta
+
+    @cached_property
+    def _data(self) -> LeastSquares:
+        """The least-squares problem in A, with the loss of least squares as floor."""
+        return replace(
+            self.task.data,
+            R=self.ball.A,
+            rho=self.ball.a,
+            residual_norm=float(np.sqrt(max(self.ball.loss_ls, 0.0))),
+        )
+
+    def with_kinds(self, kinds: Sequence[str]) -> AllowedSet:
+        """Return the set under fewer kinds of constraints; loss* stays that of the
+        tightest, so that the sets are nested."""
+        keep = {*kinds, FAR}
+        convex = tuple(c for c in self.constraints.convex if kind_of(c) in keep)
+        bound = self.bound if set(kinds) >= set(self.kinds) else self.far_bound
+        return replace(
+            self,
+            constraints=ConstraintSet(convex),
+            bound=bound,
+            kinds=tuple(k for k in KINDS if k in kinds),
+        )
+
+
+def far_limits(problem: Problem, task: Task) -> tuple[ConstraintSet, Array]:
+    """Return the limits that only keep the set finite, and what they imply of |theta|
+    (p,): each link's mass and the distance of it, and the size of joints' parameters."""
+    bound = _FAR_PARAMETER * task.bound
+    out = []
+    for k, indices in enumerate(task.links):
+        name = f"link {k + 1}"
+        mass, radius = problem.link_defaults[k]
+        quadric = np.diag([*np.full(3, -1.0 / radius**2), 1.0])
+        out.append(build.linear(FAR, name, indices[:1], [[-1.0]], [mass]))
+        out.append(build.density_in_ellipsoid(FAR, name, indices, quadric))
+        bound[indices] = mass * np.repeat([1.0, radius, radius**2], [1, 3, 6])
+    for k in np.setdiff1d(np.arange(len(bound)), task.links).tolist():
+        name = task.model.parameters[k].name
+        out.append(build.linear(FAR, name, [k], [[1.0, -1.0]], [bound[k]] * 2))
+    for k, value in task.model.known_values.items():
+        bound[k] = max(abs(value), task.bound[k])
+    return ConstraintSet(tuple(out)).with_known(task.model.known_values), bound
+
+
+def allowed_set(
+    posed: EstimationProblem,
+    theta: Array,
+    floor: Array | None = None,
+    level: float = LEVEL,
+) -> AllowedSet:
+    """Return what data and all constraints of a posed problem allow.
+
+    Parameters
+    ----------
+    theta : (p,) array
+        An estimate, at which the intervals of shape constants are taken.
+    floor : (n,) array, optional
+        Noise floor of the filtered torque [N m, N]; None: not known, no structure.
+    level : float
+        Probability with which a range is to hold the truth.
+    """
+    task = posed.task
+    data = task.data
+    # R = R_lead B: only the base parameters B theta make torque.
+    base = base_rows(posed.problem, task.model)
+    U, _ = column_space(data.R[:, base.leading])
+    A = U.T @ data.R[:, base.leading] @ base.rows
+    a = U.T @ data.rho
+    residual = data.rho - U @ a
+    ball = DataBall(
+        A,
+        a,
+        loss_ls=float(residual @ residual) + data.residual_norm**2,
+        spread=_spread(posed, theta),
+        structure=_structure(posed, floor),
+    )
+    limits, far_bound = far_limits(posed.problem, task)
+    convex = (*task.constraints.convex, *task.bodies)
+    allowed = AllowedSet(
+        task,
+        ball,
+        ConstraintSet((*convex, *limits.convex)),
+        bound=np.minimum(task.bound, far_bound),
+        far_bound=far_bound,
+        interior=interior_point(task, ConstraintSet(convex)),
+        fit=np.zeros(0),
+        kinds=KINDS,
+        level=level,
+    )
+    return replace(allowed, fit=allowed.best_fit(1e-10))
+
+
+def _spread(posed: EstimationProblem, theta: Array) -> Callable[[Array], Array]:
+    """Return what gives functions (k, p) of theta their standard deviations (k,)."""
+    task = posed.task
+    model = with_sensitivities(task.model, theta)
+    wide = None
+    if model is not task.model and posed.runs is not None:
+        wide = in_columns(posed.runs, model)
+    return linear_spread(task, posed.regression, theta, wide, posed.gain_errors)
+
+
+def _structure(posed: EstimationProblem, floor: Array | None) -> float:
+    """Return the weighted loss [(N m)^2] of least squares beyond the noise's."""
+    if floor is None:
+        return 0.0
+    regression = posed.regression
+    noise = regression.joint_rows() * np.asarray(floor, float) ** 2
+    excess = np.maximum(regression.joint_losses(posed.task.ols) - noise, 0.0)
+    return float(posed.task.weights**2 @ excess)

@@ -1,0 +1,238 @@
+"""Ranges of what is not linear in theta: centres of mass, and inertias about them.
+
+A centre of mass is a ratio c = h / m of two linear functions. Its least value is the root v of
+
+    f(v) = least value of (h - v m),
+
+which is concave and falls: Newton's method on it (Dinkelbach, Management Science 1967) takes
+v to the ratio at the witness. Where the mass may be zero, no value of c is excluded.
+
+An inertia about the centre of mass is I_e = J_e - h^T Q_e h / m, with Steiner's form Q_e. For
+every point u of the link
+
+    I_e = L_u - m (c - u)^T Q_e (c - u),      L_u = J_e - 2 u^T Q_e h + m u^T Q_e u  (linear)
+
+For a moment Q_e >= 0, so that I_aa = min over u of L_u is concave. Its greatest value is
+exact, by Schur's complement [[J_aa - t, h_b, h_c], [h_b, m, 0], [h_c, 0, m]] >= 0. Least moments
+and products are not convex: with the centre within delta of u, |(c - u)^T Q_e (c - u)| is at most
+q = delta^T |Q_e| delta, which gives the outer bounds least (L_u - q m) and greatest (L_u + q m);
+and 0 <= I_aa, |I_ab| <= I_cc / 2 hold for every consistent link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdp_vs_penalty.ranges.ends import End, EndSearch
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+
+#: A mass that may be as small as this share of its greatest value may be zero [-].
+_NO_MASS = 1e-6
+#: Newton steps to a ratio's end: first with the common c, then with its own.
+_STEPS = 3
+_ROUGH, _FINE = 1e-3, 1e-9
+#: Entries of a link that are moments: Ixx, Iyy, Izz.
+_MOMENTS = (4, 6, 9)
+
+
+@dataclass(frozen=True)
+class NonlinearEnd:
+    """An end of a function that is not linear."""
+
+    #: Certified: no allowed theta has a value beyond it.
+    value: float
+    #: What decides it, in the words of :attr:`End.decided_by`.
+    decided_by: str
+    #: Names of the bounds that it follows.
+    limited_by: tuple[str, ...] = ()
+    #: Value of a witness, NaN where the bound is an outer one.
+    attained: float = np.nan
+    #: (p,) the witness, None where there is none.
+    witness: Array | None = None
+    #: Whether the true end may lie inside.
+    is_outer: bool = False
+
+
+OPEN = {sign: NonlinearEnd(-sign * np.inf, "open") for sign in (1.0, -1.0)}
+
+
+def ratios(
+    search: EndSearch,
+    numerators: Sequence[Array],
+    masses: Sequence[tuple[End, End]],
+    denominators: Sequence[Array],
+) -> list[tuple[NonlinearEnd, NonlinearEnd]]:
+    """Return the least and the greatest value of h^T theta / m^T theta.
+
+    Parameters
+    ----------
+    numerators, denominators : sequences of (p,) arrays
+        h and m.
+    masses : sequence of (End, End)
+        Least and greatest value of each m.
+    """
+    out = []
+    for h, m, (least, greatest) in zip(numerators, denominators, masses, strict=True):
+        if least.value <= _NO_MASS * greatest.value:
+            out.append((OPEN[1.0], OPEN[-1.0]))
+            continue
+        low, high = (
+            _least_ratio(search, sign * h, m, least.value) for sign in (1.0, -1.0)
+        )
+        high = replace(high, value=-high.value, attained=-high.attained)
+        out.append((low, high))
+    return out
+
+
+def _least_ratio(
+    search: EndSearch, h: Array, m: Array, least_mass: float
+) -> NonlinearEnd:
+    """Return the least value of h^T theta / m^T theta, where the latter is at least
+    ``least_mass`` > 0."""
+    allowed = search.allowed
+    c = allowed.first_c
+    v = float(h @ allowed.fit) / float(m @ allowed.fit)
+    for k in range(2 * _STEPS):
+        accuracy = _ROUGH if k < _STEPS else _FINE
+        point = search.method(c).minimise(h - v * m, accuracy)
+        if k == _STEPS - 1:
+            (c,) = search.c_of([point]).tolist()
+        if k < 2 * _STEPS - 1:  # the certificate is of the last v
+            v = float(h @ point.theta) / float(m @ point.theta)
+    end = search.certified(h - v * m, point, c)
+    # h - v m >= lowest, hence the ratio is at least v + lowest / m.
+    return NonlinearEnd(
+        v + min(end.lowest, 0.0) / least_mass,
+        end.decided_by,
+        end.limited_by,
+        float(h @ point.theta) / float(m @ point.theta),
+        end.witness,
+    )
+
+
+def inertias(
+    search: EndSearch,
+    link: Array,
+    entries: Sequence[int],
+    centre: Sequence[tuple[NonlinearEnd, NonlinearEnd]],
+) -> list[tuple[NonlinearEnd, NonlinearEnd]]:
+    """Return the range of inertias I_e about a link's centre of mass.
+
+    Parameters
+    ----------
+    link : (10,) array of int
+        Places of the link's parameters in theta.
+    entries : sequence of int
+        e, from 4 to 9: Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    centre : sequence of 3 (NonlinearEnd, NonlinearEnd)
+        Ranges of the three coordinates of the centre of mass.
+    """
+    greatest = {e: greatest_moment(search, link, e) for e in _MOMENTS}
+    out = []
+    for e in entries:
+        low, high = _outer(search, link, e, centre)
+        if e in _MOMENTS:
+            zero = NonlinearEnd(0.0, "consistency", is_outer=True)
+            out.append((max(low, zero, key=_value), greatest[e]))
+            continue
+        # |I_ab| <= I_cc / 2, c the axis across both.
+        row, column = inertia._ROWS[e - 4], inertia._COLUMNS[e - 4]
+        across = greatest[_MOMENTS[3 - row - column]]
+        half = replace(across, value=0.5 * across.value, attained=np.nan, witness=None)
+        half = replace(half, is_outer=True)
+        minus = replace(half, value=-half.value)
+        out.append((max(low, minus, key=_value), min(high, half, key=_value)))
+    return out
+
+
+def _value(end: NonlinearEnd) -> float:
+    """Return the value of an end, by which ends are compared."""
+    return end.value
+
+
+def _outer(
+    search: EndSearch,
+    link: Array,
+    entry: int,
+    centre: Sequence[tuple[NonlinearEnd, NonlinearEnd]],
+) -> tuple[NonlinearEnd, NonlinearEnd]:
+    """Return outer bounds of I_e: least (L_u - q m) and greatest (L_u + q m)."""
+    ends = np.array([[low.value, high.value] for low, high in centre])
+    if not np.all(np.isfinite(ends)):
+        return OPEN[1.0], OPEN[-1.0]
+    form = inertia.STEINER_FORMS[entry - 4]
+    u = ends.mean(axis=1)
+    delta = 0.5 * (ends[:, 1] - ends[:, 0])
+    q = float(delta @ np.abs(form) @ delta)
+    g = np.zeros(len(search.allowed.bound))
+    g[link[entry]] = 1.0
+    g[link[1:4]] = -2.0 * form @ u
+    g[link[0]] = u @ form @ u
+    mass = np.zeros_like(g)
+    mass[link[0]] = q
+    low, high = (
+        NonlinearEnd(end.lowest, end.decided_by, end.limited_by, is_outer=True)
+        for end in search.least([g - mass, -g - mass])
+    )
+    return low, replace(high, value=-high.value)
+
+
+def greatest_moment(search: EndSearch, link: Array, entry: int) -> NonlinearEnd:
+    """Return the greatest moment of inertia I_aa about a link's centre of mass.
+
+    Parameters
+    ----------
+    link : (10,) array of int
+        Places of the link's parameters in theta.
+    entry : int
+        Of the moment, 4, 6 or 9.
+    """
+    allowed = search.allowed
+    p = len(allowed.bound)
+    across = np.flatnonzero(np.diagonal(inertia.STEINER_FORMS[entry - 4]))
+    b, c = link[1 + across]
+    # [[J - t, h_b, h_c], [h_b, m, 0], [h_c, 0, m]] by (J, h_b, h_c, m, t), t a further
+    # parameter behind the others.
+    matrices = np.zeros((5, 3, 3))
+    matrices[0, 0, 0] = 1.0
+    matrices[1, [0, 1], [1, 0]] = 1.0
+    matrices[2, [0, 2], [2, 0]] = 1.0
+    matrices[3, [1, 2], [1, 2]] = 1.0
+    matrices[4, 0, 0] = -1.0
+    largest = allowed.bound[link[entry]]
+    places = [link[entry], b, c, link[0], p]
+    zero = np.zeros((3, 3))
+    schur = build.linear("moment", "a link", places, matrices, zero, cone="psd")
+    least = build.linear("moment", "least", [p], [[1.0]], [largest])
+
+    def with_moment(theta: Array) -> Array:
+        """Return (theta, t) with half of the moment at theta (p,), strictly inside."""
+        h = theta[[b, c]]
+        return np.append(theta, 0.5 * (theta[link[entry]] - h @ h / theta[link[0]]))
+
+    ball = replace(
+        allowed.ball,
+        A=np.pad(allowed.ball.A, ((0, 0), (0, 1))),
+        spread=lambda rows: allowed.ball.spread(rows[:, :p]),
+    )
+    wide = replace(
+        allowed,
+        ball=ball,
+        constraints=allowed.constraints.plus([schur, least]),
+        bound=np.append(allowed.bound, largest),
+        interior=with_moment(allowed.interior),
+        fit=with_moment(allowed.fit),
+    )
+    (end,) = EndSearch(wide, search.more).least([-np.eye(p + 1)[p]])
+    return NonlinearEnd(
+        -end.lowest,
+        end.decided_by,
+        end.limited_by,
+        float(end.witness[p]),
+        end.witness[:p],
+    )

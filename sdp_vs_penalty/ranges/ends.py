@@ -1,0 +1,268 @@
+"""Ends of ranges: the least value of g^T theta over what data and constraints allow.
+
+Weak duality, with any multipliers S_i in their cones and l >= 0:
+
+    g^T theta >= min over the constraints of [g^T x + l |A x - a|^2] - l limit
+
+for every allowed theta; :mod:`solvers.rigorous_bounds` bounds the minimum on the right
+whatever was rounded. The solver's point is strictly inside: it is the witness, a consistent
+model that fits and has nearly that value. The greatest value is minus the least one of -g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.ranges.allowed import FAR, AllowedSet, kind_of
+from sdp_vs_penalty.ranges.interior_point import InteriorPoint, Point
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import ConstraintSet
+from sdp_vs_penalty.solvers.fit import Fit, dual_evidence
+from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, lower_bound
+
+#: Error of a search as a share of the function's local size: of the first, which only
+#: shows on what the end rests, and of the others.
+_ROUGH, _FINE = 1e-2, 1e-9
+#: c is rounded up to a power of this, so that ends of nearly equal c share a start.
+_GRID = 1.1
+#: Searches of an end at most, until c is the one of what the end rests on.
+_ROUNDS = 3
+#: Share of an end's size by which a proof's claim lies beyond it: what is proved to be
+#: empty must be so strictly.
+_CLEARANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class End:
+    """The least value of a linear function g^T theta, or the greatest one of -g."""
+
+    #: The set over which it is an end.
+    allowed: AllowedSet
+    #: (p,) coefficients g of what is minimised.
+    g: Array
+    #: Certified: no allowed theta has a smaller g^T theta.
+    lowest: float
+    #: (p,) the witness: an allowed theta, strictly inside.
+    witness: Array
+    #: c of the likelihood ratio with which the data limit this end.
+    c: float
+    #: Multiplier l of the data's ball.
+    ball: float
+    #: (e,) multipliers of the constraints' entries.
+    multipliers: Array
+    #: 1 where g^T theta is the function, -1 where it is minus the function.
+    sign: float = 1.0
+
+    @property
+    def value(self) -> float:
+        """Certified end of the function: no allowed theta has a value beyond it."""
+        return self.sign * self.lowest
+
+    @property
+    def attained(self) -> float:
+        """The function's value at the witness."""
+        return self.sign * float(self.g @ self.witness)
+
+    @property
+    def gap(self) -> float:
+        """Distance between the certified end and the witness [unit of the function]."""
+        return abs(self.attained - self.value)
+
+    @property
+    def size(self) -> float:
+        """Size of the function's terms at the best fit, with which shares are formed."""
+        return max(float(np.abs(self.g) @ np.abs(self.allowed.fit)), abs(self.attained))
+
+    @cached_property
+    def rests_on(self) -> Array:
+        """(p,) w: the data limit the end through w^T theta alone; zero if not at all."""
+        ball = self.allowed.ball
+        return np.asarray(2.0 * self.ball * (ball.A @ self.witness - ball.a) @ ball.A)
+
+    @cached_property
+    def bounds(self) -> dict[str, float]:
+        """By how much of its size the end moves as a bound grows by itself, by the
+        bound's name, the largest first: multiplier times half of the terms that the
+        bound compares. The far limits count as one."""
+        constraints = self.allowed.constraints
+        entries = constraints.entries
+        terms = entries.each(entries.at(self.witness)[1])
+        out = dict[str, float]()
+        for c, z, size in zip(
+            constraints.convex, entries.each(self.multipliers), terms, strict=True
+        ):
+            if kind_of(c) == "consistency":
+                continue
+            name = FAR if c.family == FAR else f"{c.family} of {c.name}"
+            moves = 0.5 * float(np.sum(np.abs(z) * size)) / (self.size or 1.0)
+            out[name] = out.get(name, 0.0) + moves
+        return dict(sorted(out.items(), key=lambda item: -item[1]))
+
+    @property
+    def limited_by(self) -> tuple[str, ...]:
+        """Names of the bounds that the end follows."""
+        return tuple(
+            name
+            for name, moves in self.bounds.items()
+            if moves > CHANGES and name != FAR
+        )
+
+    @property
+    def decided_by(self) -> str:
+        """What decides the end, in a word: "open" (only a far limit does), "bound",
+        "data", "consistency", or "data and consistency"."""
+        if self.bounds.get(FAR, 0.0) > CHANGES:
+            return "open"
+        if self.limited_by:
+            return "bound"
+        unit = np.abs(self.allowed.fit)
+        size, by_data, by_others = (
+            float(np.linalg.norm(x * unit))
+            for x in (self.g, self.rests_on, self.g + self.rests_on)
+        )
+        if by_others <= CHANGES * size:
+            return "data"
+        return "data and consistency" if by_data > CHANGES * size else "consistency"
+
+    def proof(self, name: str) -> Proof:
+        """Return a proof in exact arithmetic that nothing allowed lies beyond the end.
+
+        It is one of infeasibility: constraints, the data as a second-order cone, and
+        the claim that the function, by this name, lies a millionth of its size beyond
+        the end contradict each other. `verify` accepts its file.
+        """
+        allowed = self.allowed
+        ball = allowed.ball
+        residual = ball.A @ self.witness - ball.a
+        radius = np.sqrt(allowed.limit(self.c))
+        every = np.arange(len(self.g))
+        in_ball = build.linear(
+            "data",
+            f"weighted torque error within {radius:.6g} of least squares",
+            every,
+            np.column_stack([np.zeros(len(self.g)), ball.A.T]),
+            np.concatenate([[radius], -ball.a]),
+            cone="soc",
+        )
+        beyond = self.lowest - _CLEARANCE * self.size
+        relation = "<=" if self.sign > 0.0 else ">="
+        claim = build.linear(
+            "claim",
+            f"{name} {relation} {self.sign * beyond:.9g}",
+            every,
+            -self.g[:, None],
+            [beyond],
+        )
+        entries = allowed.constraints.entries
+        parts = entries.each(self.multipliers)
+        multipliers = dict(zip(allowed.constraints.convex, parts, strict=True))
+        # A^T y takes up all that the other multipliers leave of g in seen directions.
+        y = -2.0 * self.ball * residual
+        pulled = entries.adjoint(self.multipliers, len(self.g)) - self.g
+        for _ in range(2):
+            y = y - ball.directions.T @ (pulled + y @ ball.A)
+        multipliers[in_ball] = np.concatenate([[np.linalg.norm(y)], y])
+        multipliers[claim] = np.ones(1)
+        constraints = ConstraintSet((*allowed.constraints.convex, in_ball, claim))
+        names = [q.name for q in allowed.task.model.parameters]
+        flat = constraints.stack_multipliers(multipliers)
+        return infeasibility_proof(constraints, flat, allowed.bound, names)
+
+
+class EndSearch:
+    """Ends of many functions over one set; searches of equal c share their start."""
+
+    def __init__(self, allowed: AllowedSet, more: float = 0.0) -> None:
+        """Prepare the search over a set.
+
+        Parameters
+        ----------
+        more : float
+            Added to each c: the model's error, a loss [(N m)^2].
+        """
+        self.allowed = allowed
+        self.more = more
+        self._methods = dict[float, InteriorPoint]()
+
+    def least(self, functions: Sequence[Array]) -> list[End]:
+        """Return the least value of each function g (p,), each with its own c."""
+        first = self.method(self.allowed.first_c)
+        points = [first.minimise(g, _ROUGH) for g in functions]
+        c = self.c_of(points)
+        open_ones = np.arange(len(functions))
+        for _ in range(_ROUNDS):
+            for k in open_ones.tolist():
+                points[k] = self.method(c[k]).minimise(functions[k], _FINE)
+            better = self.c_of([points[k] for k in open_ones])
+            is_wider = better > _GRID**1.5 * c[open_ones]
+            open_ones = open_ones[is_wider]
+            if not len(open_ones):
+                break
+            c[open_ones] = better[is_wider]
+        return [
+            self.certified(g, point, float(x))
+            for g, point, x in zip(functions, points, c, strict=True)
+        ]
+
+    def both(self, functions: Sequence[Array]) -> list[tuple[End, End]]:
+        """Return the least and the greatest value of each function g (p,)."""
+        ends = self.least([sign * g for g in functions for sign in (1.0, -1.0)])
+        return [
+            (low, replace(high, sign=-1.0))
+            for low, high in zip(ends[::2], ends[1::2], strict=True)
+        ]
+
+    def c_of(self, points: Sequence[Point]) -> Array:
+        """Return c (k,) of what each point rests on, rounded up to the grid."""
+        allowed = self.allowed
+        ball = allowed.ball
+        w = [point.ball * (ball.A @ point.theta - ball.a) @ ball.A for point in points]
+        c = ball.c(np.array(w).reshape(-1, len(allowed.fit)), allowed.level)
+        c = np.where(c > 0.0, c, allowed.first_c)
+        return np.asarray(_GRID ** np.ceil(np.log(c) / np.log(_GRID)))
+
+    def method(self, c: float) -> InteriorPoint:
+        """Return the interior-point method for a c, prepared once."""
+        if c not in self._methods:
+            self._methods[c] = self.allowed.optimiser(c + self.more)
+        return self._methods[c]
+
+    def certified(self, g: Array, point: Point, c: float) -> End:
+        """Return the end of g (p,) at a point that was found with a c, with the lower
+        bound of g^T theta that the point's multipliers prove."""
+        allowed = self.allowed
+        ball = allowed.ball
+        limit = allowed.limit(c + self.more)
+        weight = point.ball / limit  # the method's ball has the radius 1
+        root = np.sqrt(weight)
+        data = LeastSquares(root * ball.A, root * ball.a, 0.0, 0.0, 0)
+        multipliers, _ = allowed.cones.multipliers(point.multipliers)
+        objective = Objective(data, linear=g)
+        fit = Fit(
+            point.theta,
+            objective,
+            constraints=allowed.constraints,
+            multipliers=multipliers,
+            bound=allowed.bound,
+        )
+        entries = allowed.constraints.entries
+        lowest = -np.inf
+        for polished in (False, True):
+            evidence = dual_evidence(fit, polished=polished)
+            least = lower_bound(objective, entries, evidence, allowed.bound)
+            # What l limit and the difference may have lost by rounding is subtracted.
+            rounding = 4.0 * np.finfo(float).eps * (abs(least) + weight * limit)
+            lowest = max(lowest, least - weight * limit - rounding)
+            size = float(np.abs(g) @ np.abs(point.theta))
+            if float(g @ point.theta) - lowest <= TIGHT * size:
+                break
+        return End(allowed, g, lowest, point.theta, c + self.more, weight, multipliers)

@@ -1,0 +1,120 @@
+"""Functions of a model's parameters by name: what ranges can be asked of.
+
+Linear ones g^T theta are standard parameters ("m4", "mx4", "Ixx4", "f_v2"), "total mass", and
+base parameters ("Izz1 + ..."). Entries about the centre of mass are functions of one link:
+"c4x" = mx4 / m4, "I4xx" = Ixx4 - (my4^2 + mz4^2) / m4, named as the paper's tables name them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.problem.problem import Problem, entries
+from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+
+TOTAL = "total mass"
+#: Words for sets of functions.
+GROUPS = ("masses", "centres", "inertias", "moments", "parameters", "base")
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of theta with a name."""
+
+    #: Name, as a user writes it.
+    name: str
+    #: Unit of the value.
+    unit: str
+    #: (p,) coefficients of a linear function; None for an entry about the centre of
+    #: mass.
+    g: Array | None = None
+    #: Link, and place among (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), both from 0,
+    #: of an entry about the centre of mass.
+    place: tuple[int, int] | None = None
+
+    def value(self, theta: Array, links: NDArray[np.intp]) -> float:
+        """Return the value at theta (p,), with the links' places (n, 10) in it; NaN for
+        the centre of a link without mass."""
+        if self.g is not None:
+            return float(self.g @ theta)
+        assert self.place is not None
+        link, entry = self.place
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(inertia.barycentric_from_standard(theta[links[link]])[entry])
+
+
+def functions_by_name(
+    problem: Problem, model: Model, names: Iterable[str]
+) -> list[Function]:
+    """Return functions by name; a word of GROUPS stands for all of a kind.
+
+    Raises
+    ------
+    InputError
+        For a name that the model does not have.
+    """
+    known = {f.name: f for f in all_functions(problem, model)}
+    out = dict[str, Function]()
+    for name in names:
+        chosen = [known[name]] if name in known else _group(name, known)
+        if not chosen:
+            remedy = (
+                f"write m1, c1x, I1xx, {TOTAL!r}, a parameter, or {', '.join(GROUPS)}"
+            )
+            raise InputError(f"{name!r} is no parameter of this model", remedy)
+        out |= {f.name: f for f in chosen}
+    return list(out.values())
+
+
+def all_functions(problem: Problem, model: Model) -> list[Function]:
+    """Return every function of a model that has a name."""
+    unit = np.eye(len(model.parameters))
+    links = model.rigid_indices.reshape(-1, 10)
+    out = [
+        Function(q.name, plain_unit(q.unit), unit[k])
+        for k, q in enumerate(model.parameters)
+    ]
+    if len(links):
+        out.append(Function(TOTAL, "kg", unit[links[:, 0]].sum(axis=0)))
+    base = base_rows(problem, model)
+    out += [
+        Function(name, plain_unit(model.parameters[lead].unit), row)
+        for name, row, lead in zip(base.names, base.rows, base.leading, strict=True)
+        if name.endswith("...")
+    ]
+    units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
+    out += [
+        Function(name, units[entry], place=(link, entry))
+        for name, (link, entry) in entries(len(links)).items()
+        if entry
+    ]
+    return out
+
+
+def _group(word: str, known: dict[str, Function]) -> list[Function]:
+    """Return the functions that a word of GROUPS stands for; none for another word."""
+    standard = [f for f in known.values() if f.g is not None and np.sum(f.g != 0) == 1]
+    about_centre = [f for f in known.values() if f.place is not None]
+    if word == "masses":
+        of_links = [f for f in standard if f.unit == "kg" and f.name[1:].isdigit()]
+        return [*of_links, *([known[TOTAL]] if TOTAL in known else [])]
+    if word == "centres":
+        return [f for f in about_centre if f.unit == "m"]
+    if word == "moments":
+        return [f for f in about_centre if f.unit == "kg m^2"]
+    if word == "inertias":
+        return [f for f in standard if f.name[:3] in inertia.PARAMETERS[4:]]
+    if word == "parameters":
+        return standard
+    if word == "base":
+        return [f for f in known.values() if f.name.endswith("...")]
+    return []

@@ -1,0 +1,454 @@
+"""What the data allow, as a table: least and greatest value of named functions of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sdp_vs_penalty.arguments import checked_arguments, require_in_range
+from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.errors import InputError, require_known
+from sdp_vs_penalty.estimation.build_problem import EstimationProblem
+from sdp_vs_penalty.estimation.constants import LEVEL
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.estimation.identify import posed_again
+from sdp_vs_penalty.estimation.verdict import noise_level
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.ranges.allowed import KINDS, AllowedSet, allowed_set
+from sdp_vs_penalty.ranges.centres import NonlinearEnd, inertias, ratios
+from sdp_vs_penalty.ranges.ends import End, EndSearch
+from sdp_vs_penalty.ranges.functions import Function, functions_by_name
+from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.table import Table
+from sdp_vs_penalty.robot.arrays import Array
+
+if TYPE_CHECKING:
+    import pandas
+
+#: What a range is of by default.
+DEFAULT = ("masses",)
+
+
+@dataclass(frozen=True)
+class RangeEnd(JsonRecord):
+    """One end of a range."""
+
+    #: Certified: nothing allowed lies beyond it; infinite where the end is open.
+    value: float
+    #: "data", "consistency", "data and consistency", "bound" or "open".
+    decided_by: str
+    #: Names of the bounds that it follows, the strongest first.
+    limited_by: tuple[str, ...] = ()
+    #: Whether the true end may lie inside: a relaxation's bound.
+    is_outer: bool = False
+    #: Value of a consistent model that fits, on the inner side.
+    attained: float = np.nan
+
+    @property
+    def reason(self) -> str:
+        """What decides the end; a bound by the name of the first one."""
+        if self.decided_by != "bound":
+            return self.decided_by
+        first, *others = self.limited_by
+        more = f" and {len(others)} more" if others else ""
+        return first.replace(" of link", ", link") + more
+
+    @classmethod
+    def of(cls, end: End | NonlinearEnd) -> RangeEnd:
+        """Return what a file holds of an end."""
+        value = end.value
+        if end.decided_by == "open" and isinstance(end, End):
+            value = -np.inf if end.sign > 0.0 else np.inf
+        is_outer = getattr(end, "is_outer", False)
+        return cls(value, end.decided_by, end.limited_by, is_outer, end.attained)
+
+
+@dataclass(frozen=True)
+class Range(JsonRecord):
+    """Least and greatest value of one function over all consistent models that fit."""
+
+    #: Name of the function, such as "m4".
+    name: str
+    #: Unit of its values.
+    unit: str
+    #: Least value under all constraints.
+    least: RangeEnd
+    #: Greatest value under all constraints.
+    greatest: RangeEnd
+    #: The model's own value.
+    value: float = np.nan
+    #: Value of the robot's file.
+    nominal: float = np.nan
+    #: Least and greatest value where the model may err as much unseen as seen; None
+    #: where the residual is noise, or the noise is not known.
+    with_model_error: tuple[float, float] | None = None
+    #: Least and greatest value under fewer kinds of constraints, by the last kind:
+    #: "consistency" alone, then with "bodies", with "bounds", and with "total".
+    under: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, repr=False)
+class Ranges(Record, JsonRecord):
+    """Ranges of a model's functions, and what they rest on."""
+
+    #: Name of the problem.
+    problem: str
+    #: Probability with which a range is to hold the truth, of each by itself.
+    level: float
+    #: The ranges, in the order in which they were asked for.
+    ranges: tuple[Range, ...]
+    #: Share of the residual's squares that noise does not explain; None: not known.
+    structure_share: float | None = None
+    #: Mass [kg] and distance [m] beyond which no link is taken to be.
+    far_limits: tuple[float, float] = (np.inf, np.inf)
+
+    def __getitem__(self, name: str) -> Range:
+        """Return the range of a name."""
+        return {r.name: r for r in self.ranges}[name]
+
+    def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
+        lines = [
+            (r.name, f"{_text(r.least.value)} to {_text(r.greatest.value)} {r.unit}")
+            for r in self.ranges
+        ]
+        return f"Ranges: {self.problem}, {100 * self.level:g} %", lines
+
+    def _table(self) -> Table:
+        """Return the table that terminal, page and report show."""
+        has_error = any(r.with_model_error for r in self.ranges)
+        kinds = [k for k in KINDS if any(k in r.under for r in self.ranges)]
+        headings = ["", "unit", "model", "nominal", "least", "greatest"]
+        headings += ["with model error"] * has_error
+        headings += [_UNDER[kind] for kind in kinds]
+        headings += ["least decided by", "greatest decided by"]
+        rows = []
+        for r in self.ranges:
+            row = [r.name, r.unit, _text(r.value), _text(r.nominal)]
+            row += [_end_text(r.least), _end_text(r.greatest)]
+            if has_error:
+                row.append(_pair(r.with_model_error))
+            row += [_pair(r.under.get(kind)) for kind in kinds]
+            rows.append([*row, r.least.reason, r.greatest.reason])
+        width = len(headings)
+        return Table(
+            headings, rows, words=(0, 1, width - 2, width - 1), notes=self.notes()
+        )
+
+    def table(self) -> Table:
+        """Return one row a function: the model's value, the range, what decides it."""
+        return self._table()
+
+    def notes(self) -> list[str]:
+        """Return what the table rests on, a sentence each."""
+        mass, distance = self.far_limits
+        out = [
+            f"Every consistent model that fits these data has a value in its range, with"
+            f" {100 * self.level:g} % probability for each range by itself. Each end is"
+            " certified by a proof; a model that fits attains it, but where it is marked.",
+            f"Open: nothing limits the end up to links of {mass:g} kg within"
+            f" {distance:.3g} m of their frames.",
+        ]
+        if any(e.is_outer for r in self.ranges for e in (r.least, r.greatest)):
+            out.append(
+                "An end behind ~ is an outer bound: the true end may lie inside."
+            )
+        share = self.structure_share
+        if share is None:
+            out.append(
+                "The noise is not known: the model's own error may widen ranges."
+            )
+        elif share > 0.0:
+            out.append(
+                f"Noise does not explain {100 * share:.0f} % of the residual's squares. With"
+                " model error: the torque may err as much where the model can hide it as"
+                " it does where one sees it."
+            )
+        return out
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a DataFrame with one row a function."""
+        import pandas
+
+        rows = [
+            {
+                "name": r.name,
+                "unit": r.unit,
+                "value": r.value,
+                "nominal": r.nominal,
+                "least": r.least.value,
+                "greatest": r.greatest.value,
+                "least decided by": r.least.reason,
+                "greatest decided by": r.greatest.reason,
+                "least with model error": (r.with_model_error or (np.nan,))[0],
+                "greatest with model error": (r.with_model_error or (np.nan,))[-1],
+                **{f"least, {k}": x[0] for k, x in r.under.items()},
+                **{f"greatest, {k}": x[1] for k, x in r.under.items()},
+            }
+            for r in self.ranges
+        ]
+        return pandas.DataFrame(rows).set_index("name")
+
+
+#: Headings of the columns under fewer constraints.
+_UNDER = {
+    "consistency": "consistency alone",
+    "bodies": "and bodies",
+    "bounds": "and bounds",
+    "total": "and total",
+}
+
+
+def _text(value: float) -> str:
+    """Return a value as text; rounding of zero as 0, an open end as such."""
+    if np.isnan(value):
+        return ""
+    if np.isinf(value):
+        return "open"
+    return "0" if abs(value) < 1e-6 else f"{value:.4g}"
+
+
+def _end_text(end: RangeEnd) -> str:
+    """Return an end as text, an outer bound behind a tilde."""
+    mark = "~" if end.is_outer and np.isfinite(end.value) else ""
+    return mark + _text(end.value)
+
+
+def _pair(ends: tuple[float, float] | None) -> str:
+    """Return least and greatest value as one text; "" without them."""
+    return "" if ends is None else f"{_text(ends[0])} to {_text(ends[1])}"
+
+
+@checked_arguments
+def find_ranges(
+    model: Estimate | str | Path,
+    data: Source | None = None,
+    functions: Sequence[str] = DEFAULT,
+    *,
+    level: float = LEVEL,
+    kinds: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> Ranges:
+    """Return between which values functions of a model's parameters can lie at all, by
+    data and physical consistency, whatever the prior.
+
+    Parameters
+    ----------
+    model : Estimate, str or Path
+        A model, or its file: effects, filters and constraints.
+    data : path, arrays, Measurements, optional
+        Measurements; default: those that the model was identified from, as long as the
+        program runs.
+    functions : sequence of str
+        Names such as "m4", "c4x", "I4xx", "total mass" and each parameter's, or
+        "masses", "centres", "inertias", "moments", "parameters", "base".
+    level : float
+        Probability with which each range by itself is to hold the truth.
+    kinds : sequence of str
+        Kinds of constraints under which each range is shown as well, each with those
+        before it: "consistency", "bodies", "bounds", "total".
+    progress : callable
+        Hears where the computation stands.
+
+    Returns
+    -------
+    Ranges
+        With a certified end on both sides of each function, and what decides it.
+
+    Raises
+    ------
+    InputError
+        For an unknown function, and for a model from a file without data.
+
+    Examples
+    --------
+    >>> from sdp_vs_penalty import find_ranges, identify, simulate
+    >>> model = identify("two_link", simulate("two_link", seed=1).train)
+    >>> mass = find_ranges(model)["m2"]
+    >>> bool(mass.least.value <= model.links[1, 0] <= mass.greatest.value)
+    True
+    """
+    require_in_range("find_ranges(level=...)", level, 0.5, 0.9999)
+    for kind in kinds:
+        require_known("kind of constraints", kind, KINDS)
+    estimate = as_estimate(model, "find_ranges(model=...)")
+    progress("posing the problem")
+    posed, floor = training_of(estimate, data)
+    return ranges_of(posed, estimate, floor, functions, level, kinds, progress)
+
+
+def find_end(
+    model: Estimate | str | Path,
+    function: str,
+    side: str,
+    data: Source | None = None,
+    *,
+    level: float = LEVEL,
+) -> End:
+    """Return one end of a linear function's range, with its witness and its proof.
+
+    Parameters
+    ----------
+    function : str
+        Such as "m4"; a centre of mass or an inertia about it is not linear.
+    side : {"least", "greatest"}
+        Which end.
+
+    Returns
+    -------
+    End
+        ``witness`` (p,) is a consistent model that fits; ``proof`` is what `verify`
+        accepts.
+
+    Raises
+    ------
+    InputError
+        For an unknown or nonlinear function, and as :func:`find_ranges` does.
+    """
+    require_known("end", side, ("least", "greatest"))
+    estimate = as_estimate(model, "find_end(model=...)")
+    posed, floor = training_of(estimate, data)
+    (chosen,) = functions_by_name(posed.problem, posed.task.model, [function])
+    if chosen.g is None:
+        what = f"{function} is not linear in the parameters"
+        raise InputError(what, "name a standard parameter, such as m4 or mx4")
+    allowed = allowed_set(posed, estimate.theta, floor, level)
+    ((least, greatest),) = EndSearch(allowed).both([chosen.g])
+    return least if side == "least" else greatest
+
+
+def training_of(
+    estimate: Estimate, data: Source | None
+) -> tuple[EstimationProblem, Array | None]:
+    """Return the identification problem of a model and data, and the noise floor (n,)
+    of the data, None where it is not known.
+
+    Raises InputError where neither data nor the program's memory have it.
+    """
+    training = estimate.training
+    if data is None and training is not None:
+        posed = training.posed
+        if posed.task.model is estimate.model:
+            return posed, _floor_of(estimate)
+    if data is None:
+        raise InputError(
+            "ranges need the measurements, which a model.json does not hold",
+            "name them (find_ranges(data=...), --data)",
+        )
+    robot = estimate.robot
+    runs = as_measurements(data, robot.n, robot.joint_names, "find_ranges(data=...)")
+    posed = posed_again(estimate, runs)
+    if posed is None or posed.runs is None:
+        what = "these data have no torque, and the model does not say what replaced it"
+        raise InputError(what, "identify the model from them first")
+    return posed, noise_level(posed.problem, posed.runs)[0]
+
+
+def _floor_of(estimate: Estimate) -> Array | None:
+    """Return the noise floor (n,) of a model's own data, None if it is not known."""
+    floor = (estimate.provenance.get("noise") or {}).get("floor")
+    if floor is None or any(x is None for x in floor):
+        return None
+    return np.asarray(floor, float)
+
+
+def ranges_of(
+    posed: EstimationProblem,
+    estimate: Estimate,
+    floor: Array | None,
+    names: Sequence[str] = DEFAULT,
+    level: float = LEVEL,
+    kinds: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> Ranges:
+    """Return the ranges of functions of a model.
+
+    Parameters
+    ----------
+    posed : EstimationProblem
+        The identification problem of the data.
+    floor : (n,) array or None
+        Noise floor of the data [N m, N].
+    names : sequence of str
+        Functions, or words for groups of them (:mod:`~ranges.functions`).
+    kinds : iterable of str
+        Kinds of constraints, of KINDS, under which each range is shown as well: each
+        with those before it.
+    """
+    task = posed.task
+    progress("what the data allow")
+    allowed = allowed_set(posed, estimate.theta, floor, level)
+    chosen = functions_by_name(posed.problem, task.model, names)
+    main = _ends(allowed, chosen)
+    progress("with the model's error, and under fewer constraints")
+    structure = allowed.ball.structure
+    with_error = _ends(allowed, chosen, structure) if structure > 0.0 else None
+    fewer = {
+        kind: _ends(allowed.with_kinds(KINDS[: KINDS.index(kind) + 1]), chosen)
+        for kind in kinds
+    }
+    nominal = posed.problem.nominal(task.model)
+    mass, distance = posed.problem.link_defaults.max(axis=0).tolist()
+    return Ranges(
+        problem=posed.problem.name,
+        level=level,
+        ranges=tuple(
+            Range(
+                name=f.name,
+                unit=f.unit,
+                least=RangeEnd.of(main[k][0]),
+                greatest=RangeEnd.of(main[k][1]),
+                value=f.value(estimate.theta, task.links),
+                nominal=f.value(nominal, task.links),
+                with_model_error=None if with_error is None else _values(with_error[k]),
+                under={kind: _values(ends[k]) for kind, ends in fewer.items()},
+            )
+            for k, f in enumerate(chosen)
+        ),
+        structure_share=None if floor is None else structure / allowed.ball.loss_ls,
+        far_limits=(mass, distance),
+    )
+
+
+def _values(ends: tuple[End | NonlinearEnd, End | NonlinearEnd]) -> tuple[float, float]:
+    """Return least and greatest value, infinite where open."""
+    low, high = (RangeEnd.of(end).value for end in ends)
+    return low, high
+
+
+def _ends(
+    allowed: AllowedSet, chosen: Sequence[Function], more: float = 0.0
+) -> list[tuple[End | NonlinearEnd, End | NonlinearEnd]]:
+    """Return least and greatest end of each function over a set."""
+    search = EndSearch(allowed, more)
+    out = dict[str, tuple[End | NonlinearEnd, End | NonlinearEnd]]()
+    linear = [f for f in chosen if f.g is not None]
+    ends = search.both([f.g for f in linear if f.g is not None])
+    out |= dict(zip((f.name for f in linear), ends, strict=True))
+    places = [f.place for f in chosen if f.place is not None]
+    links = sorted({link for link, _ in places})
+    unit = np.eye(len(allowed.bound))
+    masses = search.both([unit[allowed.task.links[link, 0]] for link in links])
+    for link, mass in zip(links, masses, strict=True):
+        indices = allowed.task.links[link]
+        wanted = {f.name: f.place[1] for f in chosen if f.place and f.place[0] == link}
+        moments = {name: e for name, e in wanted.items() if e >= 4}
+        axes = [1, 2, 3] if moments else [e for e in wanted.values() if e < 4]
+        m = unit[indices[0]]
+        centre = ratios(
+            search,
+            [unit[indices[e]] for e in axes],
+            [mass] * len(axes),
+            [m] * len(axes),
+        )
+        by_entry = dict(zip(axes, centre, strict=True))
+        if moments:
+            found = inertias(search, indices, list(moments.values()), centre)
+            by_entry |= dict(zip(moments.values(), found, strict=True))
+        out |= {name: by_entry[e] for name, e in wanted.items()}
+    return [out[f.name] for f in chosen]

@@ -1,0 +1,132 @@
+"""Ranges: certified ends of what data and consistency allow."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import InputError, find_ranges, identify, load_estimate, simulate
+from sdp_vs_penalty.estimation.identify import verify_proof_file
+from sdp_vs_penalty.ranges import EndSearch, Ranges, allowed_set, find_end
+from sdp_vs_penalty.ranges.allowed import FAR, KINDS, kind_of
+from sdp_vs_penalty.ranges.functions import functions_by_name
+from sdp_vs_penalty.simulation.experiments import experiment
+from sdp_vs_penalty.solvers.proof import write_proof
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    return simulate("two_link", seed=1)
+
+
+@pytest.fixture(scope="module")
+def model(hidden):
+    return identify("two_link", hidden.train, check=False)
+
+
+@pytest.fixture(scope="module")
+def allowed(model):
+    return allowed_set(model.training.posed, model.theta)
+
+
+@pytest.fixture(scope="module")
+def ends(allowed):
+    unit = np.eye(len(allowed.bound))
+    return EndSearch(allowed).both(list(unit))
+
+
+def test_witnesses_are_consistent_fit_and_attain_the_ends(allowed, ends):
+    for pair in ends:
+        for end in pair:
+            residual = allowed.ball.A @ end.witness - allowed.ball.a
+            assert residual @ residual < allowed.limit(end.c)
+            assert allowed.constraints.margin(end.witness) > 0.0
+            assert end.sign * end.value <= end.sign * end.attained
+            assert end.gap <= 1e-6 * max(abs(pair[1].value - pair[0].value), end.size)
+
+
+def test_ends_are_those_of_an_outside_solver(allowed, ends):
+    """CVXPY and Clarabel, from the same set written down again."""
+    cp = pytest.importorskip("cvxpy")
+    theta = cp.Variable(len(allowed.bound))
+    constraints = []
+    for c in allowed.constraints.convex:
+        terms = sum(
+            theta[int(k)] * F for k, F in zip(c.indices, c.coefficients, strict=True)
+        )
+        value = c.constant + terms
+        constraints.append(value >> 0 if c.cone == "psd" else value >= 0)
+    unit = allowed.bound
+    ball = allowed.ball
+    for end in (ends[0][0], ends[0][1], ends[11][0], ends[14][1]):
+        in_ball = cp.norm(ball.A @ theta - ball.a) <= np.sqrt(allowed.limit(end.c))
+        g = end.g / unit[np.argmax(np.abs(end.g))]
+        problem = cp.Problem(cp.Minimize(g @ theta), [*constraints, in_ball])
+        problem.solve(solver=cp.CLARABEL)
+        scale = unit[np.argmax(np.abs(end.g))]
+        assert end.lowest == pytest.approx(problem.value * scale, rel=1e-5, abs=1e-6)
+
+
+def test_fewer_constraints_allow_more(allowed):
+    unit = np.eye(len(allowed.bound))
+    lengths = []
+    for k in range(1, len(KINDS) + 1):
+        fewer = allowed.with_kinds(KINDS[:k])
+        assert {kind_of(c) for c in fewer.constraints.convex} <= {*KINDS[:k], FAR}
+        ((least, greatest),) = EndSearch(fewer).both([unit[10]])
+        lengths.append(greatest.value - least.value)
+    assert np.all(np.diff(lengths) <= 1e-6)
+
+
+def test_a_function_that_the_data_determine_has_its_interval(model, allowed):
+    """Without a constraint that acts, the range is the interval, up to c's grid."""
+    (friction,) = functions_by_name(model.problem, model.model, ["f_v1"])
+    ((least, greatest),) = EndSearch(allowed).both([friction.g])
+    interval = {x.name: x for x in model.uncertainty.standard}["f_v1"]
+    length = interval.upper - interval.lower
+    assert greatest.value - least.value == pytest.approx(length, rel=0.08)
+    assert least.decided_by == "data"
+
+
+def test_the_true_masses_lie_in_their_ranges(hidden, model):
+    found = find_ranges(model, functions=["masses", "c2x", "I2zz"])
+    links = experiment(hidden.problem).links
+    true = dict(zip(("m1", "m2"), links[:, 0], strict=True))
+    for name, mass in true.items():
+        assert found[name].least.value <= mass <= found[name].greatest.value
+    assert found["I2zz"].least.is_outer
+    assert Ranges.from_dict(json.loads(json.dumps(found.to_dict()))) == found
+
+
+def test_the_estimate_says_one_range(model):
+    assert model.range("m2").name == "m2"
+
+
+def test_an_end_has_a_proof_that_verify_accepts(model, tmp_path):
+    end = find_end(model, "m2", "least")
+    write_proof(end.proof("m2"), tmp_path / "proof.json")
+    accepted, sentence = verify_proof_file(tmp_path / "proof.json")
+    assert accepted
+    assert "m2 <=" in sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("m9", "'m9' is no parameter of this model"), ("c2x", None)]
+)
+def test_names(model, name, words):
+    if words is None:
+        assert find_ranges(model, functions=[name])[name].unit == "m"
+        return
+    with pytest.raises(InputError, match=words):
+        find_ranges(model, functions=[name])
+
+
+def test_a_model_from_a_file_needs_data(model, hidden, tmp_path):
+    model.save(tmp_path / "model.json")
+    saved = load_estimate(tmp_path / "model.json")
+    with pytest.raises(InputError, match="does not hold"):
+        saved.range("m2")
+    again = saved.range("m2", data=hidden.train)
+    assert again.least.value == pytest.approx(
+        model.range("m2").least.value, rel=1e-3, abs=1e-6
+    )
