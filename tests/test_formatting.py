@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.render.tables import error_table
 from sdp_vs_penalty.results import Shown, Summary, markdown_lines
 
 
@@ -48,30 +47,6 @@ def test_what_is_finite_is_a_number():
 )
 def test_a_count_has_its_plural(count, words):
     assert formatting.count(count, "run") == words
-
-
-def test_errors_stand_beside_each_other_with_the_noise():
-    table = error_table(
-        ["a", "b"], [[1.0, 2.0], [0.5, 2.0]], [0.1, 0.2], ["rad", "N*m"]
-    )
-    assert table.headings == [
-        "joint",
-        "a",
-        "b",
-        "change",
-        "noise floor",
-        "error / noise",
-    ]
-    assert table.rows == [
-        ["1 [rad]", "1", "0.5", "-50 %", "0.1", "5"],
-        ["2 [N m]", "2", "2", "0 %", "0.2", "10"],
-    ]
-
-
-def test_errors_of_one_model_have_its_r2():
-    table = error_table(["a"], [[1.0]], None, ["N"], [0.98765])
-    assert table.headings == ["joint", "a", "R2", "noise floor", "error / noise"]
-    assert table.rows == [["1 [N]", "1", "0.9877", "-", "-"]]
 
 
 def test_a_markdown_table_has_a_head_and_rows():

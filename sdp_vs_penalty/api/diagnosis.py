@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from sdp_vs_penalty.api.identification import WITHOUT_CHECK
+from sdp_vs_penalty.api.identification import gate_of
 from sdp_vs_penalty.arguments import checked_arguments
-from sdp_vs_penalty.checks.gate import needs_check, raise_on_errors
+from sdp_vs_penalty.checks.gate import Gate, needs_check, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
@@ -23,7 +19,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
-from sdp_vs_penalty.problem.check_command import CheckCommand
 
 
 @checked_arguments
@@ -37,10 +32,7 @@ def diagnose(
     progress: Progress = no_progress,
     noise_from: Source = None,
     gain_uncertainty: float | None = None,
-    check: bool = True,
-    warn: Callable[[str], Any] | None = None,
-    without_check: str = WITHOUT_CHECK,
-    check_command: CheckCommand | None = None,
+    check: bool | Gate = True,
     judged_recordings: Source = None,
 ) -> Diagnosis:
     """Which physical effects a model misses, judged against the noise.
@@ -65,16 +57,10 @@ def diagnose(
         The runs whose repetition shows the noise; default: the measurements.
     gain_uncertainty : float, optional
         Relative standard deviation of the torque channels' gains; default: the model's.
-    check : bool
+    check : bool or Gate
         Whether the fast part of `check` looks at the measurements first. What it finds
         wrong for certain raises InputError, other remarks are issued as UserWarning. A
         model that was identified from these runs without it is not asked again.
-    warn : callable, optional
-        Hears the remarks of the check; default: a UserWarning each.
-    without_check : str
-        How an error says to go on without the check, in words.
-    check_command : CheckCommand, optional
-        How a user checks these runs; default: by the files that are passed.
     judged_recordings : the same as measurements, optional
         Of which the test run, or the measurements without one, are windows. Errors are
         shown beside the noise floor that `compare` has of them.
@@ -112,10 +98,7 @@ def diagnose(
             model.problem,
             recording,
             "diagnose",
-            without_check,
-            warn=warn or functools.partial(warnings.warn, stacklevel=3),
-            command=check_command
-            or CheckCommand.of_source(model.problem, measurements),
+            gate_of(check, model.problem, measurements, stacklevel=4),
         )
         give_back_memory(recording.samples)
     test_run = _read_runs(model, test, "test")

@@ -4,11 +4,11 @@ from the answers of a simulator or a manufacturer's library."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, training_runs
@@ -38,8 +38,8 @@ from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-#: How a user of Python goes on without the check of the data.
-WITHOUT_CHECK = "pass check=False to"
+if TYPE_CHECKING:
+    from sdp_vs_penalty.checks.gate import Gate
 
 
 @checked_arguments
@@ -157,7 +157,6 @@ def identify(
         proof=proof,
         workers=workers,
         check=check,
-        warn=_warn_caller,
     )
     if isinstance(runs, BlackBox):
         return estimate
@@ -233,10 +232,7 @@ def identify_and_judge(
     proof: str | Path | None = None,
     workers: Workers = ALONE,
     noise_from: Measurements | None = None,
-    check: bool = True,
-    warn: Callable[[str], Any] = warnings.warn,
-    without_check: str = WITHOUT_CHECK,
-    check_command: CheckCommand | None = None,
+    check: bool | Gate = True,
 ) -> tuple[Estimate, Comparison | None]:
     """Identify a model as :func:`identify`, and return the comparison behind its
     verdict.
@@ -247,13 +243,8 @@ def identify_and_judge(
     ----------
     options : PoseOptions
         The other arguments of :func:`identify`.
-    warn : callable
-        Called with each remark of the data check.
-    without_check : str
-        How an error message says to skip the check, in words.
-    check_command : CheckCommand, optional
-        The command by which a user checks these runs; default: by the files that are
-        passed.
+    check : bool or Gate
+        Whether the data check looks at the measurements first, and who hears it.
 
     Returns
     -------
@@ -277,9 +268,6 @@ def identify_and_judge(
         proof=proof,
         workers=workers,
         check=check,
-        warn=warn,
-        without_check=without_check,
-        check_command=check_command,
     )
     if isinstance(runs, BlackBox):
         return estimate, None
@@ -295,10 +283,7 @@ def _identify(
     progress: Progress,
     proof: str | Path | None,
     workers: Workers,
-    check: bool,
-    warn: Callable[[str], Any],
-    without_check: str = WITHOUT_CHECK,
-    check_command: CheckCommand | None = None,
+    check: bool | Gate,
 ) -> tuple[Estimate, FilteredRuns | BlackBox]:
     """Identify a model without a verdict; return it with what it was identified from.
 
@@ -319,11 +304,9 @@ def _identify(
             problem,
             data,
             "identify",
-            without_check,
+            gate_of(check, problem, measurements, stacklevel=5),
             gains=bool(options.known_loads),
-            warn=warn,
             are_plausible=True,
-            command=check_command or CheckCommand.of_source(problem, measurements),
         )
         give_back_memory(data.samples)
     runs = (
@@ -334,7 +317,7 @@ def _identify(
     estimate = estimate_parameters(
         problem, runs, method, options, progress=progress, proof=proof, workers=workers
     )
-    estimate.provenance.update(checked=check, checks=issues)
+    estimate.provenance.update(checked=bool(check), checks=issues)
     return estimate, runs
 
 
@@ -365,6 +348,13 @@ def _judgement(
     return {name: estimate.provenance[name] for name in ("verdict", "noise")}
 
 
-def _warn_caller(text: str) -> None:
-    """Issue a UserWarning that points to the line which called the verb."""
-    warnings.warn(text, stacklevel=5)
+def gate_of(check: bool | Gate, problem: Problem, source: Any, stacklevel: int) -> Gate:
+    """Return who hears the check of runs: by default a UserWarning that points to the
+    line which called the verb, ``stacklevel`` calls above the check's caller."""
+    # Imported late: `identify` of a black box needs no check.
+    from sdp_vs_penalty.checks.gate import Gate
+
+    if isinstance(check, Gate):
+        return check
+    warn = partial(warnings.warn, stacklevel=stacklevel)
+    return Gate(warn, command=CheckCommand.of_source(problem, source))

@@ -3,8 +3,8 @@ everything else is a remark."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty import formatting
@@ -18,15 +18,25 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.version import __version__
 
 
+@dataclass(frozen=True)
+class Gate:
+    """Who hears what the check says before a verb, and what a user can do then."""
+
+    #: Hears warnings, a sentence each.
+    warn: Callable[[str], Any]
+    #: How to go on all the same, in words before the verb.
+    otherwise: str = "pass check=False to"
+    #: How a user checks these runs; None: by the files that are passed.
+    command: CheckCommand | None = None
+
+
 def raise_on_errors(
     problem: Problem,
     measurements: Measurements,
-    verb: str = "identify",
-    otherwise: str = "pass check=False to",
+    verb: str,
+    gate: Gate,
     gains: bool = False,
-    warn: Callable[[str], Any] = warnings.warn,
     are_plausible: bool = False,
-    command: CheckCommand | None = None,
 ) -> dict[str, list[dict[str, Any]]]:
     """Check runs before identification or diagnosis: raise on errors, warn of the rest.
 
@@ -38,17 +48,13 @@ def raise_on_errors(
         Of the robot that was logged.
     verb : str
         What comes after the check.
-    otherwise : str
-        How to do ``verb`` all the same, in words.
+    gate : Gate
+        Who hears it.
     gains : bool
         Whether that work determines the torque channels' gains, so that the check need
         not.
-    warn : callable
-        Hears warnings, a sentence each.
     are_plausible : bool
         Whether positions are known to be possible for this robot.
-    command : CheckCommand, optional
-        How a user checks these runs; None where they are no files.
 
     Returns
     -------
@@ -74,13 +80,14 @@ def raise_on_errors(
         for issue in report.errors_and_warnings
         if not (gains and issue.kind == "torque gain")
     ]
-    _raise_on_first_error(issues, f"{otherwise} {verb} anyway")
+    _raise_on_first_error(issues, f"{gate.otherwise} {verb} anyway")
     for run, issue in issues:
         if issue.nature == FACT:
-            warn(f"{issue.severity}: {run}: {issue.what} (details: `check`)")
+            gate.warn(f"{issue.severity}: {run}: {issue.what} (details: `check`)")
     explanations = [(run, f) for run, f in issues if f.nature == EXPLANATION]
     if explanations:
-        warn(f"warning: {explanations_in_a_line(command, explanations)}")
+        line = explanations_in_a_line(gate.command, explanations)
+        gate.warn(f"warning: {line}")
     if len(reports) != len(runs):
         return {}
     return {

@@ -169,30 +169,25 @@ def comparison(
     title: str = "Error (RMS) of the modelled torque",
     names: Sequence[str] = (),
 ) -> None:
-    """Print each joint's error next to its noise floor, a row for each joint.
+    """Print the facts of each joint, and of several models those of each.
 
-    A single model gets R2 as well; several get the change from the first to the last.
-    They are columns [1], [2], ..., so that the table fits a narrow terminal, unless
-    ``names`` are given.
+    Several models are columns [1], [2], ..., so that the table fits a narrow terminal,
+    unless ``names`` are given.
     """
     last = results[-1]
-    is_alone = len(results) == 1
-    is_numbered = not is_alone and not names
+    is_numbered = len(results) > 1 and not names
     heads = list(names) or ["error"]
     if is_numbered:
         heads = [f"error [{k}]" for k, _ in enumerate(results, start=1)]
-    table = tables.error_table(
-        heads,
-        [result.rmse for result in results],
-        last.noise_floor,
-        units,
-        r2=last.r2 if is_alone else (),
-        title=f"{title} {last.facts()['scope'].text}",
-    )
-    console.table(table)
+    models = {head: one.facts() for head, one in zip(heads, results, strict=True)}
+    title = f"{title} {last.facts()['scope'].text}"
+    console.table(tables.joint_table(models, units, title))
     if is_numbered:
-        for k, result in enumerate(results, start=1):
-            say(f"[{k}] {result.name}")
+        rows = [
+            (f"[{k}] {one.name}", one.verdict.grade, one.facts())
+            for k, one in enumerate(results, start=1)
+        ]
+        console.table(tables.model_table(rows))
 
 
 def where_it_fails(failures: Failures, model: str) -> None:
@@ -207,8 +202,8 @@ def where_it_fails(failures: Failures, model: str) -> None:
         paragraph(line)
 
 
-def failure_tables(failures: Failures, judged: Comparison) -> None:
-    """Print all figures of the analysis of where a model's error is large.
+def all_figures(failures: Failures, judged: Comparison) -> None:
+    """Print all facts of a comparison, and of the analysis of where the error is large.
 
     The errors are those of the comparison, as everywhere else: the analysis leaves rows
     out, and its errors differ in the third digit.
@@ -216,6 +211,7 @@ def failure_tables(failures: Failures, judged: Comparison) -> None:
     errors = map(float, judged.rmse)
     shown = [replace(f, rmse=x) for f, x in zip(failures, errors, strict=True)]
     console.table(tables.failure_table(shown))
+    console.table(judged.fact_table())
 
 
 def diagnosis(

@@ -1,15 +1,17 @@
 """The runs that a model is fitted to and tested on."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.files import load_measurements, run_files, windowed
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
-from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
+from sdp_vs_penalty.data.parsing import numbers, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
 from sdp_vs_penalty.errors import InputError, MissingJoints, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
@@ -18,8 +20,16 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, load_answers
 from sdp_vs_penalty.robot.joint import parse_held
 
-#: How to do without the check.
-NO_CHECK = "pass --no-check to"
+if TYPE_CHECKING:
+    from sdp_vs_penalty.checks.gate import Gate
+    from sdp_vs_penalty.problem.check_command import CheckCommand
+
+
+def gate(command: CheckCommand | None) -> Gate:
+    """Return what a terminal hears of the check before a verb, and the ways on."""
+    from sdp_vs_penalty.checks.gate import Gate  # which most verbs do not need
+
+    return Gate(console.warn, "pass --no-check to", command)
 
 
 def problem_from_options(
@@ -132,30 +142,6 @@ def model_from_options(path: Path, gravity: str | None = None) -> Estimate:
     if gravity is None:
         return estimate
     return estimate.with_gravity(numbers("--gravity", gravity, 3))
-
-
-def parsed_known_load(text: str) -> tuple[Path, float]:
-    """Parse FILE:MASS of the option --known-load; the mass is in kg.
-
-    >>> parsed_known_load("load.csv:2.805")
-    (PosixPath('load.csv'), 2.805)
-    """
-    name, _, mass = text.removeprefix("mass=").rpartition(":")
-    with suppress(ValueError):
-        if name:
-            return Path(name), float(mass)
-    remedy = "write the run with the load and its mass in kg, load.csv:2.805"
-    raise InputError(f"--known-load {text!r}", remedy)
-
-
-def parsed_known(text: str | None) -> dict[str, float]:
-    """Parse the known parameters of the option --known, "kp2=600,kd2=20".
-
-    >>> parsed_known("kp2=600")
-    {'kp2': 600.0}
-    """
-    texts = pairs("--known", text or None) or {}
-    return {name: numbers("--known", x, 1)[0] for name, x in texts.items()}
 
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:

@@ -29,7 +29,7 @@ from sdp_vs_penalty.estimation.verdict import (
     judge,
     noise_level,
 )
-from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.records import NOT_STORED, stored_as
 from sdp_vs_penalty.regression.evidence import jackknifed, student_95
 from sdp_vs_penalty.results.facts import fact
@@ -123,23 +123,29 @@ class Comparison(Record):
             units=self.estimate.torque_units,
         )
 
-    @fact("N m or N", name="error")
+    @fact("N m or N", name="error", column="error", per_joint=True)
     def joint_error(self) -> Array:
         """(n,) root mean square of measured minus modelled torque, joint by joint, behind
         the low-pass."""
         return self.rmse
 
-    @fact("N m or N", name="noise floor")
+    @fact("N m or N", name="noise floor", column="noise floor", per_joint=True)
     def joint_noise(self) -> Array | None:
         """(n,) standard deviation of the torque's noise behind the same low-pass."""
         return self.noise_floor
 
-    @fact("times the noise")
+    @fact("times the noise", name="error", column="error / noise", per_joint=True)
     def error_over_noise(self) -> Array | None:
         """(n,) error of each joint over its noise floor; unknown without a floor."""
         return self.errors.over_noise
 
-    @fact("% of the joint's torque", name="error beyond the noise")
+    @fact(digits=4, name="R2", column="R2", per_joint=True)
+    def explained_share(self) -> Array:
+        """(n,) share of the variance of each joint's torque that the model explains, 1 -
+        mse / variance; unknown for a constant torque."""
+        return self.r2
+
+    @fact("% of the joint's torque", name="error beyond the noise", per_joint=True)
     def error_beyond_noise(self) -> Array:
         """(n,) root of each joint's mean squared error less that of its noise, over the
         root mean square of its torque; without a noise floor the whole error."""
@@ -158,10 +164,20 @@ class Comparison(Record):
         over = self.error_over_noise
         return int(np.argmax(self.rmse if over is None else over)) + 1
 
-    @fact("%")
+    @fact("%", column="error [%]")
     def relative_error(self) -> float:
         """100 |tau - tau_hat| / |tau| over all joints, behind the low-pass."""
         return self.errors.relative
+
+    @fact(column="largest error / noise")
+    def largest_error(self) -> str:
+        """The largest error over noise, and that error with its joint; without a noise
+        floor the largest error alone."""
+        joint = self.worst_joint
+        unit = plain_unit(self.estimate.torque_units[joint - 1])
+        error = f"{number(float(self.rmse[joint - 1]))} {unit}, joint {joint}"
+        largest = self.largest_error_over_noise
+        return error if largest is None else f"{number(largest)} ({error})"
 
     @property
     def relative_error_percent(self) -> float:
@@ -209,14 +225,19 @@ class Comparison(Record):
         """How long the judged motion lasts, behind the filters."""
         return self.signals.seconds
 
-    @fact("mm")
+    @fact(column="links can exist")
+    def links_can_exist(self) -> bool:
+        """Whether every link of the model is physically consistent, up to rounding."""
+        return self.estimate.certificate.worst <= ROUNDING
+
+    @fact("mm", column="thinnest link [mm]")
     def thinnest_link(self) -> float | None:
         """The least thickness of all links: zero for a rod or a sheet, negative for a
         link that cannot exist."""
         thickness = self.estimate.certificate.smallest_thickness
         return None if thickness is None else 1e3 * thickness
 
-    @fact("", digits=1)
+    @fact(digits=1, column="distance to best fit")
     def distance_to_best_fit(self) -> float | None:
         """The certified gap: how far the loss can be above the best possible one, as a
         share of it."""
@@ -229,11 +250,6 @@ class Comparison(Record):
         """
         largest = self.largest_error_over_noise
         return largest is not None and largest <= ABOVE_NOISE
-
-    @property
-    def links_can_exist(self) -> bool:
-        """Whether every link of the model is physically consistent, up to rounding."""
-        return self.estimate.certificate.worst <= ROUNDING
 
     @property
     def verdict(self) -> Verdict:
@@ -346,27 +362,6 @@ class Comparison(Record):
         """
         return self.noise_floor, self.noise_source
 
-    def to_frame(self) -> pandas.DataFrame:
-        """Return a table (data frame) with one row for each joint (from 1).
-
-        Columns: RMS error, noise floor, their ratio, and R2; NaN where the noise is not
-        known.
-        """
-        import pandas
-
-        over = self.error_over_noise
-        unknown = np.full(len(self.rmse), np.nan)
-        columns = {
-            "error [N m or N]": self.rmse,
-            "noise floor [N m or N]": (
-                unknown if self.noise_floor is None else self.noise_floor
-            ),
-            "error over noise": unknown if over is None else over,
-            "R2": self.r2,
-        }
-        joints = range(1, len(self.rmse) + 1)
-        return pandas.DataFrame(columns, pandas.Index(joints, name="joint"))
-
 
 #: Length [s] of the stretches of which a relative error's spread is told: longer than
 #: errors of a friction or a filter stay alike.
@@ -459,25 +454,13 @@ class Comparisons(list[Comparison]):
     """
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a table (data frame) with one row for each model and joint (from 1).
-
-        Columns: rmse, r2 and noise_floor (NaN if it is not known).
+        """Return the facts of each model as a data frame, one row for each model and
+        joint (from 1).
         """
         import pandas
 
-        rows = []
-        for comparison in self:
-            floor = comparison.noise_floor
-            for j in range(len(comparison.rmse)):
-                row = {
-                    "model": comparison.name,
-                    "joint": j + 1,
-                    "rmse": comparison.rmse[j],
-                    "r2": comparison.r2[j],
-                    "noise_floor": np.nan if floor is None else floor[j],
-                }
-                rows.append(row)
-        return pandas.DataFrame(rows).set_index(["model", "joint"])
+        frames = {comparison.name: comparison.to_frame() for comparison in self}
+        return pandas.concat(frames, names=["model"])
 
     def plot(self, axes: Any = None) -> Any:
         """Plot the RMS errors of all models joint by joint, with the noise floor.

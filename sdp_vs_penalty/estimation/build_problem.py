@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from numbers import Real
@@ -22,6 +23,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.parsing import numbers, pairs
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.effects import make_effect, standard_effect
 from sdp_vs_penalty.effects.effect import Effect
@@ -57,6 +59,38 @@ from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
+def parsed_known_load(text: str) -> tuple[Path, float]:
+    """Parse FILE:MASS of the option --known-load; the mass is in kg.
+
+    >>> parsed_known_load("load.csv:2.805")
+    (PosixPath('load.csv'), 2.805)
+    """
+    name, _, mass = text.removeprefix("mass=").rpartition(":")
+    with suppress(ValueError):
+        if name:
+            return Path(name), float(mass)
+    remedy = "write the run with the load and its mass in kg, load.csv:2.805"
+    raise InputError(f"--known-load {text!r}", remedy)
+
+
+def parsed_known(text: str | None) -> dict[str, float]:
+    """Parse the known parameters of the option --known, "kp2=600,kd2=20".
+
+    >>> parsed_known("kp2=600")
+    {'kp2': 600.0}
+    """
+    texts = pairs("--known", text or None) or {}
+    return {name: numbers("--known", x, 1)[0] for name, x in texts.items()}
+
+
+#: How the text of an option is read that is no plain text.
+_READERS: dict[str, Callable[[Any], Any]] = {
+    "known": parsed_known,
+    "known_loads": lambda texts: list(map(parsed_known_load, texts)),
+    "gain_uncertainty": lambda x: numbers("gain uncertainty", str(x), 1)[0],
+}
+
+
 @dataclass(frozen=True)
 class PoseOptions:
     """What a user may choose of the posing, as :func:`sdp_vs_penalty.identify` takes
@@ -79,6 +113,18 @@ class PoseOptions:
     known: Mapping[str, float] = field(default_factory=dict)
     #: "command" or "none"; None: "command" where no torque was logged.
     instruments: str | None = None
+
+    @classmethod
+    def from_texts(cls, **texts: Any) -> PoseOptions:
+        """Return the options that a command line or a form states, by their fields'
+        names; None stands for a field's default."""
+        given = {name: text for name, text in texts.items() if text is not None}
+        read = {
+            name: _READERS[name](text)
+            for name, text in given.items()
+            if name in _READERS
+        }
+        return cls(**given | read)
 
     def recipe(self) -> dict[str, Any]:
         """Return the options as plain JSON of a Recipe, from which :meth:`following`

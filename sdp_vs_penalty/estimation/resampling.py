@@ -51,6 +51,7 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
 )
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
+from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -61,7 +62,8 @@ from sdp_vs_penalty.regression.regression import (
     Regression,
     compress_cells,
 )
-from sdp_vs_penalty.results.record import Shown, Summary
+from sdp_vs_penalty.results.facts import fact
+from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -107,7 +109,7 @@ class Fold(WritesJson):
 
 
 @dataclass(frozen=True, repr=False)
-class CrossValidation(Shown, WritesJson):
+class CrossValidation(Record):
     """Errors of a method on motion that its models have not seen, fold by fold."""
 
     derived = ("relative_error_percent", "rmse", "worst_fold")
@@ -156,7 +158,7 @@ class CrossValidation(Shown, WritesJson):
         """(n,) root mean square torque error of each joint over all folds [N m or N]."""
         return self._whole.rmse
 
-    @property
+    @fact("%", digits=4, column="error on unseen motion [%]")
     def relative_error_percent(self) -> float:
         """Relative torque error 100 |tau - tau_hat| / |tau| over all folds and joints
         [%].
@@ -198,12 +200,29 @@ class CrossValidation(Shown, WritesJson):
         ]
 
     def _table(self) -> Table:
-        """Return the printed table: one row a fold."""
-        rows = [
-            (str(k), f"{f.start:.3g}-{f.stop:.3g}", f"{f.relative_error_percent:.3g}")
+        """Return the table that notebooks show."""
+        return self.table(["N m or N"])
+
+    def table(self, units: Sequence[str]) -> Table:
+        """Return a table of all folds: a row for each, and one for all of them.
+
+        ``units`` are those of the joints' torques.
+        """
+        names = [
+            f"{k}: {f.start:.3g}-{f.stop:.3g} s"
             for k, f in enumerate(self.folds, start=1)
         ]
-        return Table(("fold", "seconds", "relative error [%]"), rows)
+        rows = [
+            (name, number(f.relative_error_percent), *map(number, f.rmse))
+            for name, f in zip([*names, "all"], [*self.folds, self._whole], strict=True)
+        ]
+        kinds = ", ".join(dict.fromkeys(map(formatting.plain_unit, units)))
+        joints = (str(j) for j, _ in enumerate(self.rmse, start=1))
+        return Table(
+            ("judged on", "error [%]", *joints),
+            rows,
+            title=f"Relative error, and RMSE [{kinds}] of each joint {self.scope}",
+        )
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a table (data frame) with one row for each fold (from 1) and joint.

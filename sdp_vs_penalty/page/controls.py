@@ -15,7 +15,7 @@ from nicegui.elements.mixins.text_element import TextElement
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.render.pieces import framed
-from sdp_vs_penalty.render.tables import judged_table
+from sdp_vs_penalty.render.tables import model_table
 from sdp_vs_penalty.results.table import Table
 
 Handler = Callable[..., Any]
@@ -259,9 +259,10 @@ def judged(models: Sequence[ModelStep]) -> None:
     numbered = enumerate(models, start=1)
     names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in numbered]
     rows = [
-        [name, *model.judged[1:]] for name, model in zip(names, models, strict=True)
+        (name, model.comparison["verdict"]["grade"], model.facts)
+        for name, model in zip(names, models, strict=True)
     ]
-    table(judged_table(rows), "Models judged")
+    table(model_table(rows), "Models judged")
 
 
 def figures(pairs: Sequence[tuple[str, str]]) -> None:

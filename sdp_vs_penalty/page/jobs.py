@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
+from sdp_vs_penalty.checks.gate import Gate
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.formats.column_report import describe_columns
 from sdp_vs_penalty.data.formats.columns import columns_of
@@ -657,16 +658,18 @@ def fit(job: JobRequest) -> Answer:
         problem,
         job.windowed(job.runs.train),
         with_solver(job["method"], options.get("solver")),
-        PoseOptions(
-            effects=job["effects"],
-            gain_uncertainty=job.number("gain_uncertainty", 0.0),
-            seed=job["seed"],
+        PoseOptions.from_texts(
+            **{
+                **{f.name: options.get(f.name) for f in fields(PoseOptions)},
+                "effects": job["effects"],
+                "seed": job["seed"],
+            }
         ),
         progress=job.progress,
         workers=Workers(int(job.number("jobs", 1)), progress=job.progress),
         noise_from=job.training_recordings,
-        check=not job["anyway"],
-        warn=no_progress,  # unheard: the page shows each run's issues beside the run
+        # Unheard: the page shows each run's issues beside the run.
+        check=not job["anyway"] and Gate(no_progress),
     )
     return summary(job, estimate)
 
@@ -821,7 +824,7 @@ def methods(job: JobRequest) -> Answer:
     if not job["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
     filtered = read_and_filter(current.problem, train)
-    rows = []
+    rows = list[tuple[str, str, tables.Facts]]()
     for name in job["methods"]:
         effects = current.model.effects
         progress = partial(job.progress_of, name)
@@ -841,19 +844,14 @@ def methods(job: JobRequest) -> Answer:
                     progress=progress,
                 )
         except InputError as error:
-            refused = [name, str(error), *[""] * len(tables.JUDGED_HEADS[1:])]
-            rows.append(refused)
+            rows.append((name, str(error), {}))
             continue
-        row = tables.judged_cells(
-            compare(
-                {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
-            )[0]
+        (judged,) = compare(
+            {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
         )
-        if folds is not None:
-            row = [*row, f"{folds.relative_error_percent:.4g}"]
-        rows.append(row)
-    unseen = "error on unseen motion [%]" if job["folds"] else ""
-    return {"table": tables.judged_table(rows, "method", more=unseen).to_dict()}
+        facts = judged.facts() if folds is None else judged.facts() | folds.facts()
+        rows.append((name, judged.verdict.grade, facts))
+    return {"table": tables.model_table(rows, "method").to_dict()}
 
 
 def take(job: JobRequest) -> Answer:
@@ -1106,7 +1104,6 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         ),
         "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},
         "failures": failures,
-        "judged": tables.judged_cells(comparison, verdict_of_model["grade"]),
         "about": about(estimate),
         "on_bounds": estimate.details.get("on_bounds") or [],
         "seconds": seconds,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, dependences
+from sdp_vs_penalty.render.tables import facts_from_json
+from sdp_vs_penalty.results.facts import Fact
 
 #: The signal that shows what a cause of where_it_fails.py explains.
 SHOWN_BY = {
@@ -46,9 +49,6 @@ class ModelStep:
     #: Where and why the model fails, an entry a joint, with sentences for the page;
     #: empty if the judged runs are too short to tell.
     failures: list[dict[str, Any]]
-    #: Cells of the table of judged models: name, grade, figures (``judged_row`` of
-    #: jobs.py).
-    judged: list[str]
     #: Facts of the model for the page (``about`` of jobs.py).
     about: dict[str, Any]
     #: Bounds that the estimate lies on, in words.
@@ -71,6 +71,11 @@ class ModelStep:
     curve_texts: Sequence[str] = ()
     #: File of what the cards of its diagnosis draw.
     pictures: str = ""
+
+    @cached_property
+    def facts(self) -> dict[str, Fact]:
+        """The facts of the comparison with the judging runs."""
+        return facts_from_json(self.comparison)
 
     def signal_of(self, j: int, default: str) -> str:
         """Return the signal that best shows what a joint's error depends on.

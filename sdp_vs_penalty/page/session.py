@@ -191,7 +191,7 @@ class Session:
         first = self.history[0].comparison
         last = self.current.comparison
         floor = last["noise_floor"]
-        known = None if None in floor else np.array(floor)
+        known = None if floor is None else np.array(floor)
         sentence = changes(
             np.array(first["rmse"]),
             np.array(last["rmse"]),
@@ -631,10 +631,8 @@ class Session:
         verdict = before.with_missing(
             answer["missing"], answer["has_open_finding"]
         ).to_dict()
-        name, _, *figures = self.current.judged  # the second cell is the grade
         self.history[-1] = replace(
             self.current,
-            judged=[name, verdict["grade"], *figures],
             findings=diagnosis,
             curve_texts=answer["curves"],
             pictures=pictures,

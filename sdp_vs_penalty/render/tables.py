@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, JointFailure
 from sdp_vs_penalty.estimation.estimate import (
     LINK_HEADS,
@@ -17,138 +14,88 @@ from sdp_vs_penalty.estimation.estimate import (
 )
 from sdp_vs_penalty.estimation.frames import base_expressions
 from sdp_vs_penalty.estimation.uncertainty import Interval
-from sdp_vs_penalty.estimation.verdict import over_noise
 from sdp_vs_penalty.formatting import change_of, finite, number, plain_unit
+from sdp_vs_penalty.results.facts import Fact, columns_of
 from sdp_vs_penalty.results.table import Table
 
-#: Of a table of models: what :func:`judged_cells` says after the name.
-JUDGED_HEADS = (
-    "verdict",
-    "error [%]",
-    "largest error / noise",
-    "links can exist",
-    "thinnest link [mm]",
-    "distance to best fit",
-)
-#: Columns of :data:`JUDGED_HEADS` that hold words, the model's name before them.
-JUDGED_WORDS = (0, 1, 4)
+#: Facts of a record, by the name of the method that computes each.
+Facts = Mapping[str, Fact]
 
 
-def judged_cells(compared: Comparison, grade: str = "") -> list[str]:
-    """Cells of one model in a table of judged models.
-
-    Parameters
-    ----------
-    compared : Comparison
-        The model on the judged runs.
-    grade : str
-        Grade of its verdict where a diagnosis is known; empty: that of its errors.
-
-    Returns
-    -------
-    list of str
-        The model's name, then one cell for each of :data:`JUDGED_HEADS`.
-    """
-    facts = compared.facts()
-    return [
-        compared.name,
-        grade or compared.verdict.grade,
-        facts["relative_error"].texts[0],
-        _largest_error(compared),
-        "yes" if compared.links_can_exist else "no",
-        facts["thinnest_link"].texts[0],
-        facts["distance_to_best_fit"].texts[0],
-    ]
+def facts_from_json(record: Mapping[str, Any]) -> dict[str, Fact]:
+    """Return the facts of a record from its JSON."""
+    return {name: Fact.from_dict(data) for name, data in record["facts"].items()}
 
 
-def _largest_error(compared: Comparison) -> str:
-    """Return the largest error as text: multiples of its noise, size and joint.
-
-    If the noise floor is unknown, these are the size and the joint alone.
-    """
-    facts = compared.facts()
-    joint = compared.worst_joint
-    unit = plain_unit(compared.estimate.torque_units[joint - 1])
-    error = f"{facts['joint_error'].of_joint(joint)} {unit}, joint {joint}"
-    if compared.error_over_noise is None:
-        return error
-    return f"{facts['largest_error_over_noise'].texts[0]} ({error})"
-
-
-def judged_table(
-    rows: Sequence[Sequence[str]], what: str = "model", title: str = "", more: str = ""
+def model_table(
+    models: Sequence[tuple[str, str, Facts]], what: str = "model", title: str = ""
 ) -> Table:
-    """Table of models that were judged on the same runs.
+    """Table of models that were judged on the same runs: a row for each, and a column
+    for each of their facts that has one.
 
     Parameters
     ----------
+    models : sequence of (str, str, mapping of str to Fact)
+        Name, grade of the verdict (or why there is none), and facts of each.
     what : str
         Heading of the first column, such as "model" or "method".
-    more : str
-        Heading of one more column of numbers; empty: there is none.
-
-    Returns
-    -------
-    Table
-        One row for each model.
     """
-    heads = [what, *JUDGED_HEADS, *([more] if more else [])]
-    return Table(heads, rows, title=title, words=JUDGED_WORDS, style=f"judged {what}s")
+    columns = {
+        name: one
+        for _, _, facts in models
+        for name, one in facts.items()
+        if columns_of([one], per_joint=False)
+    }
+    rows = [
+        (name, grade, *(facts[x].texts[0] if x in facts else "" for x in columns))
+        for name, grade, facts in models
+    ]
+    are_words = [isinstance(one.value, str | bool) for one in columns.values()]
+    return Table(
+        (what, "verdict", *(one.column for one in columns.values())),
+        rows,
+        title=title,
+        words=(0, 1, *(k for k, is_word in enumerate(are_words, start=2) if is_word)),
+        style=f"judged {what}s",
+    )
 
 
-def error_table(
-    names: Sequence[str],
-    errors: Sequence[Any],
-    floor: Any,
-    units: Sequence[str],
-    r2: Any = (),
-    title: str = "",
+def joint_table(
+    models: Mapping[str, Facts], units: Sequence[str], title: str = ""
 ) -> Table:
-    """Table of each joint's RMS error by model.
+    """Table of joints: a row for each, and a column for each fact that has a number a
+    joint.
 
     Parameters
     ----------
-    errors : (models, n) array or lists
-        RMS errors [N m or N].
-    floor : (n,) array or None
-        RMS noise of each joint; None where it is unknown.
+    models : mapping of str to mapping of str to Fact
+        Facts of each model by the heading of its error. Of several models the errors
+        stand side by side, with the change from the first to the last, and the other
+        facts are the last one's.
     units : sequence of str
         Torque unit of each joint.
-    r2 : (n,) array
-        Coefficients of determination, shown for one model alone in place of the change.
-
-    Returns
-    -------
-    Table
-        One row for each joint: errors, change from the first model to the last (or R2), noise,
-        and the last model's error over it.
     """
-    ratios = over_noise(np.asarray(errors[-1], float), floor)
+    error, *others = columns_of(list(models.values())[-1].values(), per_joint=True)
+    errors = [
+        one
+        for facts in models.values()
+        for one in columns_of(facts.values(), per_joint=True)
+        if one.name == error.name and one.column == error.column
+    ]
     rows = []
-    for j, unit in enumerate(units):
-        of_joint = [errors_of_model[j] for errors_of_model in errors]
-        change = f"{r2[j]:.4f}" if len(r2) else change_of(of_joint[0], of_joint[-1])
-        noise = None if floor is None else floor[j]
-        over = None if ratios is None else float(ratios[j])
-        name = f"{j + 1} [{plain_unit(unit)}]"
-        rows.append([name, *map(number, of_joint), change, number(noise), number(over)])
-    last = "R2" if len(r2) else "change"
-    heads = ["joint", *names, last, "noise floor", "error / noise"]
+    for joint, unit in enumerate(units, start=1):
+        row = [f"{joint} [{plain_unit(unit)}]", *(x.of_joint(joint) for x in errors)]
+        if len(models) > 1:
+            row.append(change_of(errors[0].value[joint - 1], error.value[joint - 1]))
+        rows.append([*row, *(one.of_joint(joint) for one in others)])
+    change = ["change"] if len(models) > 1 else []
+    heads = ["joint", *models, *change, *(one.column for one in others)]
     return Table(heads, rows, title=title, style="numbers history")
 
 
 def failure_table(failures: Sequence[JointFailure]) -> Table:
-    """Table of every number of an error analysis.
-
-    Parameters
-    ----------
-    failures : sequence of JointFailure
-        Error analysis of each joint.
-
-    Returns
-    -------
-    Table
-        One row for each quantity, one column for each joint.
+    """Table of every number of an error analysis: a row for each quantity, a column for
+    each joint.
     """
     rows: dict[str, list[str]] = {}
     for failure in failures:

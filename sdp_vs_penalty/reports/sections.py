@@ -217,7 +217,7 @@ def verdict(data: ReportData) -> Context:
         waves=words.shown_waves(failures[joint - 1], finding),
     )
     rows = [
-        tables.judged_cells(compared, data.verdict_of(compared).grade)
+        (compared.name, data.verdict_of(compared).grade, compared.facts())
         for compared in data.comparisons
     ]
     return {
@@ -234,7 +234,7 @@ def verdict(data: ReportData) -> Context:
         ),
         "lines": record.lines[1:],  # the first one is the headline
         "remark": record.remark,
-        "models": pieces.framed(tables.judged_table(rows)),
+        "models": pieces.framed(tables.model_table(rows)),
         "robot": data.last.robot.name,
         "joints": formatting.count(data.last.robot.n, "joint"),
         "runs": formatting.count(len(data.measurements.names), "run"),
@@ -329,13 +329,8 @@ def history(data: ReportData) -> Context:
         added = effects_in_words(new) or "the same effects"
         steps.append((name, estimate.method, len(estimate.theta), added))
     last = data.comparisons[-1]
-    errors = tables.error_table(
-        [f"error, {compared.name}" for compared in data.comparisons],
-        [compared.rmse for compared in data.comparisons],
-        last.noise_floor,
-        data.units,
-        r2=last.r2 if len(data.comparisons) == 1 else (),
-    )
+    facts = {f"error, {x.name}": x.facts() for x in data.comparisons}
+    errors = tables.joint_table(facts, data.units)
     heads = ("model", "method", "parameters", "new effects")
     changes = ""
     if len(data.comparisons) > 1:

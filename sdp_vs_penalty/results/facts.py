@@ -1,14 +1,15 @@
 """Named facts: a number that a person may read, computed by one method of one record.
 
 A fact knows its unit, its digits and its definition. Terminal, JSON, page and report
-print a fact by its ``text``, so that none of them rounds or scales it again.
+print a fact by its ``text``, so that none of them rounds or scales it again. A fact with
+a ``column`` is a column of every table of such records, and of their data frame.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Generic, Self, TypeVar, overload
 
@@ -36,6 +37,11 @@ class Fact(JsonRecord):
     digits: int
     #: What the fact is, in a sentence or two.
     definition: str
+    #: Heading of the fact's column in tables; "" for a fact that has none.
+    column: str = ""
+    #: Whether it is a number a joint: such columns are in tables with a row a joint,
+    #: all others in tables with a row a record.
+    per_joint: bool = False
 
     @property
     def texts(self) -> list[str]:
@@ -45,6 +51,8 @@ class Fact(JsonRecord):
         """
         if self.value is None:
             return ["-"]
+        if isinstance(self.value, bool):
+            return ["yes" if self.value else "no"]
         if isinstance(self.value, str):
             return [self.value]
         values = np.atleast_1d(np.asarray(self.value, float))
@@ -65,24 +73,10 @@ class Fact(JsonRecord):
 class FactMethod(Generic[T]):
     """A property of a record that is one of its facts."""
 
-    def __init__(
-        self, method: Callable[[Any], T], unit: str, digits: int, name: str
-    ) -> None:
-        """Wrap the method that computes a fact.
-
-        Parameters
-        ----------
-        method : callable
-            Computes the value from the record; its docstring defines the fact.
-        digits : int
-            Significant digits of the printed text.
-        name : str
-            Name in words; "" for that of the method.
-        """
+    def __init__(self, method: Callable[[Any], T], fact: Fact) -> None:
+        """Wrap the method that computes a fact; ``fact`` is all but its value."""
         self.method = method
-        self.unit = unit
-        self.digits = digits
-        self.name = name or method.__name__.replace("_", " ")
+        self.fact = fact
         self.__doc__ = method.__doc__
 
     # Types of the descriptor: of the class it is itself, of a record the fact's value.
@@ -94,22 +88,13 @@ class FactMethod(Generic[T]):
         """Return the fact's value for a record; for the class, this descriptor."""
         return self if record is None else self.method(record)
 
-    def of(self, record: object) -> Fact:
-        """Compute the fact of a record: value, unit, and the method's docstring as
-        definition.
-        """
-        definition = " ".join((inspect.getdoc(self.method) or "").split())
-        return Fact(
-            name=self.name,
-            value=self.method(record),
-            unit=self.unit,
-            digits=self.digits,
-            definition=definition,
-        )
-
 
 def fact(
-    unit: str = "", digits: int = 3, name: str = ""
+    unit: str = "",
+    digits: int = 3,
+    name: str = "",
+    column: str = "",
+    per_joint: bool = False,
 ) -> Callable[[Callable[[Any], T]], FactMethod[T]]:
     """Decorate a method of a record that computes one of its facts, as a property.
 
@@ -123,10 +108,23 @@ def fact(
         Significant digits of the printed text.
     name : str
         Name in words; by default that of the method.
+    column : str
+        Heading of its column in tables; by default the fact is in no table.
+    per_joint : bool
+        Whether the value is (n,), a number a joint.
     """
 
     def decorate(method: Callable[[Any], T]) -> FactMethod[T]:
-        return FactMethod(method, unit, digits, name)
+        stated = Fact(
+            name=name or method.__name__.replace("_", " "),
+            value=None,
+            unit=unit,
+            digits=digits,
+            definition=" ".join((inspect.getdoc(method) or "").split()),
+            column=column,
+            per_joint=per_joint,
+        )
+        return FactMethod(method, stated)
 
     return decorate
 
@@ -151,4 +149,13 @@ def facts_of(record: object) -> dict[str, Fact]:
     """Compute all facts of a record, by the name of the method that computes each."""
     kind: type = type(record)
     methods = _fact_methods(kind)
-    return {name: method.of(record) for name, method in methods.items()}
+    return {
+        name: replace(one.fact, value=one.method(record))
+        for name, one in methods.items()
+    }
+
+
+def columns_of(facts: Iterable[Fact], per_joint: bool) -> list[Fact]:
+    """Return the facts that are columns of a table with a row a joint, or else of one
+    with a row a record."""
+    return [one for one in facts if one.column and one.per_joint == per_joint]

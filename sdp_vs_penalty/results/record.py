@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.records import WritesJson
-from sdp_vs_penalty.results.facts import Fact, facts_of
+from sdp_vs_penalty.results.facts import Fact, columns_of, facts_of
 from sdp_vs_penalty.results.table import Table
 
 if TYPE_CHECKING:
@@ -92,11 +92,19 @@ class Record(Shown, WritesJson):
         return facts_of(self)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return the numbers of this result as a data frame; subclasses define it.
+        """Return the facts that are numbers a joint as a data frame, one row for each
+        joint (from 1); NaN where one is not known.
 
         The name of each column includes its unit.
         """
-        raise NotImplementedError
+        import pandas
+
+        columns = {
+            f"{one.name} [{one.unit}]" if one.unit else one.name: one.value
+            for one in columns_of(self.facts().values(), per_joint=True)
+        }
+        frame = pandas.DataFrame(columns)
+        return frame.set_axis(frame.index + 1).rename_axis("joint").astype(float)
 
     def fact_table(self) -> Table:
         """Return a table of all facts: name, value, unit and definition."""

@@ -16,9 +16,11 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 pytest.importorskip("plotly", reason="the report needs the extra [report]")
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
+from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page import JobRequest, chosen_effects
+from sdp_vs_penalty.results import fact, facts
 
 STORIES = {"spring": stories.spring, "bad data": stories.bad_data}
 LONGER = {
@@ -43,14 +45,24 @@ CASES = [
 ]
 
 
+@fact("N m or N", digits=5, column="peak error", per_joint=True)
+def peak_torque_error(comparison: Comparison) -> np.ndarray:
+    """(n,) largest error of each joint's torque."""
+    return np.abs(comparison.signals.residual).max(axis=0)
+
+
 @pytest.fixture(scope="module", params=CASES)
 def story(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Story]:
-    """What each place says of the same runs."""
+    """What each place says of the same runs; the comparison has one more fact."""
+    Comparison.peak_torque_error = peak_torque_error
+    facts._fact_methods.cache_clear()
     walked = stories.walk(request.param, tmp_path_factory.mktemp("story"))
     yield walked
     walked.screen.loop.close()
+    del Comparison.peak_torque_error
+    facts._fact_methods.cache_clear()
 
 
 @pytest.fixture
@@ -108,6 +120,27 @@ def test_every_fact_of_a_diagnosis_is_the_same_on_the_page(diagnosed):
     shown = diagnosed.session.findings.facts()
     written = diagnosed.json("findings.json")["facts"]
     assert {name: fact.texts for name, fact in shown.items()} == texts(written)
+
+
+def test_a_new_fact_is_one_method_and_stands_everywhere(modelled):
+    """Terminal, JSON, report, page and data frame: nothing else knows of it."""
+    new = modelled.compared["facts"]["peak_torque_error"]
+    last = new
+    if (modelled.folder / "both.json").exists():  # the report looks at the last model
+        last = modelled.json("both.json")["models"][-1]["facts"]["peak_torque_error"]
+    for place, shown in (
+        (modelled.said["compare"], new),
+        (modelled.screen.text("identify"), new),
+        (modelled.said["html"], last),
+    ):
+        assert "peak error" in place
+        assert all(text in place for text in shown["texts"])
+    model = load_estimate(modelled.folder / "model.json")
+    (compared,) = compare(
+        model, load_measurements(modelled.folder / modelled.names[-1])
+    )
+    column = compared.to_frame()["peak torque error [N m or N]"]
+    assert [number(x, 5) for x in column] == new["texts"]
 
 
 def test_the_terminal_prints_the_error_of_each_joint(modelled):

@@ -42,7 +42,7 @@ def verb(
     printing.comparison(results, units)
     printing.where_it_fails(failures, newest)
     if verbose:
-        printing.failure_tables(failures, results[-1])
+        printing.all_figures(failures, results[-1])
     loops = {} if runs.torque_logged else _simulated_loops(estimates, runs)
     for name, loop in loops.items():
         console.say(f"{name}: {loop.verdict}")

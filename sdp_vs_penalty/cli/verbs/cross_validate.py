@@ -1,5 +1,4 @@
 from pathlib import Path
-from typing import Any
 
 
 def verb(
@@ -24,19 +23,14 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.next_step import free_name
-    from sdp_vs_penalty.cli.runs import (
-        parsed_known,
-        problem_from_options,
-        read_and_hold,
-    )
+    from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
     from sdp_vs_penalty.cli.runs import words as run_words
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.estimation.build_problem import parsed_known
     from sdp_vs_penalty.estimation.resampling import cross_validate
-    from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.problem import Problem
-    from sdp_vs_penalty.results.table import Table
 
     def read(problem_with_holds: Problem) -> list[Measurements]:
         """Return all runs together, for the problem with its joints held."""
@@ -60,19 +54,7 @@ def verb(
         )
     console.say(result.verdict, style="bold")
     console.paragraph(result.how)
-    names = [
-        f"{k}: {f.start:.3g}-{f.stop:.3g} s"
-        for k, f in enumerate(result.folds, start=1)
-    ]
-    judged: list[Any] = [*result.folds, result]
-    rows = [
-        [name, number(f.relative_error_percent), *map(number, f.rmse)]
-        for name, f in zip([*names, "all"], judged, strict=True)
-    ]
-    units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))
-    title = f"Relative error, and RMSE [{units}] of each joint {result.scope}"
-    heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
-    console.table(Table(heads, rows, title=title))
+    console.table(result.table(robot.robot.torque_units))
     settings = {
         "--method": method,
         "--effects": effects,

@@ -12,7 +12,7 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     --seed: Seed of the simulated arm.
     """
     from sdp_vs_penalty.cli import printing
-    from sdp_vs_penalty.render.tables import judged_cells, judged_table
+    from sdp_vs_penalty.render.tables import model_table
     from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
 
     with console.progress("simulating") as progress:
@@ -23,9 +23,9 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
         f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out})."
     )
     console.say("1. Identify: the same runs by three methods", style="bold")
-    rows = list(map(judged_cells, demonstration.compared))
+    rows = [(c.name, c.verdict.grade, c.facts()) for c in demonstration.compared]
     title = "On motion that was not used for fitting"
-    console.table(judged_table(rows, "method", title))
+    console.table(model_table(rows, "method", title))
     console.say("2. Compare: where the physically consistent model fails", style="bold")
     printing.where_it_fails(demonstration.failures, before.name)
     console.say("3. Diagnose", style="bold")

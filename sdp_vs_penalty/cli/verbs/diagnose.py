@@ -56,10 +56,7 @@ def verb(
             noise_from=runs_given.all_runs,
             judged_recordings=runs_given.judged_recordings,
             gain_uncertainty=gain_uncertainty,
-            check=not no_check,
-            warn=console.warn,
-            without_check=runs.NO_CHECK,
-            check_command=CheckCommand.of(estimate.problem, data),
+            check=not no_check and runs.gate(CheckCommand.of(estimate.problem, data)),
         )
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     words += _written(

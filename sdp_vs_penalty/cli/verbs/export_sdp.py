@@ -28,8 +28,6 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import (
-        parsed_known,
-        parsed_known_load,
         problem_from_options,
         read_and_hold,
         runs_from_options,
@@ -38,15 +36,16 @@ def verb(
     from sdp_vs_penalty.exporters.sdp import write_posed
 
     with console.progress("reading the measurements") as progress:
-        loads = [parsed_known_load(text) for text in known_load or []]
+        chosen = PoseOptions.from_texts(
+            effects=effects,
+            known_loads=known_load,
+            known=known,
+            instruments=instruments,
+        )
         robot, (_, runs), _ = read_and_hold(
             lambda held: problem_from_options(problem, gravity, bounds, filters, held),
             hold,
             lambda robot: runs_from_options(robot, data, window),
-        )
-        known_values = parsed_known(known)
-        chosen = PoseOptions(
-            effects, known_loads=loads, known=known_values, instruments=instruments
         )
         summary = write_posed(robot, runs, out, method, chosen, progress)
     console.written(

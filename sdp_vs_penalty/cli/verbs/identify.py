@@ -57,30 +57,28 @@ def verb(
             hold,
             lambda robot: runs.runs_from_options(robot, data, window),
         )
+        check_command = CheckCommand(
+            problem=problem, runs=data, hold=hold, gravity=gravity
+        )
         begin = time.perf_counter()
         try:
             estimate, fit = identify_and_judge(
                 robot,
                 fitted_runs,
                 estimator,
-                PoseOptions(
+                PoseOptions.from_texts(
                     effects=effects,
                     seed=seed,
-                    gain_uncertainty=gain_uncertainty or 0.0,
-                    known_loads=[runs.parsed_known_load(x) for x in known_load or []],
-                    known=runs.parsed_known(known),
+                    gain_uncertainty=gain_uncertainty,
+                    known_loads=known_load,
+                    known=known,
                     instruments=instruments,
                 ),
                 progress=progress,
                 proof=proof,
                 workers=Workers(jobs, scheduler, progress),
                 noise_from=runs_given if isinstance(runs_given, Measurements) else None,
-                check=not no_check,
-                warn=console.warn,
-                without_check=runs.NO_CHECK,
-                check_command=CheckCommand(
-                    problem=problem, runs=data, hold=hold, gravity=gravity
-                ),
+                check=not no_check and runs.gate(check_command),
             )
         except Infeasible as error:
             if proof is not None and error.proof:

@@ -1,5 +1,4 @@
 from pathlib import Path
-from typing import Any
 
 from sdp_vs_penalty.errors import missing_extra
 
@@ -23,14 +22,25 @@ def verb(
     from sdp_vs_penalty.cli.options import Parser
     from sdp_vs_penalty.cli.verbs import convert, identify
 
+    identifying = Parser("", identify.verb).options
+    reading = Parser("", convert.verb).options
     # Options of two verbs that the page shows as fields, by the step that offers them.
-    offered: dict[str, tuple[Any, str]] = {
-        "identify": (identify, "window filters bounds solver gain_uncertainty jobs"),
-        "robot": (identify, "gravity"),
-        "read": (convert, "rename motors motor_side rate topic joints"),
-    }
+    # Of `identify` it shows all but those that it asks for elsewhere, or that name
+    # files of this computer.
+    elsewhere = (
+        "problem data out method effects gravity hold seed no_check proof known_load"
+        " known instruments scheduler"
+    )
     forms = {
-        step: [Parser("", home.verb).options[name] for name in names.split()]
-        for step, (home, names) in offered.items()
+        "identify": [
+            option
+            for name, option in identifying.items()
+            if name not in elsewhere.split()
+        ],
+        "robot": [identifying["gravity"]],
+        "read": [
+            reading[name]
+            for name in ("rename", "motors", "motor_side", "rate", "topic", "joints")
+        ],
     }
     serve(folder, port, browser, forms)

@@ -12,7 +12,7 @@ from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Stage, StageVerdict, View, requires_model
 from sdp_vs_penalty.render.pieces import bars
-from sdp_vs_penalty.render.tables import error_table
+from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import (
     DiagnosisWords,
     FindingWords,
@@ -24,7 +24,7 @@ from sdp_vs_penalty.render.words import (
 @requires_model(
     "history",
     "The model so far",
-    lambda s: (len(s.undone), [model.judged for model in s.history]),
+    lambda s: (len(s.undone), [model.comparison for model in s.history]),
 )
 def models(view: View) -> None:
     """Draw each joint's error from model to model, with buttons to undo and redo."""
@@ -42,13 +42,10 @@ def models(view: View) -> None:
     errors = [model.comparison["rmse"] for model in history]
     floor = history[-1].comparison["noise_floor"]
     ui.html(bars(errors[0], errors[-1], floor, units), sanitize=False)
-    names = [str(k) for k, _ in enumerate(history, start=1)]
+    facts = {f"error {k}": model.facts for k, model in enumerate(history, start=1)}
     runs = ", ".join(history[-1].judged_on)
     with draw.details(f"RMS errors on {runs} as a table", "history-table"):
-        draw.table(
-            error_table(names, errors, floor, units),
-            "RMS error of each joint, model by model",
-        )
+        draw.table(joint_table(facts, units), "RMS error of each joint, model by model")
 
 
 @requires_model(

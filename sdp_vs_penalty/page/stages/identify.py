@@ -32,8 +32,9 @@ from sdp_vs_penalty.page.view import (
 )
 from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
-from sdp_vs_penalty.render.tables import JUDGED_HEADS, parameter_table
+from sdp_vs_penalty.render.tables import joint_table, parameter_table
 from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
+from sdp_vs_penalty.results.facts import columns_of
 from sdp_vs_penalty.results.table import Table
 
 _USUAL = (*DEFAULT_EFFECTS, standard_effect("armature").name)
@@ -220,6 +221,10 @@ class _Fit:
         self.bars = ui.html("", sanitize=False).on("click", show, js_handler=_CELL)
         draw.note("Click a joint to see it below.")
         _figures(self.model)
+        with draw.details("Every joint as a table", "joints-table"):
+            units = view.session.robot["units"]
+            shown = joint_table({"error": self.model.facts}, units)
+            draw.table(shown, "Facts of each joint")
         with draw.tag("div", style="pick"):
             choose = lambda name: view.select(run=name)  # noqa: E731
             draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
@@ -318,14 +323,14 @@ def _figures(model: ModelStep) -> None:
 
     That line is the stage's heading.
     """
-    facts = model.comparison["facts"]
+    facts = model.facts
     runs = model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
-    new = facts["new_motion_percent"]["texts"][0]
-    seconds = facts["judged_seconds"]["texts"][0]
-    scope = facts["scope"]["texts"][0]
-    heads = JUDGED_HEADS[1:]  # the verdict stands above
-    draw.figures(list(zip(heads, model.judged[2:], strict=True)))
+    new = facts["new_motion_percent"].texts[0]
+    seconds = facts["judged_seconds"].texts[0]
+    scope = facts["scope"].text
+    shown = columns_of(facts.values(), per_joint=False)  # the verdict stands above
+    draw.figures([(one.column, one.texts[0]) for one in shown])
     draw.note(
         f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting,"
         f" {scope}; identified in {model.seconds:.2g} s."
@@ -339,14 +344,14 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     """Return the sentences on the error of joint j (from 0): its size in N m or N
     (``unit``), over the noise if that is known, and what it depends on.
     """
-    facts = model.comparison["facts"]
+    facts = model.facts
     plain = formatting.plain_unit(unit)
     number = model.joint_number(j)
-    error = facts["joint_error"]["texts"][j]
+    error = facts["joint_error"].of_joint(number)
     text = f"Joint {number}: the error is {error} {plain}"
-    if facts["error_over_noise"]["value"] is not None:
-        times = facts["error_over_noise"]["texts"][j]
-        floor = facts["joint_noise"]["texts"][j]
+    if facts["error_over_noise"].value is not None:
+        times = facts["error_over_noise"].of_joint(number)
+        floor = facts["joint_noise"].of_joint(number)
         text += f", {times} times the noise floor of {floor} {plain}"
     sentences = model.failures[j]["sentences"] if model.failures else ()
     return " ".join([f"{text}.", *sentences])
