@@ -14,7 +14,7 @@ from small_runs import small_run
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.page import Session, Sessions
-from sdp_vs_penalty.paper.tables import Table
+from sdp_vs_penalty.paper.tables import StudyTable
 
 #: Room of a disk [KiB]; the smallest pages of a file system have 4.
 ROOMS = (4, 8, 12, 16, 20, 28, 40)
@@ -33,7 +33,7 @@ def disk(tmp_path) -> Path:
 @pytest.fixture(scope="module")
 def table():
     rows = [{"name": f"row {k}", "value": k / 7.0} for k in range(150)]
-    return Table("A table", rows, name="III", caption="Simulated.")
+    return StudyTable("A table", rows, name="III", caption="Simulated.")
 
 
 @pytest.mark.parametrize("room", ROOMS)

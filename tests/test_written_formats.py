@@ -20,7 +20,7 @@ from small_runs import small_run
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.exporters.content import xml_name
-from sdp_vs_penalty.paper.tables import Table
+from sdp_vs_penalty.paper.tables import StudyTable
 from sdp_vs_penalty.results import Shown, Summary
 from sdp_vs_penalty.results.table import escape_latex
 
@@ -128,8 +128,8 @@ def test_latex_holds_each_name():
 def test_a_latex_table_holds_each_name_in_its_cell():
     latexwalker = pytest.importorskip("pylatexenc.latexwalker")
     rows = [{"name": name, NAMES[k - 1]: "1 "} for k, name in enumerate(NAMES[:20])]
-    table = Table(NAMES[0], rows, notes=NAMES[:3], caption=NAMES[1], name="III")
-    text = table.latex()
+    table = StudyTable(NAMES[0], rows, notes=NAMES[:3], caption=NAMES[1], name="III")
+    text = table.form.latex()
     walker = latexwalker.LatexWalker(text, tolerant_parsing=False)
     walker.get_latex_nodes()
     assert r"\input" not in text
@@ -138,9 +138,9 @@ def test_a_latex_table_holds_each_name_in_its_cell():
 def test_markdown_shows_each_name_in_its_cell():
     """As markdown-it reads it, with tables."""
     rows = [{"name": name, "next": "1"} for name in NAMES]
-    table = Table(NAMES[0], rows, name="III")
+    table = StudyTable(NAMES[0], rows, name="III")
     parser = MarkdownIt("commonmark").enable(["table", "strikethrough"])
-    tree = html.fromstring(f"<div>{parser.render(table.markdown())}</div>")
+    tree = html.fromstring(f"<div>{parser.render(table.form.markdown())}</div>")
     shown = [cell.text_content() for cell in tree.findall(".//tbody/tr/td")[::2]]
     assert shown == [" ".join(printable(name).split()) for name in NAMES]
     assert not tree.xpath("//td/*")
@@ -174,6 +174,6 @@ def test_toml_gives_each_name_back():
 
 def test_a_csv_table_holds_each_name():
     rows = [{"name": name, "next": 1.5} for name in NAMES]
-    text = Table("t", rows, name="III").csv()
+    text = StudyTable("t", rows, name="III").form.csv()
     read = list(csv.DictReader(io.StringIO(text, newline="")))
     assert [row["name"] for row in read] == [printable(name) for name in NAMES]

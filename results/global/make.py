@@ -1,7 +1,7 @@
 """Make this folder again: python results/global/make.py [--searches --budget single --runs 9 --jobs 2]
 
-Needs SDP_VS_PENALTY_DATA for the measured rows, the extra [plot] for the figures and
-[solvers] for the column of CVXPY. The certified tables take a minute. --searches makes
+Needs SDP_VS_PENALTY_DATA for the measured rows and the extra [plot] for the figures. The
+certified tables take a minute. --searches makes
 annealing_runs.csv anew, which is drawn as it lies here otherwise; with --budget single, --runs
 says how many long runs of annealing the measured rows get, a minute each. Every solve and every
 step of annealing is kept (SDP_VS_PENALTY_CACHE): what was stopped goes on where it was.
@@ -19,12 +19,10 @@ import pandas
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.paper.figures import save
-from sdp_vs_penalty.paper.figures.global_optimum import draw_global_optima
-from sdp_vs_penalty.paper.figures.retrieved import draw_retrieved
+from sdp_vs_penalty.paper.figures.penalty import draw_global_optima, draw_retrieved
 from sdp_vs_penalty.paper.provenance import write_note
 from sdp_vs_penalty.paper.tables import build_tables
-from sdp_vs_penalty.paper.tables.global_optimum import penalised_optima, search_table
-from sdp_vs_penalty.paper.tables.retrieved import retrieval
+from sdp_vs_penalty.paper.tables.penalty import retrieval, search_table
 from sdp_vs_penalty.paper.tables.study import BUDGETS, Study
 from sdp_vs_penalty.paper.tables.table import exact_csv
 from sdp_vs_penalty.parallel import Workers
@@ -41,16 +39,17 @@ def make(study: Study, folder: Path, with_searches: bool) -> None:
     (table,) = build_tables(["global"], study)
     table.write(folder)
     if with_searches:
-        runs = search_table(study)
+        runs = search_table(study, table.frame)
         write_text(folder / RUNS, exact_csv(runs.astype(object)))
 
 
 def draw(study: Study) -> None:
     """Optimum, violation and annealing's runs over the weight."""
     label = "simulated" if study.run is None else "measured"
-    certified = [x for x in study.once(penalised_optima) if x.label == label]
+    optima = pandas.read_csv(HERE / "table_global.csv")
     runs = pandas.read_csv(HERE / RUNS)
-    save(draw_global_optima(certified, runs, TITLE), HERE / "optimum_over_weight")
+    figure = draw_global_optima(optima[optima["data"] == label], runs, TITLE)
+    save(figure, HERE / "optimum_over_weight")
 
 
 def draw_p_hat(study: Study) -> None:
@@ -70,7 +69,7 @@ def main() -> None:
         workers = Workers(options.jobs)
         study = Study(load_problem(name), options.budget, workers=workers)
         if options.runs and study.run is not None:
-            study.effort = replace(study.effort, global_runs=options.runs)
+            study.effort = replace(study.effort, annealing_runs=options.runs)
         make(study, folder, options.searches)
         if name == "panda":
             draw(study)

@@ -2,6 +2,7 @@
 every published and identified column."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from string import Template
@@ -10,7 +11,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.link_figures import consistent
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Table
+from sdp_vs_penalty.paper.tables.table import StudyTable
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -28,13 +29,13 @@ SEVEN_JOINTS = (0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8)
 ALSO_DRAWN = ("ols",)
 
 
-def links_page(tables: Sequence[Table], study: Study) -> str:
+def links_page(tables: Sequence[StudyTable], study: Study) -> str:
     """Return an HTML page with the links of every column drawn on the arm, and the
     tables.
 
     Parameters
     ----------
-    tables : sequence of Table
+    tables : sequence of StudyTable
         Tables shown below the pictures.
     study : Study
         Its published and estimated links are drawn.
@@ -247,32 +248,15 @@ def _ellipse(centre: Array, axes: Array, name: str, kind: str) -> str:
     )
 
 
-def _section(table: Table) -> str:
+def _section(table: StudyTable) -> str:
     """Return a table as an HTML section: title, headline, cells, caption and notes; all
     texts are escaped."""
-    cells = table.cells()
-    head = "".join(f"<th scope=col>{escape(_spaced(name))}</th>" for name in cells)
-    body = "".join(
-        f"<tr>{''.join(map(_cell, row))}</tr>" for row in cells.to_numpy().tolist()
-    )
+    spaced = [name.replace("_", " ") for name in table.form.headings]  # lines may break
     notes = "".join(f"<li>{escape(note)}</li>" for note in table.notes)
     return (
         f'<section id="table_{escape(table.name)}"><h2>{escape(table.title)}</h2>'
         f"<p>{escape(table.headline)}</p>"
-        f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
+        f'<div class="wide">{replace(table.form, headings=spaced).html()}</div>'
         f"<details><summary>What each column is</summary><p>{escape(table.caption)}</p>"
         f"<ul>{notes}</ul></details></section>"
     )
-
-
-def _spaced(name: str) -> str:
-    """Return a column's name with spaces, where a browser can break the line."""
-    return name.replace("_", " ")
-
-
-def _cell(text: str) -> str:
-    """Return a table cell as HTML; a number is aligned right."""
-    is_number = text[:1].isdigit() or text[:2].lstrip("-")[:1].isdigit()
-    side = ' class="number"' if is_number and " " not in text else ""
-    return f"<td{side}>{escape(text)}</td>"

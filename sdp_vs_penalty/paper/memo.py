@@ -1,30 +1,40 @@
 """Results kept on the disk by the content that they were computed from: numbers, settings
-and the sources that compute.
+and the sources that compute. Estimates are computed once, whichever table or run asks first.
 
 What is computed again from the same content is read instead, in this run and in later
 ones, whatever was stopped in between. The folder is $SDP_VS_PENALTY_CACHE, else
 sdp-vs-penalty in the user's cache folder; an empty variable keeps nothing. Files are JSON
-with all digits, or .npz archives of arrays; one that is damaged is computed again.
+with all digits; one that is damaged is computed again.
 """
 
 import hashlib
 import json
 import os
+import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
-from functools import cache
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, cast
-from zipfile import BadZipFile
+from typing import Any
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.files import write_text, writing
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.identify import certify
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.penalty_paper import (
+    PenalisedLoss,
+    PenaltyPaper,
+    Stopping,
+    anneal_and_search,
+    search_locally,
+)
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import group_cones
+from sdp_vs_penalty.solvers.objective import Objective
 
 #: The variable that names the folder.
 VARIABLE = "SDP_VS_PENALTY_CACHE"
@@ -68,40 +78,6 @@ def remembered(
     return result
 
 
-def remembered_arrays(
-    kind: str, content: Iterable[object], compute: Callable[[], Mapping[str, Array]]
-) -> dict[str, Array]:
-    """Return the arrays of ``compute``, read from the disk if they were computed
-    before.
-
-    Parameters
-    ----------
-    kind : str
-        What is computed; the file's name begins with it.
-    content : iterable
-        Everything that the result depends on (see :func:`content_key`).
-    compute : callable
-        Returns arrays of numbers by name.
-
-    Returns
-    -------
-    dict of str to array
-        In the order in which they were computed.
-    """
-    folder = memo_folder()
-    if folder is None:
-        return dict(compute())
-    path = folder / f"{kind}-{content_key(content)}.npz"
-    try:
-        with np.load(path, allow_pickle=False) as held:
-            return {name: held[name] for name in held.files}
-    except (OSError, ValueError, EOFError, BadZipFile):
-        arrays = dict(compute())
-    with suppress(InputError), writing(path, lasting=False) as file:
-        np.savez(file, **cast(Any, arrays))
-    return arrays
-
-
 def memo_folder() -> Path | None:
     """Return the folder of cached results; None if nothing is to be cached."""
     named = os.environ.get(VARIABLE)
@@ -112,11 +88,11 @@ def memo_folder() -> Path | None:
 
 
 def _plain(result: Any) -> Plain:
-    """Return the result as JSON gives it back.
+    """Return the result as JSON gives it back, arrays as lists.
 
     So a first run has the same types as one that reads the result.
     """
-    return json.loads(json.dumps(result, default=float))
+    return json.loads(json.dumps(result, default=lambda array: array.tolist()))
 
 
 def content_key(content: Iterable[object]) -> str:
@@ -181,28 +157,10 @@ def task_content(task: Task) -> tuple[object, ...]:
     task : Task
         The data and constraints of an estimator.
     """
-    constraints = task.constraints
-    named = [(c.family, c.name) for c in (*constraints.convex, *task.bodies)]
-    return (
-        task.data,
-        # Side by side: one array instead of a hundred.
-        constraints.groups,
-        constraints.nonconvex,
-        group_cones(task.bodies),
-        named,
-        task.bound,
-        task.nominal,
-        task.box,
-        task.independent,
-        task.seed,
-        task.joint_scale,
-        task.prior,
-        task.total,
-        task.weights,
-        task.model.robot.to_dict(),
-        task.model.parameters,
-        task.model.known,
-    )
+    apart = ("model", "progress")
+    parts = [getattr(task, f.name) for f in fields(task) if f.name not in apart]
+    model = task.model
+    return (*parts, model.robot.to_dict(), model.parameters, model.known)
 
 
 @cache
@@ -219,3 +177,132 @@ def source_version() -> str:
     home = Path(__file__).parents[1]
     sources = (path for name in _COMPUTING for path in (home / name).rglob("*.py"))
     return content_key(path.read_text("utf-8") for path in sorted(sources))
+
+
+#: To be raised where annealing, local search or the penalised loss change their numbers:
+#: runs of hours are kept beyond changes of other sources.
+ANNEALING_VERSION = 1
+#: Every fit is timed so many times after a first one; the median counts.
+REPEATS = 3
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method on one data set."""
+
+    #: (p,) parameters as certified.
+    theta: Array
+    #: Its certificate.
+    certificate: Certificate
+    #: What the method says of its runs.
+    details: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Remembered(Estimator):
+    """An estimator whose fits are kept on the disk: theta alone, without multipliers."""
+
+    name = "remembered"
+    description = "an estimate that is read where it was computed before"
+    estimator: Estimator
+
+    def fit(self, task: Task) -> Fit:
+        """Read the estimate from the disk, or compute it."""
+        theta = np.array(_estimate(self.estimator, task)["fit_theta"])
+        return Fit(theta, Objective(task.data), task.constraints)
+
+
+def estimate_once(estimator: Estimator, task: Task) -> Result:
+    """Return an estimator's certified estimate, read from the disk if it is there.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Its settings are part of the cached file's key.
+    """
+    plain = _estimate(estimator, task)
+    return Result(
+        np.array(plain["theta"]), Certificate(**plain["certificate"]), plain["details"]
+    )
+
+
+def _estimate(estimator: Estimator, task: Task) -> dict[str, Any]:
+    """Return the estimate as JSON; the key holds the sources, the settings and the
+    task.
+    """
+    content = (source_version(), estimator.name, estimator, *task_content(task))
+    return remembered("estimate", content, partial(_estimated, estimator, task))
+
+
+def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
+    """Compute and certify an estimate; return it as JSON."""
+    fresh = replace(task)  # without what an earlier method has left in its cache
+    if isinstance(estimator, PenaltyPaper):
+        fit = estimator.fit_with(fresh, anneal_once)
+    else:
+        fit = estimator.fit(fresh)
+    theta, certificate = certify(task, fit)
+    return {
+        "theta": theta,
+        "certificate": asdict(certificate),
+        "details": fit.details,
+        "fit_theta": fit.theta,
+    }
+
+
+def fit_seconds(estimator: Estimator, task: Task) -> float:
+    """Return the processor time of a fit [s], by one rule for every method: the median of
+    REPEATS runs after a first one that does not count, nothing read from the disk."""
+    times = [timed(estimator, task)[1] for _ in range(1 + REPEATS)]
+    return float(np.median(times[1:]))
+
+
+def timed(estimator: Estimator, task: Task) -> tuple[Fit, float]:
+    """Return one fit and its processor time [s], nothing read from the disk."""
+    fresh = replace(task)  # without what an earlier fit has left in its cache
+    begin = time.process_time()
+    fit = estimator.fit(fresh)
+    return fit, time.process_time() - begin
+
+
+def anneal_once(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
+) -> tuple[Array, int]:
+    """Run one step of annealing and local search from u (d,) in [0, 1]^d, or read its
+    result from the disk: the best point and the number of evaluations.
+
+    Parameters
+    ----------
+    budget : int
+        Largest number of loss evaluations.
+    """
+    state = rng.bit_generator.state
+    compute = partial(anneal_and_search, loss, weight, u, budget, rng)
+    return _search_once("annealing", loss, (weight, u, budget, state), compute)
+
+
+def search_locally_once(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, stopping: Stopping
+) -> tuple[Array, int]:
+    """Run :func:`search_locally` from u (d,) in [0, 1]^d, or read its result from the
+    disk, as :func:`anneal_once` does."""
+    compute = partial(search_locally, loss, weight, u, budget, stopping)
+    return _search_once("local-search", loss, (weight, u, budget, stopping), compute)
+
+
+def _search_once(
+    kind: str,
+    loss: PenalisedLoss,
+    settings: tuple[object, ...],
+    search: Callable[[], tuple[Array, int]],
+) -> tuple[Array, int]:
+    """Return what a search returns, kept by the loss and the search's settings."""
+    content = (
+        ANNEALING_VERSION,
+        scipy.__version__,
+        *(loss.data, loss.box.lower, loss.box.upper, loss.box.links),
+        *(loss.fixed, loss.free, [vars(demand) for demand in loss.demands]),
+        *settings,
+    )
+    u, n_evaluations = remembered(kind, content, search)
+    return np.array(u), int(n_evaluations)

@@ -19,9 +19,8 @@ convex and exact: that is the upper bound.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import combinations, count
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,41 +31,29 @@ from sdp_vs_penalty.paper.penalised_optimum import (
     PenalisedProblem,
     solve_once,
 )
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, linear
 
-
-def _index_of_entry(a: int, b: int) -> int:
-    """Return the index of entry (a, b) of a symmetric 3x3 matrix.
-
-    The order is that of an inertia: xx, xy, yy, xz, yz, zz.
-    """
-    low, high = sorted((a, b))
-    return high * (high + 1) // 2 + low
+#: Rows and columns of a symmetric 3x3 matrix's entries, in the order of an inertia.
+_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+#: (6, 3, 3) the symmetric matrices with ones at an entry.
+_UNITS = inertia.inertia_matrix(np.eye(6))
 
 
 @dataclass(frozen=True)
-class BoxedOptimum:
-    """The optimum inside the box on barycentric inertias, enclosed."""
+class SolvedCell:
+    """A cell low <= c <= high of centres of mass, and its relaxation."""
 
-    #: The best point found; None where no cell had one.
-    best: PenalisedOptimum | None
-    #: Certified bound on the optimum inside the box.
-    lower: float
-    #: Bound of the relaxation without branching.
-    root_lower: float
-    #: Number of relaxations solved.
-    n_cells: int
-
-    @property
-    def gap(self) -> float:
-        """Relative distance of the best point from the certified bound; inf without
-        a point.
-        """
-        if self.best is None:
-            return np.inf
-        return max(self.best.value - self.lower, 0.0) / self.best.scale
+    #: (n, 3) smallest coordinates of the centres of mass [m].
+    low: Array
+    #: (n, 3) largest coordinates of the centres of mass [m].
+    high: Array
+    #: The relaxation's optimum, whose theta may lie outside of the box.
+    relaxation: PenalisedOptimum
+    #: (n, 3) by how much its Q_aa exceeds h_a^2 / m [kg m^2].
+    excess: Array
 
 
 class BoxedProblem:
@@ -100,41 +87,37 @@ class BoxedProblem:
         self.hard = [c for c in problem.hard if c.family not in skipped]
         self.first_q = problem.p + len(problem.prices)
 
-    def solve_cell(
-        self, weight: float, low: Array, high: Array
-    ) -> tuple[float, PenalisedOptimum, Array]:
+    def solve_cell(self, weight: float, low: Array, high: Array) -> SolvedCell:
         """Solve the relaxation over a cell low <= c <= high (n, 3) of centres of mass
         [m].
 
-        Returns
-        -------
-        tuple of (float, PenalisedOptimum, (n, 3) array)
-            Certified lower bound over the cell; the relaxation's optimum, whose theta
-            may lie outside of the box; and the relaxation error Q_aa - h_a^2 / m [kg
-            m^2].
-
-        Raises
-        ------
-        InputError
-            If the cell has no strictly feasible point.
+        Raises InputError if the cell has no strictly feasible point.
         """
         problem = self.problem
         n = len(self.links)
         limit = problem.slack_limits(weight)
         start = self._start(low, high, limit)
-        constraints = [*self.hard, *problem.consistency, *problem.soft]
-        constraints += problem.between(limit)
-        for k in range(n):
-            constraints += self._cell(k, low[k], high[k])
-        # The loss, the cost and the bounds in all variables: theta', slacks, Q.
-        data = problem.in_slacks
-        without_q = np.zeros((len(data.R), 6 * n))
-        widened = replace(data, R=np.hstack([data.R, without_q]))
-        cost = np.zeros(len(start))
-        cost[problem.p : self.first_q] = weight * problem.prices
+        constraints = [*self._always(limit), *problem.consistency]
+        for k, link in enumerate(self.links):
+            q, name = self._q(k), f"link {k + 1}"
+            rows = _cell_rows(low[k], high[k])
+            indices = np.concatenate([link, q])
+            constraints.append(
+                linear("cell", name, indices, rows.T, np.zeros(len(rows)))
+            )
+            # Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
+            lifted = np.concatenate(
+                [inertia.PSEUDO_INERTIA_BASIS[:4], np.zeros((6, 4, 4))]
+            )
+            lifted[4:, :3, :3] = _UNITS
+            indices = np.concatenate([link[:4], q])
+            constraints.append(
+                linear("lifted", name, indices, lifted, np.zeros((4, 4)), "psd")
+            )
         farthest = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
         largest_q = self.task.bound[self.links[:, 0]] * farthest**2
         bound = np.concatenate([self._bound(limit), np.repeat(largest_q, 6)])
+        widened, cost = self._loss(weight)
         fit = solve_once(widened, cost, constraints, start, bound)
         if fit is None:
             raise InputError(
@@ -142,14 +125,45 @@ class BoxedProblem:
                 "check the bounds of the problem",
             )
         theta = problem.theta(fit.theta)
-        lower = max(fit.lower, 0.0)
         # How far Q is from m c c^T on its diagonal: zero if the relaxation is exact.
         mass = theta[self.links[:, 0]]
         h = theta[self.links[:, 1:4]]
         q = fit.theta[self.first_q :].reshape(n, 6)
         diagonal = q[:, [0, 2, 5]]  # Q_xx, Q_yy, Q_zz
         excess = diagonal - h**2 / mass[:, None]
-        return lower, problem.optimum(theta, weight, lower), excess
+        found = problem.optimum(theta, weight, max(fit.lower, 0.0))
+        return SolvedCell(low, high, found, excess)
+
+    def _q(self, k: int) -> NDArray[np.intp]:
+        """Return the places (6,) of the entries of Q of link k among all variables."""
+        return self.first_q + 6 * k + np.arange(6)
+
+    def _loss(self, weight: float) -> tuple[LeastSquares, Array]:
+        """Return the loss and the linear cost in all variables: theta', slacks, Q."""
+        data = self.problem.in_slacks
+        without_q = np.zeros((len(data.R), 6 * len(self.links)))
+        cost = np.zeros(self.first_q + without_q.shape[1])
+        cost[self.problem.p : self.first_q] = weight * self.problem.prices
+        return replace(data, R=np.hstack([data.R, without_q])), cost
+
+    def _always(self, limit: Array) -> list[Constraint]:
+        """Return what holds in every cell: the demands, the box about the centres of
+        mass, and physical consistency about them, Sigma' - Q >= 0.
+
+        Sigma' (3, 3) are the second moments about the link's frame, Q = m c c^T, so
+        that the difference is about the centre of mass [kg m^2].
+        """
+        moments = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
+        about_centre = np.concatenate([moments, -_UNITS])
+        out = [*self.hard, *self.problem.soft, *self.problem.between(limit)]
+        for k, link in enumerate(self.links):
+            indices = np.concatenate([link[4:], self._q(k)])
+            zeros = np.zeros((3, 3))
+            out.append(
+                linear("about centre", f"{k}", indices, about_centre, zeros, "psd")
+            )
+            out += self._box_rows(k)
+        return out
 
     def _bound(self, limit: Array) -> Array:
         """Return the bounds (p + s,) of theta' = theta + 2 s j and of the slacks:
@@ -215,80 +229,36 @@ class BoxedProblem:
         about = inertia.barycentric_from_standard(links)[:, 4:]
         return np.clip(about, lower + clear, upper - clear)
 
-    def _cell(self, k: int, low: Array, high: Array) -> list[Constraint]:
-        """Return all constraints of link k in a cell, on (m, h, J'), its slack, and Q.
-
-        low, high : (3,) ends of the cell [m].
-        """
-        link = self.links[k]
-        q = self.first_q + 6 * k + np.arange(6)
-        name = f"link {k + 1}"
-        rows = _cell_rows(low, high)
-        indices = np.concatenate([link, q])
-        cell = linear("cell", name, indices, np.array(rows).T, np.zeros(len(rows)))
-        # The link's own slack follows the p parameters.
-        with_slack = np.append(link, self.problem.p + k)
-        return [
-            _lifted(name, link, q),
-            _consistent_about_centre(name, link, q),
-            cell,
-            *self._box_rows(k, with_slack, q),
-        ]
-
-    def _box_rows(
-        self,
-        k: int,
-        link: NDArray[np.intp],
-        q: NDArray[np.intp] | None = None,
-        c: Array | None = None,
-    ) -> list[Constraint]:
+    def _box_rows(self, k: int) -> list[Constraint]:
         """Return the rows that keep the inertia of link k about its centre of mass in
         the box.
 
         lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper, for each of the six
         entries e: J' is the inertia about the frame raised by the slack s, Q = m c c^T,
         and <Q_e, Q> Steiner's term. Ends that are infinite are left out.
-
-        Parameters
-        ----------
-        k : int
-            Index of the link, from 0.
-        link : (11,) array
-            Indices of the link's parameters and of its slack.
-        q : (6,) array, optional
-            Indices of the entries of Q.
-        c : (3,) array, optional
-            Fixed centre of mass [m], with which Q is m c c^T instead.
         """
+        slack = self.problem.p + k
+        indices = np.concatenate([self.links[k, 4:], [slack], self._q(k)])
         rows = list[Constraint]()
-        for e, (lower, upper) in enumerate(self.inertia_box[k]):
+        for e, ends in enumerate(self.inertia_box[k]):
             form = inertia.STEINER_FORMS[e]
-            row = {4 + e: 1.0}  # J' begins at parameter 4
-            is_diagonal = np.trace(form) > 0.0
-            if is_diagonal:
-                row[10] = -2.0  # the slack
-            values = _row(row, 11)
-            indices = link
-            if q is not None:
-                # Entries off the diagonal occur twice in <Q_e, Q>.
-                doubled = inertia.inertia_entries(form) * [1, 2, 1, 2, 2, 1]
-                values = np.concatenate([values, -doubled])
-                indices = np.concatenate([link, q])
-            if c is not None:
-                values[0] -= c @ form @ c
+            # Entries off the diagonal occur twice in <Q_e, Q>.
+            steiner = inertia.inertia_entries(form) * [1, 2, 1, 2, 2, 1]
+            of_slack = -2.0 * (np.trace(form) > 0.0)
+            values = np.concatenate([np.eye(6)[e], [of_slack], -steiner])
             used = np.flatnonzero(values)
-            for end, sign in ((lower, 1.0), (upper, -1.0)):
-                if not np.isfinite(end):
-                    continue
-                rows.append(
-                    linear(
-                        "barycentric inertia",
-                        f"link {k + 1}, {e}, {sign:+g}",
-                        indices[used],
-                        sign * values[used, None],
-                        [-sign * end],
+            for end, sign in zip(ends, (1.0, -1.0), strict=True):
+                if np.isfinite(end):
+                    name = f"link {k + 1}, {e}, {sign:+g}"
+                    rows.append(
+                        linear(
+                            "barycentric inertia",
+                            name,
+                            indices[used],
+                            sign * values[used, None],
+                            [-sign * end],
+                        )
                     )
-                )
         return rows
 
     def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
@@ -300,44 +270,27 @@ class BoxedProblem:
         PenalisedOptimum or None
             None if no point of the box has these centres.
         """
-        problem = self.problem
-        limit = problem.slack_limits(weight)
-        # First moments are no variables: h = m c with fixed c.
-        fold = self._fold_centres(c, problem.p + len(limit))
-        columns = np.flatnonzero(fold.any(axis=0))  # of the remaining variables
-        number = np.full(len(fold), -1)
-        number[columns] = np.arange(len(columns))
-        constraints = [*self.hard, *problem.soft, *problem.between(limit)]
+        limit = self.problem.slack_limits(weight)
+        data, cost = self._loss(weight)
+        # With fixed c, first moments h = m c and Q = m c c^T are no variables: the
+        # columns of the masses hold them.
+        fold = np.eye(len(cost))
+        products = inertia.inertia_entries(c[:, :, None] * c[:, None, :])
         for k, link in enumerate(self.links):
-            constraints.append(
-                _consistent_about_fixed_centre(f"link {k + 1}", link, c[k])
-            )
-            with_slack = np.append(link, problem.p + k)
-            constraints += self._box_rows(k, with_slack, c=c[k])
-        data = problem.in_slacks
-        folded_data = replace(data, R=(data.R @ fold)[:, columns])
-        folded = [_fold(x, fold, number) for x in constraints]
-        # Cost, start and bounds of the remaining variables.
-        cost = np.append(np.zeros(problem.p), weight * problem.prices)[columns]
-        start = self._start(c, c, limit)[: len(fold)][columns]
+            for places, share in ((link[1:4], c[k]), (self._q(k), products[k])):
+                fold[places, places] = 0.0
+                fold[places, link[0]] = share
+        columns = np.flatnonzero(fold.any(axis=0))  # of the remaining variables
+        fold = fold[:, columns]
+        constraints = [_fold(x, fold) for x in self._always(limit)]
+        folded = replace(data, R=data.R @ fold)
+        start = self._start(c, c, limit)[columns]
         bound = self._bound(limit)[columns]
-        fit = solve_once(folded_data, cost, folded, start, bound)
+        fit = solve_once(folded, cost[columns], constraints, start, bound)
         if fit is None:
             return None
-        theta = problem.theta(fold[:, columns] @ fit.theta)
-        return problem.optimum(theta, weight, max(fit.lower, 0.0))
-
-    def _fold_centres(self, c: Array, size: int) -> Array:
-        """Return the matrix (size, size) that replaces first moments h by m c with
-        fixed c.
-
-        The columns of h become zero; those of m hold c (n, 3) in the rows of h.
-        """
-        fold = np.eye(size)
-        for link, centre in zip(self.links, c, strict=True):
-            fold[link[1:4], link[1:4]] = 0.0
-            fold[link[1:4], link[0]] = centre
-        return fold
+        theta = self.problem.theta(fold @ fit.theta)
+        return self.problem.optimum(theta, weight, max(fit.lower, 0.0))
 
     def centres(self, theta: Array) -> Array:
         """Return the centres of mass of an estimate, clipped to their bounds.
@@ -351,43 +304,9 @@ class BoxedProblem:
         middle = 0.5 * (self.c_low + self.c_high)
         return np.clip(np.where(np.isfinite(c), c, middle), self.c_low, self.c_high)
 
-    def branch_all(
-        self, weights: Iterable[float], gap: float, most_cells: int
-    ) -> list[BoxedOptimum]:
-        """Run branch and bound at increasing weights.
-
-        The objective increases with the weight. So the bound of a smaller weight still
-        holds, and a point without violations stays the optimum.
-
-        Parameters
-        ----------
-        gap : float
-            Relative gap at which a search ends.
-        most_cells : int
-            Largest number of relaxations of one search.
-        """
-        optima = list[BoxedOptimum]()
-        for weight in weights:
-            before = optima[-1] if optima else None
-            if before is not None and before.best is not None:
-                same = BoxedOptimum(
-                    best=self.problem.optimum(before.best.theta, weight, before.lower),
-                    lower=before.lower,
-                    root_lower=before.root_lower,
-                    n_cells=0,
-                )
-                if same.gap <= self.problem.held_gap:
-                    optima.append(same)
-                    continue
-            found = self.branch_and_bound(weight, gap, most_cells)
-            if before is not None:
-                found = replace(found, lower=max(found.lower, before.lower))
-            optima.append(found)
-        return optima
-
     def branch_and_bound(
         self, weight: float, gap: float, most_cells: int
-    ) -> BoxedOptimum:
+    ) -> PenalisedOptimum:
         """Minimise the penalised objective inside the box by branch and bound over the
         centres of mass.
 
@@ -399,19 +318,25 @@ class BoxedProblem:
         ----------
         gap : float
             Relative gap at which the search ends.
+        most_cells : int
+            Largest number of relaxations.
 
         Returns
         -------
-        BoxedOptimum
-            Best point and certified bound.
+        PenalisedOptimum
+            Best point inside the box, and certified bound.
+
+        Raises
+        ------
+        InputError
+            If no cell has a point.
         """
         # A heap by lower bounds; the number of a cell decides between equal ones.
         number = count()
-        cell = self._solved_cell(weight, self.c_low, self.c_high)
-        cells = [(cell.lower, next(number), cell)]
-        root = cell.lower
-        n_cells = 1
+        cell = self.solve_cell(weight, self.c_low, self.c_high)
+        cells = [(cell.relaxation.lower, next(number), cell)]
         best: PenalisedOptimum | None = None
+        n_cells = 1
         while True:
             lower, _, cell = cells[0]
             # A point: the optimum at the relaxation's own centres of mass.
@@ -419,22 +344,21 @@ class BoxedProblem:
             candidate = self.solve_at(weight, centres)
             if candidate is not None and (best is None or candidate.value < best.value):
                 best = candidate
-            result = BoxedOptimum(best, lower, root, n_cells)
-            if result.gap <= gap or n_cells + 2 > most_cells:
-                return result
+            is_last = n_cells + 2 > most_cells
+            if best is not None:
+                found = replace(best, lower=lower, n_cells=n_cells)
+                if found.gap <= gap or is_last:
+                    return found
+            elif is_last:
+                what = f"no point of the box was found in {n_cells} cells"
+                raise InputError(what, "check the bounds of the problem")
             heapq.heappop(cells)
             # A half cannot have a lower bound than its cell.
             for low, high in self._halves(cell):
-                half = self._solved_cell(weight, low, high)
+                half = self.solve_cell(weight, low, high)
                 n_cells += 1
-                entry = (max(half.lower, lower), next(number), half)
+                entry = (max(half.relaxation.lower, lower), next(number), half)
                 heapq.heappush(cells, entry)
-
-    def _solved_cell(self, weight: float, low: Array, high: Array) -> SolvedCell:
-        """Solve the relaxation over the cell low <= c <= high (n, 3), and bundle the
-        result.
-        """
-        return SolvedCell(low, high, *self.solve_cell(weight, low, high))
 
     def _halves(self, cell: SolvedCell) -> list[tuple[Array, Array]]:
         """Cut a cell in two along the coordinate with the largest relaxation error.
@@ -455,113 +379,36 @@ class BoxedProblem:
         return [(cell.low, high_of_lower_half), (low_of_upper_half, cell.high)]
 
 
-@dataclass(frozen=True)
-class SolvedCell:
-    """A cell low <= c <= high of centres of mass, and its relaxation."""
-
-    #: (n, 3) smallest coordinates of the centres of mass [m].
-    low: Array
-    #: (n, 3) largest coordinates of the centres of mass [m].
-    high: Array
-    #: Certified lower bound over the cell.
-    lower: float
-    #: The relaxation's optimum.
-    relaxation: PenalisedOptimum
-    #: (n, 3) by how much its Q_aa exceeds h_a^2 / m [kg m^2].
-    excess: Array
-
-
-def _cell_rows(low: Array, high: Array) -> list[Array]:
-    """Return the rows (16,) in (m, h, J', Q) that are >= 0 in a cell low <= c <= high
+def _cell_rows(low: Array, high: Array) -> Array:
+    """Return the rows (k, 16) in (m, h, J', Q) that are >= 0 in a cell low <= c <= high
     (3,).
 
     They are the bounds of c times m, and McCormick's inequalities for Q = m c c^T.
     """
+    unit = np.eye(16)
+    m, h, Q = unit[0], unit[1:4], unit[10:]
     rows = list[Array]()
-    # Indices of a row: m is 0, h is 1 to 3, J' is 4 to 9, Q is 10 to 15.
-    for a in range(3):  # low m <= h <= high m
-        rows.append(_row({1 + a: 1.0, 0: -low[a]}))
-        rows.append(_row({1 + a: -1.0, 0: high[a]}))
-    for a in range(3):  # Q_aa <= (low + high) h_a - low high m
-        total = low[a] + high[a]
-        product = low[a] * high[a]
-        rows.append(_row({10 + _index_of_entry(a, a): -1.0, 1 + a: total, 0: -product}))
-    for a, b in combinations(range(3), 2):  # Q_ab from below, then from above
-        corners = (
-            (low[a], low[b], 1.0),
-            (high[a], high[b], 1.0),
-            (high[a], low[b], -1.0),
-            (low[a], high[b], -1.0),
-        )
-        for x, y, sign in corners:
-            row = _row(
-                {10 + _index_of_entry(a, b): 1.0, 1 + b: -x, 1 + a: -y, 0: x * y}
-            )
-            rows.append(sign * row)
-    return rows
+    for a in range(3):
+        rows += [h[a] - low[a] * m, high[a] * m - h[a]]
+    for Q_ab, (a, b) in zip(Q, _ENTRIES, strict=True):
+
+        def corner(
+            x: float, y: float, entry: Array = Q_ab, a: int = a, b: int = b
+        ) -> Array:
+            """(c_a - x) (c_b - y) m."""
+            return entry - x * h[b] - y * h[a] + x * y * m
+
+        rows.append(-corner(low[a], high[b]))
+        if a != b:
+            rows += [corner(low[a], low[b]), corner(high[a], high[b])]
+            rows.append(-corner(high[a], low[b]))
+    return np.array(rows)
 
 
-def _row(values: dict[int, float], size: int = 16) -> Array:
-    """Return a row (size,) that has these values at their indices, and zeros elsewhere."""
-    row = np.zeros(size)
-    for index, value in values.items():
-        row[index] = value
-    return row
-
-
-def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
-    """Return Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
-
-    link : (10,) indices of m, h and second moments of a link; q : (6,) indices of Q.
-    """
-    coefficients = np.zeros((10, 4, 4))
-    coefficients[:4] = inertia.PSEUDO_INERTIA_BASIS[:4]
-    for a, b in np.ndindex(3, 3):
-        coefficients[4 + _index_of_entry(a, b), a, b] = 1.0
-    indices = np.concatenate([link[:4], q])
-    return linear("lifted", name, indices, coefficients, np.zeros((4, 4)), "psd")
-
-
-def _consistent_about_centre(
-    name: str, link: NDArray[np.intp], q: NDArray[np.intp]
-) -> Constraint:
-    """Return the constraint Sigma' - Q >= 0 of physical consistency.
-
-    Sigma' (3, 3) are the second moments about the link's frame, Q = m c c^T, so that
-    the difference is about the centre of mass [kg m^2]. link : (10,) indices of the
-    link's parameters; q : (6,) indices of Q.
-    """
-    coefficients = np.zeros((12, 3, 3))
-    coefficients[:6] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
-    for a, b in np.ndindex(3, 3):
-        coefficients[6 + _index_of_entry(a, b), a, b] = -1.0
-    indices = np.concatenate([link[4:], q])
-    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
-
-
-def _consistent_about_fixed_centre(
-    name: str, link: NDArray[np.intp], c: Array
-) -> Constraint:
-    """Return the constraint Sigma' - m c c^T >= 0 for a fixed centre of mass c (3,)
-    [m].
-
-    link : (10,) indices of the link's parameters.
-    """
-    coefficients = np.zeros((7, 3, 3))
-    coefficients[0] = -np.outer(c, c)
-    coefficients[1:] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
-    indices = np.append(link[:1], link[4:])
-    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
-
-
-def _fold(c: Constraint, fold: Array, number: NDArray[np.intp]) -> Constraint:
-    """Rewrite a constraint in fewer variables.
-
-    fold : (k, k) matrix from the remaining variables to all of them; number : (k,)
-    index of each remaining variable among those.
-    """
+def _fold(c: Constraint, fold: Array) -> Constraint:
+    """Rewrite a constraint in fewer variables, of which fold (k, j) makes all."""
     rows = fold[c.indices]  # of the variables in this constraint
     used = np.flatnonzero(rows.any(axis=0))
     # sum_i fold[i, j] coefficients[i, ...] for each remaining variable j
     coefficients = np.tensordot(rows[:, used].T, c.coefficients, axes=(1, 0))
-    return replace(c, indices=number[used], coefficients=coefficients)
+    return replace(c, indices=used, coefficients=coefficients)

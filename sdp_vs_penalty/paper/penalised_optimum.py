@@ -36,7 +36,7 @@ total mass (Han, Mangasarian, Math. Programming 1979).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -51,7 +51,7 @@ from sdp_vs_penalty.paper.memo import remembered, source_version
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
 from sdp_vs_penalty.solvers.fit import Fit, repair
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
@@ -81,13 +81,15 @@ class PenalisedOptimum:
     worst: float
     #: What the gap is relative to: the objective; for an exact fit a trace of the data.
     scale: float
+    #: Number of relaxations solved for it.
+    n_cells: int = 1
 
     @property
     def gap(self) -> float:
         """Distance of the published objective from its certified bound, (value -
         lower) / scale.
         """
-        return (self.value - self.lower) / self.scale
+        return max(self.value - self.lower, 0.0) / self.scale
 
     @property
     def is_violated(self) -> bool:
@@ -181,15 +183,8 @@ class PenalisedProblem:
         """
         moments = self.task.links[:, list(self.moments)]
         return [
-            Constraint(
-                family="moments",
-                name=f"link {number}",
-                cone="nonnegative",
-                indices=indices,
-                constant=self.bound[indices],
-                coefficients=-np.eye(3),
-            )
-            for number, indices in enumerate(moments, start=1)
+            linear("moments", f"link {k}", indices, -np.eye(3), self.bound[indices])
+            for k, indices in enumerate(moments, start=1)
         ]
 
     @cached_property
@@ -302,28 +297,34 @@ class PenalisedProblem:
         bound = np.append(self.bound + self.links_slack @ limit[: self.n], limit)
         constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
         # Slacks cost xi times their prices; theta' costs nothing by itself.
-        linear = np.append(np.zeros(self.p), weight * self.prices)
-        solved = solve_once(self.in_slacks, linear, constraints, start, bound)
+        cost = np.append(np.zeros(self.p), weight * self.prices)
+        solved = solve_once(self.in_slacks, cost, constraints, start, bound)
         if solved is None:
             raise _not_inside()
         return self.optimum(self.theta(solved.theta), weight, max(solved.lower, 0.0))
 
-    def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
-        """Solve the relaxation at increasing weights.
+    def solve_all(
+        self,
+        weights: Iterable[float],
+        solve: Callable[[float], PenalisedOptimum] | None = None,
+    ) -> list[PenalisedOptimum]:
+        """Solve the relaxation, or what ``solve`` solves, at increasing weights.
 
         The objective increases with the weight. So the bound of a smaller weight still
         holds, and an optimum without violations stays the optimum; it is not computed
         again.
         """
+        solve = solve or self.solve
         optima = list[PenalisedOptimum]()
         for weight in weights:
             if optima:
                 before = optima[-1]
                 same = self.optimum(before.theta, weight, before.lower)
+                same = replace(same, n_cells=0)
                 if same.gap <= self.held_gap:
                     optima.append(same)
                     continue
-            solved = self.solve(weight)
+            solved = solve(weight)
             if optima:
                 solved = replace(solved, lower=max(solved.lower, optima[-1].lower))
             optima.append(solved)
@@ -346,16 +347,8 @@ class PenalisedProblem:
     def between(self, limit: Array) -> list[Constraint]:
         """Return the constraints 0 <= slack <= limit (s,)."""
         # Two rows for a slack s: 0 + s >= 0 and limit - s >= 0.
-        coefficients = np.array([[1.0, -1.0]])
         return [
-            Constraint(
-                family="slack",
-                name=f"{k}",
-                cone="nonnegative",
-                indices=np.array([k]),
-                constant=np.array([0.0, largest]),
-                coefficients=coefficients,
-            )
+            linear("slack", f"{k}", [k], [[1.0, -1.0]], [0.0, largest])
             for k, largest in enumerate(limit, start=self.p)
         ]
 
@@ -423,37 +416,6 @@ class PenalisedProblem:
                 largest = max(largest, float(multiplier[0]) * price)
         return largest
 
-    def exact_weight_by_bisection(self, relative: float = 1e-3) -> float:
-        """Search the smallest weight whose optimum violates no demand.
-
-        Parameters
-        ----------
-        relative : float
-            Relative width of the bracket at which the search ends.
-
-        Returns
-        -------
-        float
-            xi; 0 if no weight is needed.
-        """
-        if not self.solve(0.0).is_violated:
-            return 0.0
-        # Bracket the weight by factors of 4, then bisect its logarithm.
-        low = high = 1.0
-        while self.solve(high).is_violated:
-            low = high
-            high = 4.0 * high
-        while low == high or not self.solve(low).is_violated:
-            high = low
-            low = 0.25 * low
-        while high > low * (1.0 + relative):
-            middle = float(np.sqrt(low * high))
-            if self.solve(middle).is_violated:
-                low = middle
-            else:
-                high = middle
-        return high
-
 
 def _links_distance(task: Task) -> LeastSquares:
     """Return |pi(theta) - pi_hat|^2 over the base parameters that depend on links.
@@ -476,13 +438,13 @@ def _links_distance(task: Task) -> LeastSquares:
 
 def solve_certified(
     data: LeastSquares,
-    linear: Array,
+    cost: Array,
     constraints: Iterable[Constraint],
     start: Array,
     bound: Array,
     accuracy: float = 1e-10,
 ) -> Fit:
-    """Minimise |R x - rho|^2 + residual_norm^2 + linear x subject to convex
+    """Minimise |R x - rho|^2 + residual_norm^2 + cost x subject to convex
     constraints, with a certificate.
 
     The solver is our own interior-point method. Its dual multipliers prove a lower
@@ -492,7 +454,7 @@ def solve_certified(
     ----------
     data : LeastSquares
         R (r, k), rho (r,) and the residual norm.
-    linear : (k,) array
+    cost : (k,) array
         Linear cost of each variable.
     bound : (k,) array
         |x| <= bound for every feasible x.
@@ -509,14 +471,14 @@ def solve_certified(
     """
     demands = ConstraintSet(tuple(constraints))
     cones = SmallCones(None, demands, len(start))
-    cones.linear = linear
+    cones.linear = cost
     solved = minimise(cones, data, [start], accuracy)
     if solved is None:
         raise _not_inside()
     multipliers, _ = cones.multipliers(solved.multipliers)
     theta = repair(demands, solved.theta, start)
     return Fit(
-        theta, Objective(data, linear=linear), demands, multipliers, None, start, bound
+        theta, Objective(data, linear=cost), demands, multipliers, None, start, bound
     )
 
 
@@ -538,7 +500,7 @@ class CertifiedPoint:
 
 def solve_once(
     data: LeastSquares,
-    linear: Array,
+    cost: Array,
     constraints: Sequence[Constraint],
     start: Array,
     bound: Array,
@@ -550,109 +512,17 @@ def solve_once(
     CertifiedPoint or None
         None if the start is not strictly feasible.
     """
-    posed = (data, linear, constraints, start, bound)
+    posed = (data, cost, constraints, start, bound)
     plain = remembered(
         "penalised", (source_version(), *posed), partial(_solved, *posed)
     )
-    if plain["theta"] is None:
-        return None
-    return CertifiedPoint(np.array(plain["theta"]), plain["lower"])
+    return plain and CertifiedPoint(np.array(plain["theta"]), plain["lower"])
 
 
-def _solved(
-    data: LeastSquares,
-    linear: Array,
-    constraints: Sequence[Constraint],
-    start: Array,
-    bound: Array,
-) -> dict[str, Any]:
-    """Solve, and return theta and the certified bound as JSON; both None if that
-    fails.
-    """
+def _solved(*posed: Any) -> dict[str, Any] | None:
+    """Solve, and return theta and the certified bound as JSON; None if that fails."""
     try:
-        fit = solve_certified(data, linear, constraints, start, bound)
+        fit = solve_certified(*posed)
     except InputError:
-        return {"theta": None, "lower": None}
-    return {"theta": fit.theta.tolist(), "lower": float(fit.lower)}
-
-
-def cvxpy_optima(
-    problem: PenalisedProblem, weights: Iterable[float]
-) -> dict[float, float]:
-    """Return the relaxation's optimum at each weight by CVXPY and Clarabel, as a check.
-
-    The model is compiled once, with the weight as its parameter. theta is scaled by the
-    torque that it makes, the loss by that of the feasible optimum.
-
-    Parameters
-    ----------
-    problem : PenalisedProblem
-        The problem, which is posed a second time.
-
-    Returns
-    -------
-    dict
-        Optimum by weight; empty if CVXPY is not installed.
-    """
-    try:
-        import cvxpy as cp
-    except ImportError:
-        return {}
-    data = problem.data
-    centre = problem.feasible.theta
-    unit = max(problem.feasible.upper, 1e-12 * data.tau_squared)
-    scale = _torque_scale(problem)
-    x = cp.Variable(problem.p)
-    y = cp.Variable(len(problem.prices), nonneg=True)
-    # The slacks in units of (loss at the optimum) / xi, so that they cost one.
-    slack_size = cp.Parameter(nonneg=True)
-    price = cp.Parameter(nonneg=True)
-    slack = slack_size * y
-    theta = cp.hstack([centre + cp.multiply(scale, x), slack])
-    demands = [_cvxpy(cp, c, theta) for c in (*problem.hard, *problem.soft)]
-    corner = np.diag([1.0, 1.0, 1.0, 0.0])
-    for k, c in enumerate(problem.consistency):
-        demands.append(_cvxpy_value(cp, c, theta) + slack[k] * corner >> 0)
-    root = np.sqrt(unit)
-    at_centre = (data.R @ centre - data.rho) / root
-    residual = (data.R * scale / root) @ x + at_centre
-    cost = cp.sum_squares(residual) + price * (problem.prices @ y)
-    program = cp.Problem(cp.Minimize(cost), demands)
-    out = {}
-    for xi in weights:
-        slack_size.value = unit / xi if xi > 0.0 else 1.0
-        price.value = 1.0 if xi > 0.0 else 0.0
-        program.solve(solver="CLARABEL")
-        if program.status in ("optimal", "optimal_inaccurate"):
-            out[xi] = float(program.value) * unit + data.residual_norm**2
-    return out
-
-
-def _torque_scale(problem: PenalisedProblem) -> Array:
-    """Return the size (p,) at which each parameter alone makes all the torque.
-
-    It is at most the parameter's bound.
-    """
-    norms = problem.data.column_norms
-    is_seen = norms > 0.0
-    size = np.sqrt(problem.data.tau_squared) / np.where(is_seen, norms, np.inf)
-    return np.where(is_seen, np.minimum(size, problem.bound), problem.bound)
-
-
-def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:
-    """Return the value F(theta) of a constraint as a CVXPY expression."""
-    rows = c.coefficients.reshape(len(c.indices), -1).T
-    value = rows @ theta[c.indices] + c.constant.ravel()
-    if c.cone == "psd":
-        return cp.reshape(value, c.constant.shape, order="C")
-    return value
-
-
-def _cvxpy(cp: Any, c: Constraint, theta: Any) -> Any:
-    """Return the CVXPY constraint that F(theta) lies in its second-order cone, or is
-    >= 0.
-    """
-    value = _cvxpy_value(cp, c, theta)
-    if c.cone == "soc":
-        return cp.norm(value[1:]) <= value[0]
-    return value >= 0
+        return None
+    return {"theta": fit.theta, "lower": fit.lower}

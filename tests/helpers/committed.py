@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.paper.tables import Table
+from sdp_vs_penalty.paper.tables import StudyTable
 
 RESULTS = Path(__file__).parents[2] / "results"
 TABLES = RESULTS / "tables"
@@ -65,13 +65,13 @@ def keyed(name: str, rows: Iterable[Row]) -> dict[tuple[str, ...], Row]:
     return {tuple(clean(key, row) for key in KEYS[name]): row for row in rows}
 
 
-def differences(table: Table, folder: Path) -> list[tuple[Any, ...]]:
+def differences(table: StudyTable, folder: Path) -> list[tuple[Any, ...]]:
     """Where a table made again is not the committed one: row, column, both cells; or
     the row alone, if it is missing and not for want of the real run."""
     name = table.name
     text = (folder / f"table_{table.name}.csv").read_text()
     old = keyed(name, csv.DictReader(text.splitlines()))
-    new = keyed(name, csv.DictReader(table.csv().splitlines()))
+    new = keyed(name, csv.DictReader(table.form.csv().splitlines()))
     out: list[tuple[Any, ...]] = [
         x for x in old.keys() - new.keys() if "measured" not in " ".join(x)
     ]

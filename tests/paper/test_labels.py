@@ -11,7 +11,7 @@ from committed import RESULTS, TABLES
 from random_robots import repeating_run
 
 from sdp_vs_penalty import Measurements, load_problem
-from sdp_vs_penalty.paper.tables import Study, Table, build_tables, study
+from sdp_vs_penalty.paper.tables import Study, StudyTable, build_tables, study
 from sdp_vs_penalty.paper.tables.folds import interval_of
 
 HELD_OUT = re.compile(r"held[- ]out", re.IGNORECASE)
@@ -26,7 +26,7 @@ class MeasuredStudy(Study):
 
 
 @pytest.fixture(scope="module")
-def table() -> Iterator[Table]:
+def table() -> Iterator[StudyTable]:
     """Table IV of a small study with measured rows of both kinds."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "METHODS", {"ols": "ols", "lmi_sdp": "lmi-sdp"})

@@ -24,7 +24,7 @@ def page() -> Iterator[str]:
 
 def test_every_cell_of_a_table_is_there(page):
     assert page.count("<tr>") == 1 + 20
-    assert ">c1y</td>" in page
+    assert ">c1y</th>" in page
 
 
 def test_links_that_cannot_exist_are_said_to(page):

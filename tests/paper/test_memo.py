@@ -9,7 +9,7 @@ import pytest
 from random_robots import posed_task
 
 from sdp_vs_penalty.estimators import LmiSdp, PenaltyPaper, Task
-from sdp_vs_penalty.paper import estimates, memo
+from sdp_vs_penalty.paper import memo
 from sdp_vs_penalty.simulation import experiment
 
 
@@ -76,15 +76,15 @@ def test_what_has_no_content_is_refused():
 
 
 def test_a_kept_estimate_is_the_computed_one(folder, task, monkeypatch):
-    computed = estimates.estimate_once(LmiSdp(), task)
-    monkeypatch.setattr(estimates, "_estimated", never)
-    read = estimates.estimate_once(LmiSdp(), replace(task))
+    computed = memo.estimate_once(LmiSdp(), task)
+    monkeypatch.setattr(memo, "_estimated", never)
+    read = memo.estimate_once(LmiSdp(), replace(task))
     np.testing.assert_array_equal(read.theta, computed.theta)
     assert read.certificate == computed.certificate
 
 
 def test_another_weight_of_a_joint_is_another_estimate(folder, task):
-    estimates.estimate_once(LmiSdp(), task)
+    memo.estimate_once(LmiSdp(), task)
     more = replace(task, weights=2.0 * task.weights)
     assert memo.content_key(memo.task_content(more)) != memo.content_key(
         memo.task_content(task)
@@ -94,25 +94,16 @@ def test_another_weight_of_a_joint_is_another_estimate(folder, task):
 def test_kept_steps_of_annealing_end_where_the_method_does(folder, task, monkeypatch):
     method = PenaltyPaper(runs=1, evaluations=200)
     fit = method.fit(task)
-    kept = method.fit_with(task, estimates.anneal_once)
-    monkeypatch.setattr(estimates, "_annealed", never)
-    read = method.fit_with(task, estimates.anneal_once)
+    kept = method.fit_with(task, memo.anneal_once)
+    monkeypatch.setattr(memo, "anneal_and_search", never)
+    read = method.fit_with(task, memo.anneal_once)
     np.testing.assert_array_equal(kept.theta, fit.theta)
     np.testing.assert_array_equal(read.theta, fit.theta)
 
 
 def test_arrays_that_were_computed_are_read(folder):
     computed = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([np.nan])}
-    memo.remembered_arrays("x", (1,), lambda: computed)
-    held = memo.remembered_arrays("x", (1,), never)
-    assert list(held) == ["a", "b"]
+    memo.remembered("x", (1,), lambda: computed)
+    held = memo.remembered("x", (1,), never)
     for name, values in computed.items():
         np.testing.assert_array_equal(held[name], values)
-
-
-def test_a_damaged_archive_is_computed_again(folder):
-    memo.remembered_arrays("x", (1,), lambda: {"a": np.zeros(3)})
-    (path,) = folder.iterdir()
-    path.write_bytes(path.read_bytes()[:40])
-    held = memo.remembered_arrays("x", (1,), lambda: {"a": np.ones(3)})
-    np.testing.assert_array_equal(held["a"], np.ones(3))

@@ -3,7 +3,6 @@ are made from."""
 
 import csv
 import io
-import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -23,12 +22,11 @@ from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.paper import figures
 from sdp_vs_penalty.paper.figures import FIGURES, make_figures, save
-from sdp_vs_penalty.paper.figures.layout import lay_out
 from sdp_vs_penalty.paper.figures.style import legend_below, new_figure
 from sdp_vs_penalty.paper.tables import (
     DEFAULT_TABLES,
     Study,
-    Table,
+    StudyTable,
     build_tables,
     emps,
     make_tables,
@@ -37,7 +35,6 @@ from sdp_vs_penalty.paper.tables import (
     wrenches,
 )
 from sdp_vs_penalty.paper.tables.table_i import exact_rows, fit_sigmoid, residual_rms
-from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot._pinocchio import pin
@@ -104,13 +101,13 @@ def studies() -> Iterator[dict[str, Study]]:
 @pytest.fixture(scope="module")
 def made(
     studies: dict[str, Study], tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Table]:
+) -> Callable[..., StudyTable]:
     """A table of a small study, made when it is asked for first, whatever real runs are
     at hand."""
     empty = str(tmp_path_factory.mktemp("empty"))
 
     @cache
-    def table(problem: str, name: str) -> Table:
+    def table(problem: str, name: str) -> StudyTable:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("SDP_VS_PENALTY_DATA", empty)
             return build_tables([name], studies[problem])[0]
@@ -148,7 +145,7 @@ def test_a_table_is_as_it_was(problem, name, made):
     frame = table.frame.loc[:, ~table.frame.columns.str.contains(free)]
     if name in ("methods", "data"):  # a search by chance; a flat set of optima
         frame = frame[~frame["method"].str.contains("paper|penalty$|plain$|ols$")]
-    as_kept(f"{problem}_{name}.md", replace(table, rows=frame).markdown())
+    as_kept(f"{problem}_{name}.md", replace(table, rows=frame).form.markdown())
     assert table.measured == (problem == "measured")
 
 
@@ -250,7 +247,7 @@ def check_room(figure: Any) -> None:
 
 
 @pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.long), 1234567.0])
-def test_texts_have_their_room(size):
+def test_texts_have_their_room(size, tmp_path):
     figure, axes = new_figure(3, 2, 5.0, sharex=True)
     for k, axis in enumerate(axes.flat):
         axis.plot([0.0, size], [-size, size / (k + 1)], label="a line of the legend")
@@ -260,8 +257,7 @@ def test_texts_have_their_room(size):
     axes[2, 1].set_yscale("symlog", linthresh=1e-3 * size)
     legend_below(figure, axes[0, 0])
     figure.suptitle("title of the figure\nin two lines")
-    lay_out(figure)
-    figure.canvas.draw()
+    save(figure, tmp_path / "figure")
     check_room(figure)
     left = {axis.yaxis.label.get_window_extent().x0 for axis in axes[:, 0]}
     assert max(left) - min(left) < 1e-6  # on one line
@@ -308,18 +304,19 @@ def test_tables_come_out_as_committed(whole, problem, name, folder):
 )
 def test_all_three_forms_hold_the_same_cells(problem, name, made):
     table = made(problem, name)
-    cells = table.cells().to_numpy().tolist()
-    read = list(csv.reader(io.StringIO(table.csv())))
+    form = table.form
+    cells = form.cells()
+    read = list(csv.reader(io.StringIO(form.csv())))
     for row, exact, shown in zip(table.frame.to_numpy(), read[1:], cells, strict=True):
         for cell, kept, rounded in zip(row, exact, shown, strict=True):
             if isinstance(cell, float) and np.isfinite(cell):
                 assert float(kept) == cell  # all digits: to compute with
             else:
                 assert kept == rounded
-    body = [line for line in table.markdown().splitlines() if line.startswith("| ")][2:]
+    body = [line for line in form.markdown().splitlines() if line.startswith("| ")][2:]
     plain = [[c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body]
     assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
-    lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
+    lines = [line for line in form.latex().splitlines() if line.endswith(r" \\")][1:]
     assert [line.count(" & ") for line in lines] == [
         len(table.frame.columns) - 1
     ] * len(cells)
@@ -452,28 +449,20 @@ def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
     assert all(p.is_file() for p in paths)
 
 
-@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_figures_of_one_file_share_process_and_study(tmp_path, monkeypatch, jobs):
+def test_figures_of_one_problem_share_a_study(tmp_path, monkeypatch):
     import matplotlib.pyplot as plt
 
-    files = [SimpleNamespace(PROBLEM="two_link") for _ in range(2)]
-    log = tmp_path / "log"
+    studies = list[Study]()
 
     def draw(study):
-        with log.open("a") as written:
-            written.write(f"{os.getpid()} {id(study)}\n")
+        studies.append(study)
         return plt.subplots()[0]
 
-    monkeypatch.setattr(figures, "_FILES", files)
-    known = {1: (files[0], draw), 2: (files[1], draw), 3: (files[0], draw)}
+    one, other = (SimpleNamespace(PROBLEM=name) for name in ("two_link", "panda"))
+    known = {1: (one, draw), 2: (other, draw), 3: (one, draw)}
     monkeypatch.setattr(figures, "FIGURES", known)
-    said = list[str]()
-    workers = Workers(jobs)
-    paths = make_figures([3, 2, 1], tmp_path, progress=said.append, workers=workers)
+    paths = make_figures([3, 2, 1], tmp_path)
     names = [f"figure_{n}.{form}" for n in (3, 2, 1) for form in ("png", "pdf")]
     assert [path.name for path in paths] == names
     assert all(path.is_file() for path in paths)
-    assert "2 of 2 done" in said
-    lines = log.read_text().splitlines()
-    assert (len(lines), len(set(lines))) == (3, 2)
-    assert len({line.split()[0] for line in lines}) == jobs
+    assert studies[0] is studies[2] is not studies[1]

@@ -763,3 +763,18 @@ def test_the_readme_of_the_results_says_what_its_runs_say():
     with_sentences = runpy.run_path(str(RESULTS / "make.py"))["with_sentences"]
     readme = (RESULTS / "README.md").read_text()
     assert with_sentences(readme) == readme
+
+
+def test_short_work_is_timed_to_a_fraction_of_a_millisecond():
+    """A timer of processor time runs in the child: clocks that it makes stale are of no
+    use."""
+
+    def work():
+        begin, used = time.thread_time(), runner._processor()
+        while time.thread_time() < begin + 3e-3:
+            pass
+        return runner._processor() - used
+
+    kind, seconds, _ = runner.in_child(work, limit=5.0, memory=1.0)
+    assert kind == "ended"
+    assert seconds == pytest.approx(3e-3, abs=5e-4)

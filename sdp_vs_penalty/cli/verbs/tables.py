@@ -6,7 +6,7 @@ from sdp_vs_penalty.cli.options import Budget
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.paper.tables.table import Table
+    from sdp_vs_penalty.paper.tables.table import StudyTable
 
 
 def verb(
@@ -46,7 +46,7 @@ def verb(
         names = [name for name, maker in makers().items() if not maker.slow]
     outside = list[Path]()
 
-    def report(table: "Table", paths: list[Path]) -> None:
+    def report(table: "StudyTable", paths: list[Path]) -> None:
         first, *other_lines = table.lines()
         console.say(first, style="bold")
         for line in other_lines:

@@ -52,7 +52,6 @@ def _on_unseen_folds(
     run = data.train
     rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
     t = rows.motion.t - run.t[0]
-    study.judge_unseen((method, None) for method in methods.values())
     predictions = dict[str, Array]()
     starts = list[float]()
     shown = np.zeros(len(t), bool)

@@ -71,12 +71,7 @@ def new_figure(
     plt.rcParams.update(_settings())
     size = (width, height)
     return plt.subplots(
-        rows,
-        columns,
-        figsize=size,
-        dpi=DPI,  # the PNG's: the layout measures the legend in its pixels
-        squeeze=False,
-        **options,
+        rows, columns, figsize=size, layout="constrained", squeeze=False, **options
     )
 
 

@@ -13,7 +13,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.paper.tables.kept import table_once
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table, TableSpec
+from sdp_vs_penalty.paper.tables.table import StudyTable, TableSpec
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word, modules
 from sdp_vs_penalty.problem.load import as_problem
@@ -34,7 +34,7 @@ def makers() -> dict[str, TableSpec]:
     )
 
 
-def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
+def build_tables(names: Sequence[str] | None, study: Study) -> list[StudyTable]:
     """Build tables as data, without writing them.
 
     Parameters
@@ -46,7 +46,7 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
 
     Returns
     -------
-    list of Table
+    list of StudyTable
         In the order of the names.
 
     Raises
@@ -77,7 +77,7 @@ def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
     return list(dict.fromkeys(chosen))
 
 
-def _written_nowhere(_: Table, __: list[Path]) -> None:
+def _written_nowhere(_: StudyTable, __: list[Path]) -> None:
     """Ignore a table that was written; this is the default of ``report``."""
 
 
@@ -88,9 +88,9 @@ def make_tables(
     out: str | Path = "results",
     progress: Progress = no_progress,
     workers: Workers = ALONE,
-    report: Callable[[Table, list[Path]], None] = _written_nowhere,
+    report: Callable[[StudyTable, list[Path]], None] = _written_nowhere,
     html: bool = False,
-) -> list[tuple[Table, list[Path]]]:
+) -> list[tuple[StudyTable, list[Path]]]:
     """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 
     Without the real run, a folder's measured tables are not overwritten: tables without
@@ -121,7 +121,7 @@ def make_tables(
 
     Returns
     -------
-    list of (Table, list of Path)
+    list of (StudyTable, list of Path)
         Each table with its paths, CSV first.
 
     Raises
@@ -155,7 +155,7 @@ def make_tables(
 
 
 def _write_page(
-    tables_and_paths: Sequence[tuple[Table, list[Path]]], study: Study
+    tables_and_paths: Sequence[tuple[StudyTable, list[Path]]], study: Study
 ) -> None:
     """Write the HTML page that shows a problem's tables with the links drawn."""
     from sdp_vs_penalty.paper.links_page import links_page
@@ -165,7 +165,7 @@ def _write_page(
     write_text(paths[0].with_name(PAGE), page)
 
 
-def _folder(table: Table, out: Path) -> Path:
+def _folder(table: StudyTable, out: Path) -> Path:
     """Return the folder to write a table to.
 
     A table without measured figures never replaces one with them: it goes to the
@@ -174,5 +174,5 @@ def _folder(table: Table, out: Path) -> Path:
     there = out / f"table_{table.name}.csv"
     if table.measured or not there.is_file():
         return out
-    held = Table("", pandas.read_csv(there, dtype=str, keep_default_na=False))
+    held = StudyTable("", pandas.read_csv(there, dtype=str, keep_default_na=False))
     return out / "simulated" if held.measured else out

@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, Study, torque_errors
-from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.problem.published import VARIABLE, measured_runs
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -25,7 +25,7 @@ REFINED = ("asymmetric_viscous_friction",)
 
 
 @register_table("emps", "emps", slow=True)
-def emps(study: Study) -> Table:
+def emps(study: Study) -> StudyTable:
     """EMPS table: the public nonlinear benchmark, by force along a motion and by
     simulated position.
 
@@ -40,7 +40,7 @@ def emps(study: Study) -> Table:
 
     Returns
     -------
-    Table
+    StudyTable
         Rows of the authors' values and of our methods; notes and headline.
     """
     runs_found = measured_runs(study.problem.name)
@@ -85,7 +85,7 @@ def emps(study: Study) -> Table:
         name = f"{method}, asymmetric"
         rows.append(_row(study, name, _constants(estimate), tracking, pulses))
     errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
-    return Table(
+    return StudyTable(
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
         rows,
         notes("emps", folds=FOLDS, method=OUTPUT_ERROR),

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table, register_table
+from sdp_vs_penalty.paper.tables.table import StudyTable, register_table
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import (
@@ -24,7 +24,7 @@ _PROBLEMS = "panda", "two_link"
 
 
 @register_table("errata", *_PROBLEMS)
-def errata_table(study: Study) -> Table:
+def errata_table(study: Study) -> StudyTable:
     """Errata: where the paper contradicts itself, with the numbers that show it."""
     del study  # of the paper as a whole: both of its robots
     rows = []
@@ -37,7 +37,7 @@ def errata_table(study: Study) -> Table:
                 for name in ("number", "where", "printed", "corrected")
             }
             rows.append(fields_of_row | {"what_shows_it": evidence[erratum.number]})
-    return Table(
+    return StudyTable(
         "Errata: where the paper contradicts itself",
         sorted(rows, key=lambda row: row["number"]),
         caption=(

@@ -13,7 +13,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import (
     Row,
-    Table,
+    StudyTable,
     TableSpec,
     notes,
     register_table,
@@ -26,7 +26,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 @register_table("VI", "two_link")
-def denavit_hartenberg(study: Study) -> Table:
+def denavit_hartenberg(study: Study) -> StudyTable:
     """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has
     it.
 
@@ -47,7 +47,7 @@ def denavit_hartenberg(study: Study) -> Table:
             "d_m_ours": float(d),
         }
         rows.append({**row, **our_values})
-    return Table(
+    return StudyTable(
         f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
         rows,
         ("theta_i = q_i without offset.",),
@@ -57,7 +57,7 @@ def denavit_hartenberg(study: Study) -> Table:
 
 def link_table(
     study: Study, name: str, title: str, chosen: Callable[[str], bool]
-) -> Table:
+) -> StudyTable:
     """Build a table of link parameters about the centres of mass.
 
     Columns: bounds and published values as printed ("*" where the paper does not care),
@@ -105,7 +105,7 @@ def link_table(
                 f"{erratum.where}: printed {erratum.printed}; the other tables need "
                 f"{erratum.corrected}, which true_simulated has."
             )
-    table = Table(
+    table = StudyTable(
         f"Table {name}: {title} of {study.problem.title}",
         rows,
         notes_text,
@@ -150,7 +150,7 @@ def sources(study: Study, data: Data) -> pandas.Series:
         "data" or "prior" by name of the entry.
     """
     task = study.task(data)
-    theta = study.result(DEFAULT_METHOD, data).theta
+    theta = study.estimated(DEFAULT_METHOD, data).theta
     gradients = np.zeros((len(task.links), 10, len(theta)))
     for wide, indices in zip(gradients, task.links, strict=True):
         wide[:, indices] = scipy.optimize.approx_fprime(
@@ -172,7 +172,7 @@ def _bounds_received(study: Study) -> list[str]:
     for data in study.whole:
         for name, method in study.methods.items():
             worst_by_family = study.task(data).constraints.worst(
-                study.result(method, data).theta
+                study.estimated(method, data).theta
             )
             worst.append(
                 f"{name}_{data.label} {cell_text(worst_by_family['barycentric inertia'], 2)}"

@@ -17,12 +17,12 @@ from sdp_vs_penalty.paper.tables.study import (
     Result,
     Study,
 )
-from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.robot import inertia
 
 
 @register_table("methods", slow=True)
-def methods(study: Study) -> Table:
+def methods(study: Study) -> StudyTable:
     """Method table: every method on every data set, judged by the same independent
     figures.
     """
@@ -33,7 +33,7 @@ def methods(study: Study) -> Table:
     ]
     last = [row for row in rows if row["data"] == rows[-1]["data"]]
     errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
-    return Table(
+    return StudyTable(
         f"Methods compared on {study.problem.title}",
         rows,
         notes("methods", folds=FOLDS, budget=study.budget),
@@ -62,7 +62,7 @@ def _judged(study: Study, data: Data, method: str) -> Judged:
         method not in WITH_PRIOR and estimator_types()[method].needs_black_box
     )
     if not needs_black_box:
-        result = study.result(method, data)
+        result = study.estimated(method, data)
         return Judged(method, result, study.seconds(method, data))
     retrieved = study.reverse_engineered
     links = Frozen(retrieved.theta.reshape(-1, 10))
@@ -78,7 +78,7 @@ def _row(study: Study, data: Data, method: str) -> Row:
     The loss is compared with a certified lower bound of the loss of all feasible
     parameters.
     """
-    optimum = study.result("lmi-sdp-plain", data).certificate.lower
+    optimum = study.estimated("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None
     judged = _judged(study, data, method)
     theta = judged.result.theta

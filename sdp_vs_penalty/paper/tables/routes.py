@@ -1,26 +1,30 @@
-"""Table "routes": one problem, two routes: SDP and penalty on the same constraints."""
+"""Tables "routes" and "arms": one problem, two routes: SDP and penalty on the same
+constraints, of the Panda and of other real arms."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.resampling import CrossValidation
-from sdp_vs_penalty.estimators.estimator import Estimator, Task
+from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.ols import Ols
 from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep
-from sdp_vs_penalty.paper.estimates import REPEATS
+from sdp_vs_penalty.paper.memo import REPEATS
 from sdp_vs_penalty.paper.tables.folds import error_interval
 from sdp_vs_penalty.paper.tables.study import (
     FOLDS,
     Data,
     Frozen,
-    Result,
     Study,
     worst_violations,
 )
-from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.published import measured_runs
 
 #: The rows that solve one problem: torque loss, 20 mm, bodies, no prior on anything.
 SDP = "SDP"
@@ -87,7 +91,7 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
 
 
 @register_table("routes", "panda", slow=True)
-def routes(study: Study) -> Table:
+def routes(study: Study) -> StudyTable:
     """One problem, two routes: SDP and penalty on the same constraints, and the paper's.
 
     Without the real run the simulated one, whose motion is judged without folds.
@@ -97,10 +101,9 @@ def routes(study: Study) -> Table:
     study.estimate(names.values(), [data])
     judged: dict[str, CrossValidation] = {}
     if data is not study.simulated:
-        study.judge_unseen((method, None) for method in names.values())
         judged = {name: study.unseen(method) for name, method in names.items()}
-    rows = [_row(study, data, name, names, judged) for name in names]
-    return Table(
+    rows = [row_of(study, data, name, names, judged) for name in names]
+    return StudyTable(
         f"One problem, two routes: {study.problem.title}",
         rows,
         notes(
@@ -116,63 +119,46 @@ def routes(study: Study) -> Table:
     )
 
 
-def _row(
+def row_of(
     study: Study,
     data: Data,
     name: str,
-    names: Mapping[str, str | Estimator],
+    methods: Mapping[str, str | Estimator],
     judged: Mapping[str, CrossValidation],
 ) -> Row:
-    """Return a method's row: errors, loss above the optimum, violations, time.
+    """Return a method's row: error on unseen motion with its interval, and less that of
+    the SDP; loss above the optimum, violations, time.
 
-    names : methods by row; judged : their cross-validations on the real run, if there
-    are any.
+    Parameters
+    ----------
+    methods : mapping
+        Methods by row.
+    judged : mapping
+        Their cross-validations on the real run, if there are any.
     """
-    result = study.estimated(names[name], data)
-    is_published = name.endswith(PUBLISHED_LINKS)
-    errors = errors_of(name, judged)
-    if not judged:
-        errors["unseen_error_percent"] = data.errors(result.theta)[1]
-    optimum = study.result("lmi-sdp-plain", data).certificate.lower
+    result = study.estimated(methods[name], data)
+    task = study.task(data)
+    optimum = study.estimated("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None
+    error = error_interval(judged[name]) if judged else None
+    is_compared = judged and name != SDP
+    less = error_interval(judged[name], judged[SDP]) if is_compared else None
+    of_links, of_friction = worst_violations(task, result.theta)
+    links = link_figures(study.problem, result.theta[task.links])
+    is_published = name.endswith(PUBLISHED_LINKS)
     return {
         "method": name,
-        **errors,
-        **figures_of(study.problem, study.task(data), result, optimum),
-        "seconds": None if is_published else study.seconds(names[name], data),
-        "data": data.label if data is study.simulated else f"{data.label}, unseen",
-    }
-
-
-def figures_of(problem: Problem, task: Task, result: Result, optimum: float) -> Row:
-    """Return what an estimate is, whatever motion it is judged on.
-
-    optimum : certified least loss of any consistent parameters.
-    """
-    of_links, of_friction = worst_violations(task, result.theta)
-    links = link_figures(problem, result.theta[task.links])
-    return {
+        "unseen_error_percent": error.value if error else data.errors(result.theta)[1],
+        "interval_percent": error and error.in_words,
+        "less_sdp_points": less and less.value,
+        "less_sdp_interval": less and less.in_words,
         "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
         "gap": result.certificate.gap,
         "links_violation": of_links,
         "friction_violation": of_friction,
         "positive_definite_percent": 100.0 * links["positive_mass_matrices"],
-    }
-
-
-def errors_of(name: str, judged: Mapping[str, CrossValidation]) -> Row:
-    """Return a method's error on unseen motion with its interval, and its difference
-    from the SDP's; without values where nothing was judged."""
-    error = less = None
-    if judged:
-        error = error_interval(judged[name])
-        if name != SDP:
-            less = error_interval(judged[name], judged[SDP])
-    return {
-        "unseen_error_percent": error and error.value,
-        "interval_percent": error and error.in_words,
-        "less_sdp_points": less and less.value,
-        "less_sdp_interval": less and less.in_words,
+        "seconds": None if is_published else study.seconds(methods[name], data),
+        "data": f"{data.label}, unseen" if judged else data.label,
     }
 
 
@@ -205,3 +191,75 @@ def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
         f"{sentence} The default SDP less least squares: {less.value:+.2f} points,"
         f" t = {less.t:.2f} on {len(default.folds)} folds, {verdict}."
     )
+
+
+#: The public runs of each arm that are taken; empty: all.
+RUNS = {
+    "ur10e": (
+        "ur-20_02_12-50sec_12harm",
+        "ur-20_02_19_14harm50sec",
+        "ur-20_02_19_15harm50sec",
+    ),
+    "tx40": (),
+}
+METHODS: dict[str, str | Estimator] = {
+    SDP: SameConstraints(),
+    PENALTY: Penalty(),
+    "penalty, two-step": PenaltyTwoStep(),
+    "SDP, default (entropic prior)": LmiSdp(),
+    "least squares": Ols(),
+}
+
+
+@register_table("arms", *RUNS, slow=True)
+def arms(study: Study) -> StudyTable:
+    """Arms table: SDP beside penalty on the UR10e and the TX40.
+
+    Both arms are in the table, whatever the study's problem. Raises InputError without
+    the real runs.
+    """
+    rows = [row for name in RUNS for row in _rows(study, name)]
+    sentences = []
+    for name in RUNS:
+        sdp, penalty = (row for row in rows if row["arm"] == name and _is_pair(row))
+        sentences.append(
+            f"{name}: {sdp['unseen_error_percent']:.3g} and"
+            f" {penalty['unseen_error_percent']:.3g} % on unseen motion,"
+            f" {sdp['seconds']:.2g} and {penalty['seconds']:.2g} s"
+        )
+    return StudyTable(
+        "SDP beside penalty on other arms",
+        rows,
+        notes("arms", folds=FOLDS, repeats=REPEATS),
+        f"SDP and exact penalty: {'; '.join(sentences)}.",
+        digits=3,
+        caption="Measured: public runs of a UR10e (three of 50 s) and a TX40 (9 s).",
+    )
+
+
+def _is_pair(row: Row) -> bool:
+    """Whether a row is the SDP's or the exact penalty's on one problem."""
+    return row["method"] in (SDP, PENALTY)
+
+
+def _rows(study: Study, name: str) -> list[Row]:
+    """Return the row of each method on an arm's runs."""
+    arm = Study(load_problem(name), study.budget, study.progress, study.workers)
+    arm.run = _runs(name)
+    assert arm.measured is not None
+    judged = {method: arm.unseen(estimator) for method, estimator in METHODS.items()}
+    return [
+        {"arm": name, **row_of(arm, arm.measured, method, METHODS, judged)}
+        for method in METHODS
+    ]
+
+
+def _runs(name: str) -> Measurements:
+    """Return the chosen public runs of an arm; InputError where they are not at hand."""
+    found = measured_runs(name)
+    if not found:
+        raise InputError(
+            f"table arms is about real runs, and those of {name} are not at hand",
+            "name the folder of the measurements by SDP_VS_PENALTY_DATA",
+        )
+    return concatenate([found[run] for run in RUNS[name] or found])

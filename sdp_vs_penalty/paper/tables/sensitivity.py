@@ -7,13 +7,12 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import PoseOptions
-from sdp_vs_penalty.estimation.resampling import CrossValidation, FoldData, Split
+from sdp_vs_penalty.estimation.resampling import FoldData, Split
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
-from sdp_vs_penalty.paper.estimates import Remembered
 from sdp_vs_penalty.paper.tables.folds import error_interval, fold_errors
-from sdp_vs_penalty.paper.tables.study import FOLDS, Study, each_judged
-from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.paper.tables.study import FOLDS, Study, cross_validated
+from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.paper.tables.unseen import ADDED_EFFECTS
 from sdp_vs_penalty.problem.load import with_bounds
 from sdp_vs_penalty.regression.regression import compress_cells
@@ -59,7 +58,7 @@ CASES = (
 
 
 @register_table("sensitivity", "panda", slow=True)
-def sensitivity(study: Study) -> Table:
+def sensitivity(study: Study) -> StudyTable:
     """Sensitivity table: what folds, guard, weights, bounds and effects decide.
 
     Raises InputError without the real run.
@@ -76,7 +75,7 @@ def sensitivity(study: Study) -> Table:
         f" {row['folds']} folds"
         for row in usual
     ]
-    return Table(
+    return StudyTable(
         f"What decides the comparison on unseen motion of {study.problem.title}",
         rows,
         notes("sensitivity", method=DEFAULT_METHOD, usual=FOLDS),
@@ -90,12 +89,10 @@ def _row(study: Study, case: Case) -> Row:
     """Return the row that compares the methods under one choice."""
     study.progress(f"{case.folds} folds, {case.choice or 'the usual settings'}")
     split, folds = _folds(study, case)
-    judged: dict[str, CrossValidation] = {}
-    for name, method in METHODS.items():
-        estimator = study.estimator(method)
-        remembered = Remembered(estimator)
-        found = each_judged(study.workers, [(remembered, fold) for fold in folds])
-        judged[name] = split.result(estimator, found)
+    judged = {
+        name: cross_validated(study.workers, split, folds, study.estimator(method))
+        for name, method in METHODS.items()
+    }
     row: Row = {
         "data": "measured",
         "choice": case.choice,

@@ -5,7 +5,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -19,7 +19,6 @@ from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import (
     CrossValidation,
-    Fold,
     FoldData,
     Split,
     judged,
@@ -33,14 +32,8 @@ from sdp_vs_penalty.estimators.estimator import (
     make_task,
     no_progress,
 )
-from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
-from sdp_vs_penalty.paper.estimates import (
-    Remembered,
-    Result,
-    estimate_once,
-    fit_seconds,
-)
+from sdp_vs_penalty.paper.memo import Remembered, Result, estimate_once, fit_seconds
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
@@ -82,11 +75,6 @@ class Effort:
     evaluations: int | None
     #: Runs of the paper's method, of which each fold gets one.
     annealing_runs: int
-    #: Evaluations at each weight of the table of global optima; None: as many as the
-    #: authors' program allows.
-    global_evaluations: int | None
-    #: Runs of each search in the table of global optima.
-    global_runs: int
 
 
 QUICK = Effort(
@@ -97,11 +85,9 @@ QUICK = Effort(
     retrievals=10,
     evaluations=1_000,
     annealing_runs=1,
-    global_evaluations=600,
-    global_runs=3,
 )
 #: As quick, but annealing once as long as the authors' program allows.
-SINGLE = replace(QUICK, evaluations=None, global_evaluations=None, global_runs=1)
+SINGLE = replace(QUICK, evaluations=None)
 PAPER = Effort(
     replicates=40,
     iterations=150,
@@ -110,8 +96,6 @@ PAPER = Effort(
     retrievals=50,
     evaluations=None,
     annealing_runs=PenaltyPaper.runs,
-    global_evaluations=None,
-    global_runs=PenaltyPaper.runs,
 )
 BUDGETS = {"quick": QUICK, "single": SINGLE, "paper": PAPER}
 _PLACED = by_word(
@@ -339,68 +323,16 @@ class Study:
         """Cross-validate a method on the real run, with folds by the phase of its
         motion.
 
-        Each fold holds out a stretch of the motion with all its repetitions.
+        Each fold holds out a stretch of the motion with all its repetitions. Simulated
+        annealing takes a single run on each.
 
         Parameters
         ----------
         effects : sequence of str or Effect, optional
             Effects of the model; by default the problem's.
         """
-        self.judge_unseen([(method, effects)], n_folds)
-        return cast(CrossValidation, self._made[_unseen_key(method, effects, n_folds)])
-
-    def judge_unseen(
-        self,
-        judged_methods: Iterable[tuple[str | Estimator, Sequence[str | Effect] | None]],
-        n_folds: int = FOLDS,
-    ) -> None:
-        """Cross-validate several methods as :meth:`unseen` does, all folds in parallel.
-
-        The study caches the results; those that exist already are left out.
-
-        Parameters
-        ----------
-        judged_methods : iterable of (str or Estimator, effects or None)
-            The methods, each with the effects of its model.
-        """
-        estimator_by_key = {
-            _unseen_key(method, effects, n_folds): self.estimator(method)
-            for method, effects in judged_methods
-        }
-        missing = {
-            key: estimator
-            for key, estimator in estimator_by_key.items()
-            if key not in self._made
-        }
-        items = list[tuple[Estimator, FoldData]]()
-        for (*_, effects, _), estimator in missing.items():
-            self.progress(f"folds by phase, {estimator.name}")
-            _, folds = self.once(_folds, effects, n_folds)
-            remembered = Remembered(self.fold_estimator(estimator))
-            items += [(remembered, fold) for fold in folds]
-        # Folds come back in their order, estimator by estimator.
-        judged_folds = iter(self._map_slow_first(_judged, items))
-        for key, estimator in missing.items():
-            _, _, effects, _ = key
-            split, folds = self.once(_folds, effects, n_folds)
-            of_method = [next(judged_folds) for _ in folds]
-            self._made[key] = split.result(estimator, of_method)
-
-    def _map_slow_first(
-        self,
-        function: Callable[[tuple[Estimator, Any]], Made],
-        items: Sequence[tuple[Estimator, Any]],
-    ) -> list[Made]:
-        """Map a function over (estimator, data) in parallel, results in the items'
-        order.
-
-        Methods that search begin: a process that began one last would let others wait.
-        """
-        order = sorted(range(len(items)), key=lambda k: _speed(items[k][0]))
-        workers = replace(self.workers, progress=self.progress)
-        results = workers.map(function, [items[k] for k in order])
-        by_place = dict(zip(order, results, strict=True))
-        return [by_place[k] for k in range(len(items))]
+        named = None if effects is None else tuple(effects)
+        return self.once(_unseen, method, named, n_folds)
 
     def _data(
         self,
@@ -443,11 +375,6 @@ class Study:
         """
         return self.once(_task, data)
 
-    def result(self, method: str, data: Data) -> Result:
-        """Return a named method's certified estimate from the training rows of a data
-        set."""
-        return self.estimated(method, data)
-
     def seconds(self, method: str | Estimator, data: Data) -> float:
         """Return the processor time [s] of a method's fit to the training rows of a
         data set."""
@@ -472,12 +399,9 @@ class Study:
         The study caches them; those that exist already are left out.
         """
         new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
-        for method, data in new:
-            name = method if isinstance(method, str) else method.name
-            self.progress(f"{name} on {data.label} data")
         items = [(self.estimator(m), self.task(d)) for m, d in new]
-        results = self._map_slow_first(_estimated, items)
-        self._made.update(zip(new, results, strict=True))
+        workers = replace(self.workers, progress=self.progress)
+        self._made.update(zip(new, workers.map(_estimated, items), strict=True))
 
     @property
     def compared_columns(self) -> list[str]:
@@ -548,9 +472,7 @@ class Study:
     def theta(self, method: str | Estimator, data: Data) -> Array:
         """Return a method's estimate as an array (p,), a value for each of the model's
         parameters."""
-        if isinstance(method, str):
-            return self.result(method, data).theta
-        return method.fit(self.task(data)).theta
+        return self.estimated(method, data).theta
 
     def links(self, method: str, data: Data) -> Array:
         """Return the links of a method's estimate.
@@ -582,21 +504,6 @@ class Study:
                 runs=self.effort.annealing_runs, evaluations=self.effort.evaluations
             )
         return cast(Estimator, kind())
-
-    def fold_estimator(self, estimator: Estimator) -> Estimator:
-        """Return the estimator with the settings for cross-validation.
-
-        Simulated annealing takes a single run on each fold, since it takes hours
-        otherwise.
-
-        Parameters
-        ----------
-        estimator : Estimator
-            With the settings for the full run.
-        """
-        if isinstance(estimator, PenaltyPaper):
-            return replace(estimator, runs=1)
-        return estimator
 
     @cached_property
     def base(self) -> Array:
@@ -660,33 +567,24 @@ def _task(study: Study, data: Data) -> Task:
     return make_task(study.problem, data.model, data.regression, seed=study.seed)
 
 
-def _unseen_key(
-    method: str | Estimator, effects: Sequence[str | Effect] | None, n_folds: int
-) -> tuple[Any, ...]:
-    """Return the key of a cross-validation among the results of a study."""
-    named = None if effects is None else tuple(effects)
-    return "unseen", method, named, n_folds
+def cross_validated(
+    workers: Workers, split: Split, folds: Sequence[FoldData], estimator: Estimator
+) -> CrossValidation:
+    """Judge an estimator on folds, each in a process of its own; fits are kept."""
+    judged_folds = workers.map(partial(judged, estimator=Remembered(estimator)), folds)
+    return split.result(estimator, judged_folds)
 
 
-def _speed(estimator: Estimator) -> int:
-    """Return 0 for annealing, 1 for the exact penalty, 2 for methods that solve once."""
-    inner = estimator.estimator if isinstance(estimator, Remembered) else estimator
-    if isinstance(inner, PenaltyPaper):
-        return 0
-    return 1 if isinstance(inner, Penalty) else 2
-
-
-def each_judged(
-    workers: Workers, items: Sequence[tuple[Estimator, FoldData]]
-) -> list[Fold]:
-    """Judge estimators on folds in worker processes, in the order of the items."""
-    return list(workers.map(_judged, items))
-
-
-def _judged(estimator_and_fold: tuple[Estimator, FoldData]) -> Fold:
-    """Judge a fold in a worker process, which takes a single argument."""
-    estimator, fold = estimator_and_fold
-    return judged(fold, estimator)
+def _unseen(
+    study: Study, method: str | Estimator, effects: tuple[Any, ...] | None, n_folds: int
+) -> CrossValidation:
+    """Cross-validate a method on the folds of the real run."""
+    estimator = study.estimator(method)
+    if isinstance(estimator, PenaltyPaper):
+        estimator = replace(estimator, runs=1)
+    study.progress(f"folds by phase, {estimator.name}")
+    split, folds = study.once(_folds, effects, n_folds)
+    return cross_validated(study.workers, split, folds, estimator)
 
 
 def _folds(

@@ -12,8 +12,7 @@ import pandas
 
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.plugins import summary_line
-from sdp_vs_penalty.results import table as forms
-from sdp_vs_penalty.results.table import Cell
+from sdp_vs_penalty.results.table import Cell, Table, is_numeric
 
 #: A row's cells by column.
 Row = dict[str, Any]
@@ -21,20 +20,20 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class TableSpec:
-    """How a table is made: build(study) -> Table."""
+    """How a table is made: build(study) -> StudyTable."""
 
     #: Name of the table, such as "III".
     name: str
     #: What the table is: the first line of build's docstring.
     about: str
     #: Function of a study that makes the table.
-    build: Callable[[Any], Table]
+    build: Callable[[Any], StudyTable]
     #: Names of the problems that the table is about; none: any.
     problems: tuple[str, ...] = ()
     #: Whether `tables --all` leaves it out.
     slow: bool = False
 
-    def made(self, study: Any) -> Table:
+    def made(self, study: Any) -> StudyTable:
         """Build the table, and give it its name and caption.
 
         Parameters
@@ -49,7 +48,7 @@ class TableSpec:
 
 def register_table(
     name: str, *problems: str, slow: bool = False
-) -> Callable[[Callable[[Any], Table]], TableSpec]:
+) -> Callable[[Callable[[Any], StudyTable]], TableSpec]:
     """Return a decorator that registers the function that builds a table.
 
     Parameters
@@ -65,7 +64,7 @@ def register_table(
         Turns the building function into a TableSpec.
     """
 
-    def register(build: Callable[[Any], Table]) -> TableSpec:
+    def register(build: Callable[[Any], StudyTable]) -> TableSpec:
         """Return the registration of a function that builds a table."""
         return TableSpec(name, summary_line(build), build, problems, slow)
 
@@ -73,7 +72,7 @@ def register_table(
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class StudyTable:
     """A table, and what is said of it."""
 
     #: Title of the table.
@@ -96,7 +95,7 @@ class Table:
 
     def shortened(
         self, columns: Iterable[str], rows: Iterable[bool] | None = None
-    ) -> Table:
+    ) -> StudyTable:
         """Return the table with some of its columns and rows shown.
 
         Parameters
@@ -108,7 +107,7 @@ class Table:
 
         Returns
         -------
-        Table
+        StudyTable
             The full table is its ``everything``.
         """
         shown = [name for name in columns if name in self.frame]
@@ -119,16 +118,6 @@ class Table:
     def frame(self) -> pandas.DataFrame:
         """The cells as a data frame; columns come in the order of their first cells."""
         return pandas.DataFrame(self.rows, dtype=object)
-
-    def cells(self) -> pandas.DataFrame:
-        """Return all cells as text, numbers with the table's digits."""
-        return self.frame.map(lambda cell: forms.cell_text(cell, self.digits))
-
-    def csv(self) -> str:
-        """Return the shown cells as CSV, with all digits that restore the same
-        numbers.
-        """
-        return exact_csv(self.frame)
 
     @property
     def measured(self) -> bool:
@@ -153,29 +142,18 @@ class Table:
         ]
 
     @property
-    def form(self) -> forms.Table:
+    def form(self) -> Table:
         """The table in the form that is written as text, Markdown, LaTeX or CSV."""
-        rows = self.frame.to_numpy().tolist()
-        columns = forms.Table(tuple(self.frame), rows, digits=self.digits).columns()
-        words = [k for k, cells in enumerate(columns) if not forms.is_numeric(cells)]
-        return forms.Table(
-            headings=list(map(str, self.frame)),
-            rows=rows,
+        form = replace(
+            _bare(self.frame),
             title=self.title,
             caption=self.caption,
             notes=self.notes,
             name=self.name,
             digits=self.digits,
-            words=words,
         )
-
-    def markdown(self) -> str:
-        """Return the table as Markdown."""
-        return self.form.markdown()
-
-    def latex(self) -> str:
-        """Return the table as LaTeX."""
-        return self.form.latex()
+        columns = enumerate(form.columns())
+        return replace(form, words=[k for k, x in columns if not is_numeric(x)])
 
     def write(self, folder: str | Path) -> list[Path]:
         """Write the table as CSV, Markdown and LaTeX, each file atomically.
@@ -188,18 +166,24 @@ class Table:
             Folder to write to; it is made if it does not exist.
         """
         base = Path(folder) / f"table_{self.name}"
-        forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
+        form = self.form
+        texts = {".csv": form.csv(), ".md": form.markdown(), ".tex": form.latex()}
         if self.everything is not None:
-            forms["_all.csv"] = exact_csv(self.everything)
+            texts["_all.csv"] = exact_csv(self.everything)
         with folder_lock(Path(folder), patience=WRITERS_PATIENCE):
-            for suffix, content in forms.items():
+            for suffix, content in texts.items():
                 write_text(f"{base}{suffix}", content)
-        return [Path(f"{base}{suffix}") for suffix in forms]
+        return [Path(f"{base}{suffix}") for suffix in texts]
+
+
+def _bare(frame: pandas.DataFrame) -> Table:
+    """Return a data frame as a table without words."""
+    return Table(list(map(str, frame)), frame.to_numpy().tolist())
 
 
 def exact_csv(frame: pandas.DataFrame) -> str:
     """Return a data frame as CSV, with all digits that restore the same numbers."""
-    return forms.Table(list(map(str, frame)), frame.to_numpy().tolist()).csv()
+    return _bare(frame).csv()
 
 
 def notes(table: str, **values: object) -> list[str]:

@@ -5,11 +5,12 @@
 (Gaz et al. 2019, eq. 12), phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s]; zero at rest. The
 base parameters pi of the links and all phi are fitted together to W pi + f = tau,
 because a rigid part fitted without friction would have swallowed some of it. A coarse
-grid of phi_2 starts the search.
+grid of phi_2 starts the search over phi_2 and phi_3; all others solve a linear problem.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
@@ -22,7 +23,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import (
     Row,
-    Table,
+    StudyTable,
     by_joint,
     notes,
     register_table,
@@ -38,15 +39,15 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 RowsOf = Callable[[Model], Rows]
 
 
-class SigmoidFriction(Effect):
-    """f / phi_1 and its derivatives by phi_2 and phi_3 at given phi: three columns a
+class LinearisedSigmoid(Effect):
+    """f / phi_1 and its derivatives by log phi_2 and phi_3 at given phi: three columns a
     joint.
 
     Not in the library of effects: its columns belong to one step of
     :func:`fit_sigmoid`; with the parameters (phi_1, 0, 0) it is the friction itself.
     """
 
-    name = "sigmoid_friction"
+    name = "linearised_sigmoid"
     equation = "s(dq) - s(0), s(v) = 1 / (1 + exp(-phi_2 (v + phi_3)))"
     explanation = "One step of the fit of Table I."
     reference = "Gaz et al., RA-L 2019, eq. 12"
@@ -61,7 +62,7 @@ class SigmoidFriction(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """For each joint phi_1, and the steps of phi_2 and phi_3."""
+        """For each joint phi_1, and the steps of log phi_2 and phi_3."""
         return tuple(
             Parameter(f"sigmoid{k}_{j + 1}", "", self.name, j + 1)
             for j in range(self.robot.n)
@@ -69,26 +70,16 @@ class SigmoidFriction(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        """Return the columns of the friction torque and of its derivatives.
-
-        With s(v) = 1 / (1 + exp(-phi_2 (v + phi_3))) they are f / phi_1 = s(dq) - s(0),
-        and its derivatives by phi_2 and phi_3.
-
-        Returns
-        -------
-        list of Block
-            Three columns (N, 3) for each joint.
+        """Return three columns (N, 3) for each joint: with s(v) = 1 / (1 + exp(-phi_2 (v
+        + phi_3))), f / phi_1 = s(dq) - s(0) and its derivatives by log phi_2 and phi_3.
         """
         blocks = []
         for j, (slope, shift) in enumerate(self.slopes_and_shifts):
-            moving = scipy.special.expit(slope * (motion.dq[:, j] + shift))  # s(dq)
-            at_rest = scipy.special.expit(slope * shift)  # s(0)
-            d_moving = moving * (1.0 - moving)
-            d_rest = at_rest * (1.0 - at_rest)
-            by_slope = d_moving * (motion.dq[:, j] + shift) - d_rest * shift
-            by_shift = slope * (d_moving - d_rest)
-            columns = np.column_stack([moving - at_rest, by_slope, by_shift])
-            blocks.append(Block(j, 3 * j + np.arange(3), columns))
+            speed = np.append(motion.dq[:, j], 0.0) + shift  # the last at rest
+            s = scipy.special.expit(slope * speed)
+            by_shift = slope * s * (1.0 - s)
+            values = np.column_stack([s, by_shift * speed, by_shift])
+            blocks.append(Block(j, 3 * j + np.arange(3), values[:-1] - values[-1]))
         return blocks
 
 
@@ -96,13 +87,10 @@ class SigmoidFriction(Effect):
 class SigmoidFit:
     """Sigmoid friction phi of n joints, fitted with b base parameters."""
 
-    #: (b + 3 n,) base parameters pi (b,), then phi_1, log phi_2 and phi_3 of the
-    #: joints.
-    x: Array
+    #: (b,) base parameters.
+    pi: Array
     #: (n, 3) friction parameters.
     phi: Array
-    #: (n, 3) standard deviations of phi.
-    std: Array
     #: (n, 3) lower ends of the 95 % intervals.
     lower: Array
     #: (n, 3) upper ends of the 95 % intervals.
@@ -143,69 +131,65 @@ def fit_sigmoid(
         Rows for each independent sample, which the intervals take into account.
     """
     data = _Data(problem, rows_of)
-    weights = np.ones(problem.robot.n)
-    solved = [data.solved(data.start(slope), weights) for slope in START_SLOPES]
-    x = min(solved, key=lambda x: float(np.sum(data.residual(x) ** 2)))
+    n = problem.robot.n
+    weights = np.ones(n)
+    # y: log phi_2 and phi_3 of the joints.
+    starts = [np.repeat([np.log(slope), 0.0], n) for slope in START_SLOPES]
+    y = min(starts, key=lambda y: float(np.sum(data.projected(y, weights)[0] ** 2)))
+    high = np.repeat([np.log(STEEPEST), LARGEST_SHIFT], n)
+    low = np.repeat([np.log(FLATTEST), -LARGEST_SHIFT], n)
     for _ in range(2):
-        x = _least_squares(data, x, weights)
-        weights = data.weights(x)
-    return _with_intervals(data, data.solved(x, weights), weights, oversampling)
-
-
-def _least_squares(data: "_Data", x: Array, weights: Array) -> Array:
-    """Return the x (b + 3 n,) with the smallest weighted residual within the ranges of
-    phi.
-
-    x holds base parameters, phi_1, log phi_2 and phi_3; the search starts at x.
-    """
-    solution = scipy.optimize.least_squares(
-        lambda x: (data.residual(x) * weights).ravel(),
-        x,
-        lambda x: -data.weighted_columns(x, weights),
-        bounds=data.bounds,
-        x_scale="jac",
-        xtol=1e-14,
-        ftol=1e-14,
-        gtol=1e-14,
-        max_nfev=100,
-    )
-    return np.asarray(solution.x)
+        found = scipy.optimize.least_squares(
+            lambda y, w=weights: data.projected(y, w)[0],
+            y,
+            lambda y, w=weights: data.projected(y, w)[1],
+            bounds=(low, high),
+            x_scale="jac",
+            **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-14),
+            max_nfev=100,
+        )
+        y = found.x
+        # Weights with mean logarithm zero; a residual of rounding counts as that much.
+        rounding = 1e-12 * float(np.abs(data.torque).max())
+        residual = data.projected(y, weights)[0].reshape(-1, n) / weights
+        rms = np.sqrt(np.mean(residual**2, axis=0)) + rounding
+        weights = np.exp(np.mean(np.log(rms))) / rms
+    return _with_intervals(data, y, weights, oversampling)
 
 
 def _with_intervals(
-    data: "_Data", x: Array, weights: Array, oversampling: float
+    data: "_Data", y: Array, weights: Array, oversampling: float
 ) -> SigmoidFit:
-    """Return phi with standard deviations and 95 % intervals, from the Jacobian J of
-    the fit with weights (n,) of the joints.
+    """Return the fit at log phi_2 and phi_3 (2 n,) with 95 % intervals, from the
+    Jacobian J of all its parameters with weights (n,) of the joints.
 
-    The covariance of x is sigma^2 (J^T J)^-1, with sigma^2 the squared residuals over
-    the degrees of freedom.
+    Their covariance is sigma^2 (J^T J)^-1, with sigma^2 the squared residuals over the
+    degrees of freedom.
 
     Parameters
     ----------
-    x : (b + 3 n,) array
-        The fit: base parameters, phi_1, log phi_2, phi_3.
     oversampling : float
         Number of rows that repeat each other. J^T J counts each of them; the degrees of
         freedom count one.
     """
     n = len(weights)
-    jacobian = data.weighted_columns(x, weights)
+    linear, shapes = data.columns(y, weights)
+    residual, _, x = data.projected(y, weights)
+    amplitude = x[-n:]
+    jacobian = np.hstack([linear, shapes * np.tile(amplitude, 2)])
     norms = np.linalg.norm(jacobian, axis=0)
+    degrees = max(data.torque.size / oversampling - len(norms), 1.0)
     scaled = jacobian / norms
-    squares = float(np.sum((data.residual(x) * weights) ** 2))
-    degrees = max(data.torque.size / oversampling - len(x), 1.0)
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    deviations = np.sqrt(squares / degrees * np.diagonal(inverse)) / norms
-    phi = x[-3 * n :].reshape(3, n).T.copy()
-    phi[:, 1] = np.exp(phi[:, 1])
-    std = deviations[-3 * n :].reshape(3, n).T.copy()
-    # Of phi_2, from that of its logarithm.
-    std[:, 1] *= phi[:, 1]
-    # Student's t; scipy.stats would take half a second to import.
+    variance = float(residual @ residual) / degrees
+    std = (np.sqrt(variance * np.diagonal(inverse)) / norms)[-3 * n :].reshape(3, n).T
+    slope, shift = np.exp(y[:n]), y[n:]
+    phi = np.column_stack([amplitude, slope, shift])
+    # Student's t; scipy.stats would take half a second to import. Of phi_2, from its
+    # logarithm.
     half = scipy.special.stdtrit(degrees, 0.975) * std
-    at_bound = phi[:, 1] > 0.99 * STEEPEST
-    return SigmoidFit(x, phi, std, phi - half, phi + half, at_bound)
+    half[:, 1] *= slope
+    return SigmoidFit(x[:-n], phi, phi - half, phi + half, slope > 0.99 * STEEPEST)
 
 
 class _Data:
@@ -223,177 +207,66 @@ class _Data:
         model = problem.model("rigid_body")
         rows = rows_of(model)
         self.robot = problem.robot
-        self.rows_of = rows_of
         self.torque = rows.torque
         size = len(model.parameters)
         wide = np.stack([c.dense_columns(size) for c in rows.columns], axis=1)
         _, independent = base_parameters(model, problem.independent)
         self.rigid = wide[:, :, list(independent)]
-        # Of the last slopes and shifts: residual and Jacobian are asked at the same x.
-        self._last_shape = np.empty(0)
-        self._last_columns = np.empty(0)
+        # Residual and Jacobian are asked at the same shapes.
+        self.sigmoid = lru_cache(1)(partial(self._sigmoid, rows_of))
 
-    def start(self, slope: float) -> Array:
-        """Return the point from which a search starts: zeros but for the slopes.
+    def _sigmoid(self, rows_of: RowsOf, y: tuple[float, ...]) -> Array:
+        """Return each joint's friction per phi_1, and its derivatives by log phi_2 and
+        phi_3 per phi_1, (M, n, 3), at log phi_2 and phi_3 of the joints."""
+        slope, shift = np.reshape(y, (2, -1))
+        shapes = np.column_stack([np.exp(slope), shift])
+        rows = rows_of(Model(self.robot, (LinearisedSigmoid(self.robot, shapes),)))
+        return np.stack([c.columns for c in rows.columns], axis=1)
 
-        Parameters
-        ----------
-        slope : float
-            phi_2 of every joint [s/rad].
-
-        Returns
-        -------
-        (b + 3 n,) array
-            Base parameters, phi_1, log phi_2 and phi_3.
-        """
+    def columns(self, y: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the weighted columns of the base parameters and phi_1 (M n, b + n), and
+        those of log phi_2 and phi_3 (M n, 2 n) at phi_1 = 1."""
         n = self.robot.n
-        linear = np.zeros(self.rigid.shape[2] + n)
-        return np.concatenate([linear, np.full(n, np.log(slope)), np.zeros(n)])
+        # (M, n, 3) becomes blocks (M, n, n): phi of a joint acts on it alone.
+        blocks = self.sigmoid(tuple(y))[:, :, :, None] * np.eye(n)[:, None]
+        amplitude, *shapes = np.moveaxis(blocks, 2, 0)
+        groups = ((self.rigid, amplitude), shapes)
+        linear, others = (np.concatenate(x, axis=2) * weights[:, None] for x in groups)
+        rows = len(self.torque) * n
+        return linear.reshape(rows, -1), others.reshape(rows, -1)
 
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds (b + 3 n,) of x = (base parameters, phi_1, log phi_2,
-        phi_3).
-
-        Base parameters and phi_1 are free; slopes phi_2 lie between FLATTEST and
-        STEEPEST [s/rad], shifts phi_3 within +-LARGEST_SHIFT [rad/s].
-        """
-        n = self.robot.n
-        free = np.full(self.rigid.shape[2] + n, np.inf)
-        shift = np.full(n, LARGEST_SHIFT)
-        low = np.concatenate([-free, np.full(n, np.log(FLATTEST)), -shift])
-        high = np.concatenate([free, np.full(n, np.log(STEEPEST)), shift])
-        return low, high
-
-    def weights(self, x: Array) -> Array:
-        """Return the weight of each joint: the inverse of its residual, with mean
-        logarithm zero.
-
-        A residual below rounding (1e-12 of the largest torque) is raised to it.
-
-        Parameters
-        ----------
-        x : (b + 3 n,) array
-            Base parameters, phi_1, log phi_2 and phi_3.
+    def projected(self, y: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """Solve for base parameters and phi_1 at log phi_2 and phi_3 (variable
+        projection: Golub, Pereyra 1973; Kaufman's derivative, BIT 1975).
 
         Returns
         -------
-        (n,) array
+        tuple
+            Weighted residual (M n,) [N m], its derivative by y (M n, 2 n), and the
+            solution (b + n,).
         """
-        rounding = 1e-12 * float(np.abs(self.torque).max())
-        rms = np.sqrt(np.mean(self.residual(x) ** 2, axis=0)) + rounding
-        return np.asarray(np.exp(np.mean(np.log(rms))) / rms)
-
-    def weighted_columns(self, x: Array, weights: Array) -> Array:
-        """Return the derivative of the weighted torque of all rows by x, with weights
-        (n,) of the joints.
-
-        Parameters
-        ----------
-        x : (b + 3 n,) array
-            Base parameters, phi_1, log phi_2 and phi_3.
-
-        Returns
-        -------
-        (M n, b + 3 n) array
-        """
-        weighted = self.columns(x) * weights[:, None]  # (M, n, b + 3 n)
-        return weighted.reshape(-1, len(x))
-
-    def columns(self, x: Array) -> Array:
-        """Return the derivative of the torque of all rows by x.
-
-        Parameters
-        ----------
-        x : (b + 3 n,) array
-            Base parameters, phi_1, log phi_2 and phi_3.
-
-        Returns
-        -------
-        (M, n, b + 3 n) array
-        """
-        n_base = self.rigid.shape[2]
-        amplitude, log_slope, _ = x[n_base:].reshape(3, -1)
-        slope = np.exp(log_slope)
-        # Derivatives of phi_1 (f / phi_1), by the chain rule for log phi_2.
-        ones = np.ones_like(slope)
-        scale = np.stack([ones, amplitude * slope, amplitude], axis=1)
-        of_joints = self.sigmoid_columns(x) * scale
-        # (M, n, 3) becomes three blocks (M, n, n): phi of a joint acts on it alone.
-        same_joint = np.eye(len(slope))
-        blocks = [of_joints[:, :, k, None] * same_joint for k in range(3)]
-        return np.concatenate([self.rigid, *blocks], axis=2)
-
-    def sigmoid_columns(self, x: Array) -> Array:
-        """Return each joint's friction per phi_1, and its derivatives by phi_2 and
-        phi_3 per phi_1.
-
-        Parameters
-        ----------
-        x : (b + 3 n,) array
-            Base parameters, phi_1, log phi_2 and phi_3.
-
-        Returns
-        -------
-        (M, n, 3) array
-        """
-        n = self.robot.n
-        if not np.array_equal(x[-2 * n :], self._last_shape):
-            slope, shift = np.exp(x[-2 * n : -n]), x[-n:]
-            sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
-            rows = self.rows_of(Model(self.robot, (sigmoid,)))
-            self._last_columns = np.stack([c.columns for c in rows.columns], axis=1)
-            self._last_shape = x[-2 * n :].copy()
-        return self._last_columns
-
-    def residual(self, x: Array) -> Array:
-        """Return the measured minus the modelled torque (M, n) [N m].
-
-        The model is linear in the base parameters and phi_1; phi_2 and phi_3 enter
-        through their columns.
-
-        Parameters
-        ----------
-        x : (b + 3 n,) array
-            Base parameters, phi_1, log phi_2 and phi_3.
-        """
-        n_base = self.rigid.shape[2]
-        amplitude = x[n_base : n_base + self.robot.n]
-        friction = self.sigmoid_columns(x)[:, :, 0] * amplitude
-        return np.asarray(self.torque - self.rigid @ x[:n_base] - friction)
-
-    def solved(self, x: Array, weights: Array) -> Array:
-        """Return x with the best base parameters and phi_1 for its phi_2 and phi_3,
-        with weights (n,) of the joints.
-
-        They solve a linear least-squares problem.
-
-        Parameters
-        ----------
-        x : (b + 3 n,) array
-            Base parameters, phi_1, log phi_2 and phi_3.
-
-        Returns
-        -------
-        (b + 3 n,) array
-        """
-        linear = len(x) - 2 * self.robot.n
-        columns = self.weighted_columns(x, weights)[:, :linear]
-        target = (self.torque * weights).ravel()
-        out = x.copy()
-        out[:linear] = np.linalg.lstsq(columns, target, rcond=None)[0]
-        return out
+        linear, shapes = self.columns(y, weights)
+        Q, R = np.linalg.qr(linear)
+        torque = (self.torque * weights).ravel()
+        x = np.linalg.lstsq(R, Q.T @ torque, rcond=None)[0]
+        slopes = shapes * np.tile(x[-self.robot.n :], 2)
+        return torque - linear @ x, Q @ (Q.T @ slopes) - slopes, x
 
 
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
     """Return the RMS residual (n,) [N m] of a fit on other rows; ``parts`` are
     functions from a model to its rows, one for each run, which count together."""
-    residuals = [_Data(problem, rows_of).residual(fit.x) for rows_of in parts]
+    y = np.append(np.log(fit.phi[:, 1]), fit.phi[:, 2])
+    residuals = []
+    for rows_of in parts:
+        data = _Data(problem, rows_of)
+        friction = data.sigmoid(tuple(y))[:, :, 0] * fit.phi[:, 0]
+        residuals.append(data.torque - data.rigid @ fit.pi - friction)
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
 
 
 @register_table("I", "panda")
-def sigmoid_friction(study: Study) -> Table:
+def sigmoid_friction(study: Study) -> StudyTable:
     """Table I: the sigmoid friction of every joint, published and fitted.
 
     Rows: phi_1..phi_3 published and fitted, each with its interval; then errors
@@ -432,7 +305,7 @@ def sigmoid_friction(study: Study) -> Table:
         **steps,
     )
     title = f"Table I: sigmoid friction of {study.problem.title}"
-    return Table(title, rows, table_notes, digits=5)
+    return StudyTable(title, rows, table_notes, digits=5)
 
 
 def _fit_without_noise(study: Study) -> SigmoidFit:

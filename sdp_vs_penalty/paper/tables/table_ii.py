@@ -7,11 +7,11 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 
 
 @register_table("II", "panda")
-def exciting_trajectory(study: Study) -> Table:
+def exciting_trajectory(study: Study) -> StudyTable:
     """Table II: the exciting trajectory, published, as commanded, and better
     conditioned ones.
 
@@ -25,7 +25,7 @@ def exciting_trajectory(study: Study) -> Table:
 
     Returns
     -------
-    Table
+    StudyTable
         Rows of coefficients (a_k, b_k, q_0 of each joint) and of condition numbers, of the
         published trajectory and of trajectories optimised by this program.
     """
@@ -68,7 +68,7 @@ def exciting_trajectory(study: Study) -> Table:
         regressor = Regressor.of(study.problem, effects)
         for which, trajectory in trajectories.items():
             add(f"condition number ({label})", which, regressor.condition(trajectory))
-    return Table(
+    return StudyTable(
         f"Table II: exciting trajectory of {study.problem.title}",
         rows,
         notes(

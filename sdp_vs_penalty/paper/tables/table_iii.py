@@ -9,7 +9,7 @@ import pandas
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.paper.tables.study import Data, Study, torque_errors
-from sdp_vs_penalty.paper.tables.table import Table, notes, register_table
+from sdp_vs_penalty.paper.tables.table import StudyTable, notes, register_table
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 from sdp_vs_penalty.regression.black_box import compress_black_box
 from sdp_vs_penalty.regression.linalg import deviations
@@ -108,7 +108,7 @@ def _published_checks(study: Study, printed: Sequence[Mapping[str, str]]) -> str
 
 
 @register_table("III")
-def base_parameter_table(study: Study) -> Table:
+def base_parameter_table(study: Study) -> StudyTable:
     """Table III: base parameters and friction, published and ours.
 
     Rows: base parameters, all other parameters, then condition number and relative
@@ -135,7 +135,7 @@ def base_parameter_table(study: Study) -> Table:
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
         our_values |= _estimates(study, data, base)
-    table = Table(
+    table = StudyTable(
         f"Table III: base parameters of {study.problem.title}",
         rows.join(pandas.DataFrame(our_values)),
         _notes(study, printed),

@@ -21,12 +21,12 @@ from sdp_vs_penalty.paper.tables.study import (
 from sdp_vs_penalty.paper.tables.table import (
     Cell,
     Row,
-    Table,
+    StudyTable,
     by_joint,
     notes,
     register_table,
 )
-from sdp_vs_penalty.paper.tables.table_i import SigmoidFriction
+from sdp_vs_penalty.paper.tables.table_i import LinearisedSigmoid
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Rows whose sensitivity to the filter is told.
@@ -34,7 +34,7 @@ _SHOWN = ("p_hat", "delta", "ols")
 
 
 @register_table("IV")
-def unseen_torque(study: Study) -> Table:
+def unseen_torque(study: Study) -> StudyTable:
     """Table IV: torque error of each joint on unseen and on repeated motion."""
     study.estimate(study.methods.values(), study.judged)
     rows = _published_rows(study)
@@ -48,7 +48,7 @@ def unseen_torque(study: Study) -> Table:
     errors_in_words = [
         f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods
     ]
-    table = Table(
+    table = StudyTable(
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other"
         " motion",
         rows,
@@ -74,7 +74,6 @@ def _published_rows(study: Study) -> list[Row]:
 def _unseen_rows(study: Study) -> list[Row]:
     """Return a row for each estimate: its error on held-out folds of the real run."""
     rows = []
-    study.judge_unseen(_estimates(study).values())
     for name, (method, effects) in _estimates(study).items():
         result = study.unseen(method, effects)
         rows.append(
@@ -188,7 +187,7 @@ def _estimates(
         shapes = friction[:, 1:]
         effects = (
             *study.problem.model("rigid_body").effects,
-            SigmoidFriction(robot, shapes),
+            LinearisedSigmoid(robot, shapes),
         )
         # The effect's parameters of each joint: phi_1, and corrections of phi_2 and
         # phi_3, which are zero for the published friction.
@@ -253,7 +252,6 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     other = Study(behind, study.budget, study.progress, study.workers)
     data_of_study = {row["estimate"]: row["relative_error_percent"] for row in rows}
     estimates = _estimates(other)
-    other.judge_unseen(estimates[name] for name in _SHOWN)
     wider = {
         name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN
     }

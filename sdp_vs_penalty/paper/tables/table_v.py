@@ -16,11 +16,11 @@ import scipy
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.paper.memo import program_version, remembered_arrays
+from sdp_vs_penalty.paper.memo import program_version, remembered
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import (
     Row,
-    Table,
+    StudyTable,
     by_joint,
     notes,
     register_table,
@@ -156,20 +156,20 @@ def play(kind: type[Engine], commanded: Commanded) -> EngineRun:
     """
     robot, links = commanded.robot, commanded.links
     engine = (program_version(), kind.name, kind.version())
-    followed = remembered_arrays(
+    followed = remembered(
         "engine",
         (*engine, robot.to_dict(), links, commanded.q, commanded.step),
         partial(_follow, kind, commanded),
     )
-    torque = followed["torque"]
+    torque = np.array(followed["torque"])
     return EngineRun(
         engine=kind.name,
         t=commanded.t,
         torque=torque,
         model=commanded.torque,
         error=torque - commanded.torque,
-        position=followed["position"],
-        angle=followed["angle"],
+        position=np.array(followed["position"]),
+        angle=np.array(followed["angle"]),
     )
 
 
@@ -306,7 +306,7 @@ def _played(
 
 
 @register_table("V", "panda")
-def engines(study: Study) -> Table:
+def engines(study: Study) -> StudyTable:
     """Table V: physics engines with the identified model, published ones and those at
     hand.
 
@@ -332,7 +332,7 @@ def engines(study: Study) -> Table:
     formulations = "; ".join(
         f"{name}: {kind.formulation}" for name, kind in engine_types().items()
     )
-    table = Table(
+    table = StudyTable(
         f"Table V: physics engines with the identified {study.problem.title}",
         rows,
         notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),

@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
 from sdp_vs_penalty.paper.penalised_optimum import PenalisedOptimum, PenalisedProblem
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
 from sdp_vs_penalty.solvers.objective import Objective
 
@@ -68,7 +68,7 @@ def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:
 
 
 @register_table("triangle", "panda", slow=True)
-def triangle(study: Study) -> Table:
+def triangle(study: Study) -> StudyTable:
     """Triangle table: what the triangle inequalities change."""
     methods = {
         "pseudo-inertia (4x4)": LmiSdpPlain(),
@@ -95,7 +95,7 @@ def triangle(study: Study) -> Table:
             row["unseen_error_percent"] = study.unseen(method).relative_error_percent
         rows.append(row)
     full, weak = rows
-    return Table(
+    return StudyTable(
         f"What the triangle inequalities change, {study.problem.title}",
         rows,
         notes("triangle", n=len(study.task(data).links)),

@@ -29,12 +29,12 @@ from sdp_vs_penalty.paper.tables.study import (
 from sdp_vs_penalty.paper.tables.table import (
     Cell,
     Row,
-    Table,
+    StudyTable,
     by_joint,
     notes,
     register_table,
 )
-from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
+from sdp_vs_penalty.regression.regression import Regression, compress_cells
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 
@@ -55,7 +55,7 @@ _Window = tuple[Regression, Regression]
 
 
 @register_table("data", slow=True)
-def data_needed(study: Study) -> Table:
+def data_needed(study: Study) -> StudyTable:
     """Data table: how much measured motion each method needs.
 
     Every method is trained on several windows of each length, and judged on other
@@ -68,15 +68,12 @@ def data_needed(study: Study) -> Table:
 
     Returns
     -------
-    Table
+    StudyTable
         Rows of each data set, length and method; notes and headline.
     """
     rows = list[Row]()
-    sources = [(study.simulated, _time_windows(study.simulated, _MOST_WINDOWS))]
-    if study.measured is not None:
-        real = study.measured
-        sources.append((real, _phase_windows(real, _MOST_WINDOWS, 0.5 * min(_LENGTHS))))
-    for data, windows_of in sources:
+    for data in study.whole:
+        windows_of = _windows(data, _MOST_WINDOWS, 0.5 * min(_LENGTHS))
         for length in _LENGTHS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
@@ -92,7 +89,7 @@ def data_needed(study: Study) -> Table:
     errors_in_words = [
         f"{row['method']} {row['error_percent_median']:.3g} %" for row in last
     ]
-    return Table(
+    return StudyTable(
         f"How much data each method needs: {study.problem.title}",
         rows,
         notes("data", most=_MOST_WINDOWS),
@@ -102,15 +99,14 @@ def data_needed(study: Study) -> Table:
     )
 
 
-def _phase_windows(
-    real: Data, most_windows: int, cell: float
+def _windows(
+    data: Data, most_windows: int, cell: float
 ) -> Callable[[int], list[_Window]]:
-    """Return a function that cuts training windows of a length from the periodic
-    motion.
+    """Return a function that cuts training windows of a length from the motion.
 
-    The motion's period is cut into cells of ``cell`` seconds. A window takes
-    consecutive cells with all their repetitions; it is judged on the cells beyond the
-    filters' reach.
+    The motion's period, or all of it, is cut into cells of ``cell`` seconds. A window takes
+    consecutive cells with all their repetitions; it is judged on the test rows, or on the
+    cells beyond the filters' reach where there are none.
 
     Parameters
     ----------
@@ -124,13 +120,12 @@ def _phase_windows(
     callable
         Maps a length [s] to pairs of training rows and test rows.
     """
-    all_phases = phase_folds(real.train, real.preprocessing, 1)
+    all_phases = phase_folds(data.train, data.preprocessing, 1)
     count = round(all_phases.clocks[0].length / cell)  # cells in a period
     clear = math.ceil(all_phases.guard / cell)  # cells that the filters reach
     split = PhaseFolds(all_phases.clocks, count)
-    cells = compress_cells(
-        FilteredRuns.of(real.train, real.preprocessing), real.model, split
-    )
+    runs = FilteredRuns.of(data.train, data.preprocessing)
+    cells = compress_cells(runs, data.model, split)
     starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
@@ -140,45 +135,10 @@ def _phase_windows(
         windows = []
         for start in starts:
             phases = (start + np.arange(count)) % count  # all cells from the start on
-            train = cells.select(phases[:size])
-            test = cells.select(phases[size + clear : count - clear])
-            windows.append((train, test))
+            beyond = cells.select(phases[size + clear : count - clear])
+            test = beyond if data.make_test is None else data.test_regression
+            windows.append((cells.select(phases[:size]), test))
         return windows
-
-    return chosen
-
-
-def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window]]:
-    """Return a function that cuts training windows of a length from the simulated run.
-
-    They consist of consecutive blocks of one second, evenly spread; incomplete blocks
-    at the ends are left out.
-
-    Returns
-    -------
-    callable
-        Maps a length [s] to pairs of training rows and test rows.
-    """
-    seconds = round(float(data.train.t[-1] - data.train.t[0]))
-    blocks = compress(
-        FilteredRuns.of(data.train, data.preprocessing), data.model, seconds
-    )
-    # Rows of each block; the first and the last complete one.
-    rows = np.zeros(len(blocks.blocks))
-    for factor in blocks.factors:
-        rows[factor.block] += factor.rows
-    first, *_, last = np.flatnonzero(rows >= 0.9 * np.median(rows)).tolist()
-
-    def chosen(length: int) -> list[_Window]:
-        """Return pairs of training rows (windows of this length [s]) and all test rows."""
-        last_start = last + 1 - length
-        if last_start < first:
-            return []
-        starts = np.linspace(first, last_start, most_windows).round().astype(int)
-        return [
-            (blocks.select(start + np.arange(length)), data.test_regression)
-            for start in np.unique(starts)
-        ]
 
     return chosen
 
@@ -221,7 +181,7 @@ ADDED_EFFECTS = ("", "presliding_hysteresis", "presliding_hysteresis, torque_gai
 
 
 @register_table("unseen", "panda", slow=True)
-def unseen(study: Study) -> Table:
+def unseen(study: Study) -> StudyTable:
     """Unseen table: errors on motion that was not trained on, fold by fold, and what
     lowers them.
 
@@ -235,7 +195,7 @@ def unseen(study: Study) -> Table:
 
     Returns
     -------
-    Table
+    StudyTable
         Rows of each fold, of all folds together and of repeated motion, for each method
         and set of effects; notes and headline.
     """
@@ -258,7 +218,7 @@ def unseen(study: Study) -> Table:
     usual = errors[DEFAULT_METHOD, ADDED_EFFECTS[0]]
     with_hysteresis = errors[DEFAULT_METHOD, ADDED_EFFECTS[1]]
     with_both = errors[DEFAULT_METHOD, ADDED_EFFECTS[2]]
-    return Table(
+    return StudyTable(
         f"Errors on unseen motion of {study.problem.title}",
         rows,
         notes("unseen", folds=FOLDS, cut=CUT),

@@ -26,9 +26,9 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
-from sdp_vs_penalty.paper.memo import program_version, remembered_arrays, task_content
+from sdp_vs_penalty.paper.memo import program_version, remembered, task_content
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table, notes, register_table
+from sdp_vs_penalty.paper.tables.table import StudyTable, notes, register_table
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
@@ -261,16 +261,16 @@ def wrench_study(study: Study) -> WrenchStudy:
     task = study.task(study.simulated)
     n_retrievals = study.effort.retrievals
     content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
-    held = remembered_arrays("wrenches", content, partial(_computed, study, Y))
-    intervals = WrenchIntervals(**{name: held[name] for name in _ENDS})
+    held = remembered("wrenches", content, partial(_computed, study, Y))
+    intervals = WrenchIntervals(*(np.array(held[name]) for name in _ENDS))
     named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
     return WrenchStudy(
         t=t,
         true=Y @ x.links.ravel(),
         feasible=named,
-        penalty_runs=list(held["penalty_runs"]),
-        boxed=list(held["boxed"]),
-        unbounded=list(held["unbounded"]),
+        penalty_runs=[*map(np.array, held["penalty_runs"])],
+        boxed=[*map(np.array, held["boxed"])],
+        unbounded=[*map(np.array, held["unbounded"])],
         intervals=intervals,
     )
 
@@ -300,10 +300,8 @@ def _computed(study: Study, Y: Array) -> dict[str, Array]:
         "unbounded": unfeasible_retrievals(problem, pi, count, boxed=False),
         "penalty_runs": penalty_links(study),
     }
-    none = np.empty((0, *Y.shape[:3]))
     wrenches = {
-        name: np.array(_wrenches(Y, retrieved) or none)
-        for name, retrieved in searches.items()
+        name: np.array(_wrenches(Y, retrieved)) for name, retrieved in searches.items()
     }
     return {**{name: getattr(intervals, name) for name in _ENDS}, **wrenches}
 
@@ -348,7 +346,7 @@ def penalty_links(study: Study) -> list[Array]:
 
 
 @register_table("wrenches", "two_link")
-def wrench_table(study: Study) -> Table:
+def wrench_table(study: Study) -> StudyTable:
     """How far internal wrenches differ between parameters that make the same torques.
 
     Rows: joint and component; largest true value, then largest deviations from it.
@@ -371,7 +369,7 @@ def wrench_table(study: Study) -> Table:
         unbounded=len(w.unbounded),
     )
     title = f"Internal joint wrenches of {study.problem.title}"
-    return Table(title, rows, table_notes, digits=3)
+    return StudyTable(title, rows, table_notes, digits=3)
 
 
 def _columns(w: WrenchStudy) -> dict[str, Array]:
