@@ -128,8 +128,8 @@ class BoxedProblem:
         # How far Q is from m c c^T on its diagonal: zero if the relaxation is exact.
         mass = theta[self.links[:, 0]]
         h = theta[self.links[:, 1:4]]
-        q = fit.theta[self.first_q :].reshape(n, 6)
-        diagonal = q[:, [0, 2, 5]]  # Q_xx, Q_yy, Q_zz
+        products = fit.theta[self.first_q :].reshape(n, 6)
+        diagonal = products[:, [0, 2, 5]]  # Q_xx, Q_yy, Q_zz
         excess = diagonal - h**2 / mass[:, None]
         found = problem.optimum(theta, weight, max(fit.lower, 0.0))
         return SolvedCell(low, high, found, excess)

@@ -46,7 +46,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.experiments import (
     Sensor,
     experiment,
-    sigmoid_friction,
+    sigmoid_torque,
     simulate,
 )
 from sdp_vs_penalty.simulation.worlds.world import inverse_dynamics
@@ -264,7 +264,7 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
     def torque(motion: Motion) -> Array:
         """Return the true torque (N, n)."""
         if setting.sigmoid and known.friction is not None:
-            return rigid(motion) + sigmoid_friction(known.friction, motion.dq)
+            return rigid(motion) + sigmoid_torque(known.friction, motion.dq)
         dry = coulomb * np.sign(motion.dq)
         return rigid(motion) + dry + viscous * motion.dq + offset
 
