@@ -47,6 +47,7 @@ ORDER = (
     "simulation",
     "checks",
     "api",
+    "testing",
     "render",
     "reports",
     "page",

@@ -16,6 +16,7 @@ import sdp_vs_penalty.solvers
 from sdp_vs_penalty import export, identify
 from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.cli.verbs.list import details, listing
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import (
@@ -28,6 +29,7 @@ from sdp_vs_penalty.simulation import (
     log_uniform,
 )
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.testing import contracts
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""
 
@@ -184,7 +186,8 @@ def test_an_effect_of_one_file_is_exported_and_hidden(two_link, added, tmp_path)
 
 
 def test_one_file_keeps_the_contracts_and_is_listed(added):
-    effect_contract.check_units_are_those_of_the_columns(NAME)
+    for contract in contracts(effect_types()[NAME]).values():
+        contract()
     effect_contract.check_columns_are_the_hidden_torque(NAME)
     row = details("effects", NAME)
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_contract import robots, wide_columns
 
 from sdp_vs_penalty.effects import Effect, Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.transmission import LAWS
 from sdp_vs_penalty.robot import Robot, parse_transmission
+from sdp_vs_penalty.testing.effects import robots, wide_columns
 
 ARM = robots()["arm"]
 

@@ -4,7 +4,6 @@ friction turns."""
 import numpy as np
 import pytest
 from arms import run_of_widths
-from effect_contract import to_and_fro, wide_columns
 from random_robots import sines
 from unchecked import identify
 
@@ -18,6 +17,7 @@ from sdp_vs_penalty.estimation import (
 )
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.signals import FilteredRuns
+from sdp_vs_penalty.testing.effects import to_and_fro, wide_columns
 
 
 def test_every_joint_gets_its_own_width_with_an_honest_spread(scara_arm):

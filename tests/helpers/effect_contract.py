@@ -1,8 +1,6 @@
-"""Robots and motions to try effects on; units are those of the columns, and columns the
-torque of the hidden world, signed.
+"""Columns are the torque of the hidden world, signed.
 
-Robots have joints of one kind only where shape constants are at work: one constant for
-rad and m at once has no unit. The worlds state the torque of an effect a second time,
+The worlds state the torque of an effect a second time,
 in code that shares nothing with the columns (``tests/simulation/test_challenge.py``
 looks). Forms that no world draws stand here.
 """
@@ -15,20 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from random_robots import link_parameters, sines, tree
 from scipy.signal import butter, sosfiltfilt
 
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.diagnosis import size_of
-from sdp_vs_penalty.effects import (
-    CurrentModel,
-    Effect,
-    Motion,
-    effect_types,
-    parse_effects,
-)
-from sdp_vs_penalty.effects.motion import Command
-from sdp_vs_penalty.robot import Joint, Robot, random_trajectory
+from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
+from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import (
     MAKERS,
     DryFriction,
@@ -40,243 +30,9 @@ from sdp_vs_penalty.simulation import (
     shifted,
     true_world,
 )
+from sdp_vs_penalty.testing.effects import wide_columns
 
 Array = NDArray[np.float64]
-
-
-@cache
-def robots() -> dict[str, Robot]:
-    """A tree with both kinds of joints; an arm and a gantry with one kind; single
-    joints."""
-
-    def all_of(kind: str, robot: Robot) -> Robot:
-        return replace(robot, joints=tuple(replace(j, kind=kind) for j in robot.joints))
-
-    chain = tree(np.random.default_rng(1), 3, branched=False, link_frames=True)
-    one = tree(np.random.default_rng(5), 1)
-    return {
-        "tree": tree(np.random.default_rng(5), 5),
-        "arm": all_of("revolute", chain),
-        "gantry": all_of("prismatic", chain),
-        "single": all_of("revolute", one),
-        "slide": all_of("prismatic", one),
-    }
-
-
-def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
-    """A motion without reversals and far from standstill, with a current model.
-
-    |dq| stays beyond 0.3 rad/s, where every smoothed sign is one, so that nothing but the declared
-    shape constants has the unit of a velocity.
-    """
-    rng = np.random.default_rng(seed)
-    t = np.linspace(0.0, 0.01 * (rows - 1), rows)
-    v = (0.8 + 0.7 * np.arange(robot.n)) * rng.choice([-1.0, 1.0], robot.n)
-    a = rng.uniform(-0.2, 0.2, robot.n)
-    phase = rng.uniform(0, 6, robot.n)
-    wave = 3.0 * t[:, None] + phase
-    q = rng.normal(size=robot.n) + np.outer(t, v) + a * np.sin(wave) / 3.0
-    dq, ddq = v + a * np.cos(wave), -3.0 * a * np.sin(wave)
-    links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
-    torque = robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * np.sign(dq) + 0.1 * dq
-    warm = 20.0 + 300.0 * np.outer(t, 1.0 + np.arange(robot.n))
-    moved = Motion(
-        t,
-        q,
-        dq,
-        ddq,
-        torque,
-        CurrentModel(robot, links),
-        temperature=warm,
-        motors=1.2 * ddq,
-    )
-    return told(moved)
-
-
-def to_and_fro(robot: Robot) -> Motion:
-    """Six seconds of sines with reversals, and a current model."""
-    moved = sines(np.random.default_rng(3), robot.n, np.arange(0.0, 6.0, 0.01), 0.1, 5)
-    current = steady_motion(robot).current
-    torque = (
-        robot.inverse_dynamics(current.links, moved.q, moved.dq, moved.ddq)
-        + 0.3 * moved.dq
-    )
-    seen = {
-        "temperature": 25.0 + 3.0 * moved.q,
-        "motors": 1.1 * moved.ddq,
-        "sign_width": 0.02,
-    }
-    return told(replace(moved, torque=torque, current=current, **seen))
-
-
-def told(motion: Motion) -> Motion:
-    """With a command: positions and integrals of about the motion's own size."""
-    q, dq, ddq = (1.3 * x for x in (motion.q, motion.dq, motion.ddq))
-    sums = np.cumsum(motion.q, axis=0) * (motion.t[1] - motion.t[0])
-    return replace(
-        motion,
-        command=Command(motion.t, q, dq, ddq, 1.7 * sums),
-        position_integral=sums,
-    )
-
-
-def wide_columns(effect: Effect, motion: Motion) -> Array:
-    """(n, N, p) all columns, zero where a joint has none."""
-    out = np.zeros((effect.robot.n, len(motion.t), len(effect.parameters)))
-    for block in effect.blocks(motion):
-        out[block.joint][:, block.parameters] += block.columns
-    return out
-
-
-#: Of a form that is searched on a joint in more sizes than these, so many are tried.
-SIZES_TRIED = 12
-
-
-def some_of_each_form(effects: list[Effect]) -> list[Effect]:
-    """Of each form, its smallest and largest shape constants and some between them.
-
-    Effects have one form if they act on the same joints and make the same choices.
-    """
-    forms: dict[Any, list[Effect]] = {}
-    for effect in effects:
-        choices = [effect.shape[k] for k, s in effect.shapes.items() if s.choices]
-        forms.setdefault((effect.joints, *choices), []).append(effect)
-    tried = []
-    for form in forms.values():
-        count = min(len(form), SIZES_TRIED)
-        tried += [form[k] for k in np.linspace(0, len(form) - 1, count).astype(int)]
-    return tried
-
-
-def variants(name: str, robot: Robot) -> list[Effect]:
-    """The effect on all joints as it is by default, and on each with what a search
-    begins with."""
-    kind = effect_types()[name]
-    searched = [
-        effect
-        for joint in ([None] if kind.whole_robot else range(robot.n))
-        for effect in some_of_each_form(kind.candidates(robot, joint))
-    ]
-    if (
-        name == "measured_curve"
-    ):  # measured, not searched: over what is more than a joint's own signal
-        kinds = [j.kind for j in robot.joints]
-        other = 2 + kinds[1:].index(kinds[0]) if kinds[0] in kinds[1:] else 0
-        over = [f"x={w}@xj=1@xi={other}@xc=-2" for w in ("q", "dq") if other]
-        ends = "@xlow=-0.4@xhigh=0.9@v1=-1@v2=2"
-        texts = [f"{name}:1@{x}{ends}" for x in over]
-        searched = list(parse_effects(texts, robot))
-    return [kind(robot), *searched]
-
-
-def unit_scale(unit: str, base: dict[str, float], constants: dict[str, float]) -> float:
-    """By what a number in this unit is multiplied if the base units are."""
-    if unit == "-":
-        return 1.0
-    newton = base["kg"] * base["m"] / base["s"] ** 2
-    known = {
-        **base,
-        "N": newton,
-        "rad": 1.0,
-        "turn": 1.0,
-        "K": 1.0,
-        "Hz": 1.0 / base["s"],
-        **constants,
-    }
-    return float(
-        eval(unit.replace("^", "**"), {"__builtins__": {}}, known)
-    )  # units are our own words
-
-
-def in_other_units(robot: Robot, base: dict[str, float]) -> Robot:
-    """The same robot where a length of 1 m reads base["m"], and so on."""
-
-    def moved(pose: Array) -> Array:
-        out = np.array(pose)
-        out[:3, 3] *= base["m"]
-        return out
-
-    def joint(j: Joint) -> Joint:
-        return replace(j, placement=moved(j.placement), link_frame=moved(j.link_frame))
-
-    x, y, z = np.array(robot.gravity) * base["m"] / base["s"] ** 2
-    return Robot(robot.name, tuple(joint(j) for j in robot.joints), (x, y, z))
-
-
-def check_units_are_those_of_the_columns(name: str) -> None:
-    """Rewrite the whole problem in other units of mass, length and time: a column in
-    the new units must be the old one times torque / parameter, with shape constants
-    converted by their own unit."""
-    for base in ({"kg": 1.0, "m": 1.0, "s": 0.7}, {"kg": 1.9, "m": 1.6, "s": 1.3}):
-        for which, robot in robots().items():
-            position = np.array([unit_scale(u, base, {}) for u in robot.position_units])
-            torque = np.array([unit_scale(u, base, {}) for u in robot.torque_units])
-            motion = steady_motion(robot)
-            new = _rewritten(
-                motion, in_other_units(robot, base), base, position, torque
-            )
-            for effect in variants(name, robot):
-                if not effect.parameters or (which == "tree" and effect.shapes):
-                    continue
-                kind = effect.robot.joints[effect.joints[0]].kind
-                shape = {
-                    key: value * unit_scale(effect.shapes[key].unit_on(kind), base, {})
-                    for key, value in effect.shape.items()
-                }
-                joints = (
-                    None if effect.asked_joints is None else list(effect.asked_joints)
-                )
-                rewritten = type(effect)(new.current.robot, joints, **shape)
-                # A unit may hold an exponent, which is a number by itself.
-                numbers = {
-                    k: v
-                    for k, v in effect.shape.items()
-                    if effect.shapes[k].unit == "-"
-                }
-                scale = np.array(
-                    [unit_scale(p.unit, base, numbers) for p in effect.parameters]
-                )
-                expected = wide_columns(effect, motion) * torque[:, None, None] / scale
-                found = wide_columns(rewritten, new)
-                atol = 1e-9 * np.abs(expected).max()
-                wrong = [
-                    f"{p.name} [{p.unit}]"
-                    for p, a, b in zip(
-                        effect.parameters, expected.T, found.T, strict=True
-                    )
-                    if not np.allclose(b, a, 1e-7, atol)
-                ]
-                assert not wrong, (
-                    f"{effect.text} on {which}: torque over column is not in the unit"
-                    f" declared of {', '.join(wrong)} (or a shape constant's unit is"
-                    " wrong)"
-                )
-
-
-def _rewritten(
-    motion: Motion, robot: Robot, base: dict[str, float], position: Array, torque: Array
-) -> Motion:
-    s = base["s"]
-    m = base["m"]
-    kg = base["kg"]
-    links = motion.model_links * kg * np.array([1, m, m, m, *[m * m] * 6])
-
-    def moved(x: Motion | Command) -> tuple[Array, Array, Array, Array]:
-        return x.t * s, x.q * position, x.dq * position / s, x.ddq * position / s**2
-
-    return Motion(
-        *moved(motion),
-        motion.model_torque * torque,
-        CurrentModel(robot, links),
-        sign_width=motion.sign_width * position[0] / s,
-        temperature=motion.temperature,
-        command=Command(
-            *moved(motion.logged_command),
-            motion.logged_command.position_integral * position * s,
-        ),
-        position_integral=motion.integral * position * s,
-        motors=motion.motor_acceleration * position / s**2,
-    )
 
 
 #: Of the torque: what sampling, and columns that are of first order in their parameter,

@@ -10,14 +10,6 @@ import numpy as np
 from arms import THREE, run_of_widths, scara, write_urdf
 from challenge.worlds.conditions import Conditions, SensorNoise
 from challenge.worlds.runs import draw_motion, draw_world, log_run, urdf_of
-from effect_contract import (
-    robots,
-    steady_motion,
-    to_and_fro,
-    told,
-    variants,
-    wide_columns,
-)
 from random_robots import repeating_run
 from servo_log import EFFECTS as LOOP
 from servo_log import log, write_slide
@@ -29,6 +21,13 @@ from sdp_vs_penalty.diagnosis import diagnosis_rows, list_candidates, whiten_row
 from sdp_vs_penalty.effects import JointCoverage, effect_types
 from sdp_vs_penalty.estimation import bootstrap, excitation, separation
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.testing.effects import (
+    robots,
+    steady_motion,
+    to_and_fro,
+    variants,
+    wide_columns,
+)
 
 #: Of an estimate's provenance, what changes from day to day.
 PASSING = "versions", "data_hash"
@@ -38,7 +37,7 @@ def model(estimate: sdp.Estimate) -> dict[str, Any]:
     """What model.json holds but for what was put in, and a band of torques."""
     text = json.dumps(estimate.to_dict())
     said = json.loads(text.replace(str(estimate.provenance["data_hash"]), "log"))
-    motion = told(steady_motion(estimate.robot))
+    motion = steady_motion(estimate.robot)
     torque, std = estimate.uncertainty.band(
         estimate.theta, estimate.model.columns(motion)
     )
@@ -70,7 +69,7 @@ def effects_of(which: str) -> dict[str, Any]:
     out = {}
     moved = to_and_fro(robot)
     for name in effect_types():
-        every = variants(name, robot)
+        every = variants(effect_types()[name], robot)
         first = every[0]
         few = every[:: 1 + len(every) // 9]
         seen = [

@@ -12,20 +12,23 @@ from sdp_readers import read_cbf
 from sdp_vs_penalty import solvers
 from sdp_vs_penalty.estimators import Fit, LmiSdp, PosedSdp, Task, make_estimator
 from sdp_vs_penalty.exporters.sdp import export_sdp
-from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.robot import ConstraintSet, inertia
+from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.shootout import chain_task, shape_cones
 from sdp_vs_penalty.solvers import (
-    SdpProblem,
     Solver,
     ThroughCvxpy,
     certainly_feasible,
-    repair,
     rewrite,
     solver,
 )
 from sdp_vs_penalty.solvers.rewrite import quadratic_factor, without_equalities
+from sdp_vs_penalty.testing.methods import (
+    SOLVER_CONTRACTS,
+    LinkProblem,
+    check_declaration,
+    check_optimum,
+)
 
 
 class WithoutLicence(ThroughCvxpy):
@@ -45,79 +48,6 @@ SOLVERS = {name: kind() for name, kind in solvers.solver_types().items()} | {
 NAMES = list(SOLVERS)
 
 
-class Link:
-    """One link with a pseudo-inertia, a mass range and a centre of mass in a cone;
-    noisy data."""
-
-    def __init__(self, entropic: bool = False) -> None:
-        rng = np.random.default_rng(5)
-        self.nominal = inertia.standard_from_barycentric(
-            [2.0, 0.1, 0, 0.05, 0.05, 0, 0.06, 0, 0, 0.05]
-        )
-        thin = inertia.standard_from_barycentric(
-            [2.2, 0.15, 0, 0, 1e-4, 0, 0.06, 0, 0, 0.06]
-        )
-        index = np.arange(10)
-        radius = np.zeros((4, 3))
-        radius[0, 0], radius[2, 1], radius[3, 2] = 0.1, 1.0, 1.0
-        link = build.pseudo_inertia("link 1", index)
-        self.constraints = ConstraintSet(
-            (
-                link,
-                build.linear("mass", "link 1", [0], [[1.0, -1.0]], [-0.5, 3.0]),
-                build.linear(
-                    "centre of mass cone",
-                    "link 1",
-                    index[:4],
-                    radius,
-                    np.zeros(3),
-                    "soc",
-                ),
-                build.linear("trace", "link 1", [4, 6, 9], -np.eye(3), [1.0, 1.0, 1.0]),
-            )
-        )
-        R = rng.normal(size=(14, 10))
-        rho = R @ thin + 0.05 * rng.normal(size=14)
-        entropy = (
-            solvers.Entropy(1e-3, (link,), inertia.pseudo_inertia(self.nominal)[None])
-            if entropic
-            else None
-        )
-        self.objective = solvers.Objective(
-            LeastSquares(R, rho, 0.1, float(rho @ rho) + 0.01, 14), entropy
-        )
-        self.bound = np.array([3.0, *[1.0] * 3, *[1.0] * 6])
-
-    @property
-    def sdp(self) -> SdpProblem:
-        return solvers.least_squares_sdp(
-            self.objective,
-            self.constraints.convex,
-            self.nominal,
-            self.bound,
-            self.nominal,
-        )
-
-    def gap(self, solution: solvers.Solution) -> tuple[float, float]:
-        """Certified relative gap after feasible repair, and the relative violation
-        before it."""
-        sdp = self.sdp
-        theta = sdp.theta(solution)
-        own = (
-            self.constraints.stack_multipliers(sdp.multipliers(solution)),
-            sdp.entropy_slopes(solution),
-        )
-        lower = Fit(
-            theta, self.objective, self.constraints, *own, bound=self.bound
-        ).lower
-        point = repair(self.constraints, theta, self.nominal)
-        assert certainly_feasible(self.constraints.convex, point)
-        upper = self.objective.value(point)
-        return (upper - lower) / self.objective.least_squares.loss(point), max(
-            self.constraints.worst(theta).values()
-        )
-
-
 def usable(name: str) -> Solver:
     if SOLVERS[name].absent:
         pytest.skip(SOLVERS[name].absent)
@@ -125,47 +55,20 @@ def usable(name: str) -> Solver:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("entropic", [False, True])
-def test_primal_and_dual_certify_the_optimum(name, entropic):
-    """A log det is solved as well, or declined."""
-    conic = usable(name)
-    link = Link(entropic)
-    if entropic and "exp" not in conic.cones:
-        with pytest.raises(rewrite.NotApplicableError, match="exp"):
-            conic.solve(link.sdp.conic, 1e-7)
-        return
-    solution = conic.solve(link.sdp.conic, 1e-7)
-    assert solution.claims in ("optimal", "inaccurate")
-    assert solution.x.shape == link.sdp.conic.q.shape
-    assert solution.z.shape == link.sdp.conic.b.shape
-    gap, violation = link.gap(solution)
-    # DSDP's primal (our dual) is only as good as its dual scaling leaves it.
-    assert -1e-12 <= gap <= (2e-2 if name == "dsdp" else 1e-4)
-    assert violation <= 1e-4
-    # What a file says of its optimum is the objective there; P is the upper triangle.
-    sdp = link.sdp
-    x = solution.x
-    square = x @ (sdp.conic.P @ x) - 0.5 * x @ (sdp.conic.P.diagonal() * x)
-    said = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
-    assert said == pytest.approx(link.objective.value(sdp.theta(solution)), rel=1e-3)
-    assert solution.iterations > 0
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_an_empty_feasible_set_is_never_called_solved(name):
-    conic = usable(name)
-    link = Link()
-    heavy = build.linear(
-        "total mass", "robot", [0], [[1.0]], [-4.0]
-    )  # m >= 4 where m <= 3
-    link.constraints = link.constraints.plus([heavy])
-    solution = conic.solve(link.sdp.conic, 1e-7)
-    assert solution.claims not in ("optimal", "inaccurate", "unbounded")
+@pytest.mark.parametrize("contract", SOLVER_CONTRACTS, ids=lambda c: c.__name__)
+def test_every_solver_keeps_every_contract(contract, name):
+    if contract is check_declaration:
+        contract(SOLVERS[name])
+    elif name == "dsdp" and contract is check_optimum:
+        # Its primal (our dual) is only as good as its dual scaling leaves it.
+        contract(usable(name), largest_gap=2e-2)
+    else:
+        contract(usable(name))
 
 
 def test_data_without_any_scale_end_in_a_claim_not_in_a_panic():
     """Clarabel takes 1e20 for infinite, and panicked on columns of 1e70."""
-    conic = Link().sdp.conic
+    conic = LinkProblem.drawn().sdp.conic
     solution = SOLVERS["clarabel"].solve(replace(conic, b=1e30 * conic.b), 1e-7)
     assert solution.claims == "failed"
     assert solution.x.shape == conic.q.shape
@@ -182,7 +85,7 @@ def test_data_without_any_scale_end_in_a_claim_not_in_a_panic():
     ],
 )
 def test_rewriting_keeps_the_solution_and_its_multipliers(step):
-    link = Link()
+    link = LinkProblem.drawn()
     conic = link.sdp.conic
     direct = solver("clarabel").solve(conic, 1e-9)
     rewritten = step(conic)
@@ -222,7 +125,7 @@ def test_a_quadratic_is_the_square_of_its_factor(root):
 @pytest.mark.parametrize("entropic", [False, True])
 def test_exported_files_read_back_to_the_same_problem(tmp_path, entropic):
     """CBF here; programs read SDPA files in tests/estimation/test_pose.py."""
-    sdp = Link(entropic).sdp
+    sdp = LinkProblem.drawn(entropic).sdp
     kinds = ("zero", "nonnegative", "soc", "exp", "psd")
     export_sdp(sdp, tmp_path / "problem.cbf", None)
     sent = rewrite.reorder(rewrite.linear_objective(sdp.conic).problem, kinds).problem
@@ -254,16 +157,6 @@ def test_unknown_and_absent_solvers_are_named(monkeypatch):
     monkeypatch.delenv("MOSEKLM_LICENSE_FILE", raising=False)
     monkeypatch.setenv("HOME", "/nonexistent")
     refusal(lambda: solver("mosek"), "no licence")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_solver_states_its_contract(name):
-    conic = SOLVERS[name]
-    assert conic.description
-    assert {"quadratic", "zero", "nonnegative", "soc", "psd", "exp"} >= conic.cones
-    assert conic.options(1e-5) != conic.options(1e-7)
-    if not conic.absent and conic.requires[0] == "package":
-        assert conic.version()[0].isdigit()
 
 
 METHODS = ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"]

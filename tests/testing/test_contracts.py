@@ -1,0 +1,207 @@
+"""Plug-ins of another package: registered, judged, listed, used, saved and loaded."""
+
+import importlib
+import subprocess
+import sys
+import venv
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from recorded import refusal
+from unchecked import identify
+
+import sdp_vs_penalty as sdp
+from sdp_vs_penalty import InputError, plugins, register
+from sdp_vs_penalty.api.registration import REGISTRIES
+from sdp_vs_penalty.data.formats import FORMATS
+from sdp_vs_penalty.estimators import LmiSdp
+from sdp_vs_penalty.testing import ContractError, contracts
+from sdp_vs_penalty.testing.files import FORMAT_CONTRACTS, small_run
+
+THEIRS = Path(__file__).parent / "theirs"
+#: Of the package in that folder: each plug-in by its module.
+PLUGINS = {
+    "rubber": "RubberSpring",
+    "ridge": "Ridge",
+    "half_hearted": "HalfHearted",
+    "semicolons": "",
+    "masses": "",
+}
+
+
+@pytest.fixture(scope="module")
+def theirs() -> Iterator[dict[str, Any]]:
+    """Their plug-ins by module, imported and not yet registered."""
+    sys.path.insert(0, str(THEIRS))
+    homes = {name: importlib.import_module(f"theirs.{name}") for name in PLUGINS}
+    yield {
+        name: getattr(homes[name], kind) if kind else homes[name]
+        for name, kind in PLUGINS.items()
+    }
+    sys.path.remove(str(THEIRS))
+
+
+@pytest.fixture
+def registered(theirs, monkeypatch) -> dict[str, Any]:
+    """Their plug-ins, registered for one test."""
+    for registry in REGISTRIES:
+        monkeypatch.setattr(registry, "_registered", [])
+        vars(registry).pop("_all", None)
+    for plugin in theirs.values():
+        assert register(plugin) is plugin
+    yield theirs
+    monkeypatch.undo()
+    for registry in REGISTRIES:
+        vars(registry).pop("_all", None)
+
+
+@pytest.mark.parametrize("name", PLUGINS)
+def test_a_registered_plugin_keeps_the_contracts(name, registered):
+    asked = contracts(registered[name])
+    assert len(asked) >= 2
+    for contract in asked.values():
+        contract()
+
+
+@pytest.mark.parametrize("name", FORMATS.all())
+@pytest.mark.parametrize("contract", FORMAT_CONTRACTS, ids=lambda c: c.__name__)
+def test_every_format_keeps_every_contract(contract, name):
+    contract(FORMATS.all()[name])
+
+
+def test_what_is_no_plugin_is_refused(theirs):
+    refusal(lambda: register(ModuleType("x")), "no plug-in", "SUFFIXES")
+    refusal(lambda: contracts(theirs["ridge"]), "method ridge is not registered")
+    taken = type("Ridge", (theirs["ridge"],), {"name": "ols"})
+    refusal(lambda: register(taken), "the same name, 'ols'")
+
+
+def test_a_format_that_reads_noise_breaks_its_contract(registered):
+    home = ModuleType("theirs.careless")
+    home.SUFFIXES = (".careless",)
+    home.read = lambda path, choice: small_run()
+    register(home)
+    with pytest.raises(ContractError, match="bytes of noise"):
+        contracts(home)["check_format_refuses_what_is_none"]()
+
+
+def test_a_model_with_their_effect_is_saved_where_it_can_be_loaded(theirs, tmp_path):
+    """And names their package where it is not installed."""
+    effects = ["rigid_body", theirs["rubber"](sdp.load_problem("two_link").robot, [1])]
+    estimate = identify("two_link", small_run(), effects=effects)
+    path = tmp_path / "model.json"
+    said = "effect rubber_spring is not registered", "register(RubberSpring)"
+    refusal(lambda: estimate.save(path), *said)
+    assert not path.exists()
+
+
+def test_their_plugins_make_a_model_that_is_loaded(registered, tmp_path, monkeypatch):
+    estimator = registered["ridge"](weight=1e-4)
+    estimate = identify(
+        "two_link", small_run(), estimator, effects="rigid_body,rubber_spring:2"
+    )
+    path = tmp_path / "model.json"
+    estimate.save(path)
+    again = sdp.load_estimate(path)
+    assert again.estimator == estimator
+    np.testing.assert_array_equal(again.theta, estimate.theta)
+    extended = sdp.add(again, "viscous_friction", small_run())
+    assert extended.method == "ridge"
+    assert sdp.export(again, tmp_path / "robot.masses") == ("rubber_spring:2@q_0=0.5",)
+    solved = identify("two_link", small_run(), LmiSdp(solver="half-hearted"))
+    assert solved.certificate.gap < 1e-6
+    for registry in REGISTRIES:
+        monkeypatch.setattr(registry, "_registered", [])
+        vars(registry).pop("_all", None)
+    said = "effect rubber_spring is a plug-in of theirs", "not installed"
+    refusal(lambda: sdp.load_estimate(path), *said)
+
+
+def test_a_class_that_is_defined_again_takes_its_own_place(registered):
+    newer = type("Ridge", (registered["ridge"],), {"name": "ridge"})
+    newer.__module__ = registered["ridge"].__module__
+    register(newer)
+    assert not plugins_named("ridge") - {newer}
+
+
+def plugins_named(name: str) -> set[Any]:
+    """All plug-ins of a name."""
+    return {r.all()[name] for r in REGISTRIES if name in r.all()}
+
+
+#: What a user does with the installed package, in one process.
+STORY = """
+import sys
+import sdp_vs_penalty as sdp
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.testing import contracts
+from sdp_vs_penalty.testing.files import small_run
+from sdp_vs_penalty.api.registration import REGISTRIES
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+names = ["rubber_spring", "ridge", "half-hearted", "semicolons", ".masses"]
+for registry, name in zip(REGISTRIES, names, strict=True):
+    for contract in contracts(registry.all()[name]).values():
+        contract()
+    assert registry.provider(name) == "theirs 1.2", registry.provider(name)
+hidden = hidden_runs(sdp.load_problem("two_link"), [("rubber_spring", [1])], "strong", seed=1)
+bare = sdp.identify("two_link", hidden.runs[0], check=False)
+assert "Rubber spring, joint 2" in str(sdp.diagnose(bare, hidden.runs[:2], check=False))
+run = small_run()
+rows = zip(run.t, run.q, run.tau, strict=True)
+with open("run.semicolons", "w") as file:
+    for t, q, tau in rows:
+        print(";".join(f"{x!r}" for x in (float(t), *map(float, (*q, *tau)))), file=file)
+identify = ["identify", "two_link", "--data", "run.semicolons", "--no-check"]
+effects = ["--effects", "rigid_body,coulomb_friction,rubber_spring:2"]
+lines = [
+    [*identify, *effects, "--method", "ridge", "--out", "model.json"],
+    ["add", "model.json", "viscous_friction", "--data", "run.semicolons", "--out", "more.json"],
+    [*identify, *effects, "--method", "lmi-sdp", "--solver", "half-hearted", "--out", "sdp.json"],
+    ["compare", "more.json", "--data", "run.semicolons"],
+    ["export", "more.json", "--out", "robot.masses"],
+    ["export", "sdp.json", "--out", "model.h"],
+    ["list", "effects", "rubber_spring"],
+    ["list", "methods", "ridge"],
+    ["list", "solvers", "half-hearted"],
+    ["list", "formats", "semicolons"],
+    ["list", "exports", ".masses"],
+    ["shootout", "--quick", "--solvers", "half-hearted,clarabel", "--problems",
+     "two_link simulated one-step plain", "--out", "shootout"],
+]
+for line in lines:
+    try:
+        main(line)
+    except SystemExit as end:
+        assert not end.code, line
+"""
+
+
+@pytest.mark.long
+def test_a_package_of_its_own_in_a_venv(tmp_path):
+    """Built, installed beside ours, found by its entry points; without it the model says
+    what it lacks."""
+    pytest.importorskip("hatchling", reason="install the extra [test]")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path]
+    subprocess.run(build, cwd=THEIRS, check=True, capture_output=True)
+    venv.create(tmp_path / "venv", with_pip=False)
+    (site,) = (tmp_path / "venv").glob("lib/python*/site-packages")
+    ours = [p for p in sys.path if p.endswith("site-packages")]
+    ours.append(str(Path(sdp.__file__).parents[1]))
+    lines = "".join(f"import site; site.addsitedir({p!r})\n" for p in ours)
+    (site / "ours.pth").write_text(lines)
+    with zipfile.ZipFile(*tmp_path.glob("*.whl")) as wheel:
+        wheel.extractall(site)
+    python = tmp_path / "venv" / "bin" / "python"
+    done = subprocess.run(
+        [python, "-c", STORY], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "rubber_spring" in (tmp_path / "model.h").read_text("utf-8")
+    assert plugins.installed_entry_points() is not None
+    with pytest.raises(InputError, match=r"rubber_spring is a plug-in of theirs 1\.2"):
+        sdp.load_estimate(tmp_path / "model.json")
