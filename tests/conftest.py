@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Nothing of a test is kept in the user's cache.
 os.environ.setdefault("SDP_VS_PENALTY_CACHE", "")
+# Nor are projects of the page kept in the folder of the user.
+os.environ.setdefault("SDP_VS_PENALTY_PROJECTS", "")
 
 # Where Python is told to write no bytecode, each worker and each command of a test would
 # compile the checkout's modules anew: they share it in pytest's own cache. An installed

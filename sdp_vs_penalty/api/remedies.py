@@ -16,7 +16,7 @@ from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.formats.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.check_command import CheckCommand
@@ -81,7 +81,7 @@ def apply_change(change: Change, state: State) -> State:
         Where the change is refused: a repair that does not lower the error on motion
         left out, a unit that nobody named, a run that has to be recorded first.
     """
-    return _APPLY[change.verb](change.arguments, state)
+    return _APPLY[change.verb](change, state)
 
 
 def command_of(change: Change, files: Files) -> list[str] | None:
@@ -120,35 +120,35 @@ def next_command(remedies: Sequence[Remedy], files: Files) -> list[str] | None:
     return None if remedy is None else command_of(remedy.change, files)
 
 
-def _transformed(arguments: Mapping[str, Any], state: State) -> State:
+def _transformed(change: Change, state: State) -> State:
     """Repair the runs as `check --fix --apply` does: what is certain, and what is
     named."""
     problem = state.problem
     settings = problem.preprocessing
     reports = check_runs(problem, state.runs, settings, thorough=False)
-    repaired = fix_runs(problem, state.runs, reports, arguments.get("apply", ()))
+    repaired = fix_runs(problem, state.runs, reports, change.arguments.get("apply", ()))
     return replace(state, runs=repaired.runs, effect=repaired.sentence)
 
 
-def _cut(arguments: Mapping[str, Any], state: State) -> State:
+def _cut(change: Change, state: State) -> State:
     """Leave spans (begin, end) [s] of one run out; time counts from the run's start."""
 
     def outside(run: Measurements) -> Measurements:
-        if run.names[0] != arguments["run"]:
+        if run.names[0] != change.arguments["run"]:
             return run
         t = run.t - run.t[0]
-        spans = arguments["spans"]
+        spans = change.arguments["spans"]
         inside = [(t >= begin) & (t <= end) for begin, end in spans]
         return run.rows(~sum(inside, start=t < 0.0))
 
     return replace(state, runs=tuple(map(outside, state.runs)))
 
 
-def _read(arguments: Mapping[str, Any], state: State) -> State:
+def _read(change: Change, state: State) -> State:
     """Read the runs' columns in other units. Raises InputError where the unit is still
     to be named, or where the file itself has to be read anew."""
-    scale = arguments.get("scale", {})
-    if set(arguments) - {"scale"}:
+    scale = change.arguments.get("scale", {})
+    if set(change.arguments) - {"scale"}:
         raise InputError(
             "the file has to be read anew", "convert it with these columns"
         )
@@ -159,45 +159,56 @@ def _read(arguments: Mapping[str, Any], state: State) -> State:
     return replace(state, runs=tuple(scaled(run, scale) for run in state.runs))
 
 
-def _held(arguments: Mapping[str, Any], state: State) -> State:
+def _held(change: Change, state: State) -> State:
     """Hold joints where they stand: their links belong to their parents."""
     before = state.problem
+    held = {joint.name: joint.value for joint in before.robot.joint_names.held}
     problem = load_problem(
-        before.source or before.name, before.robot.gravity, arguments["positions"]
+        before.source or before.name,
+        before.robot.gravity,
+        held | change.arguments["positions"],
     )
-    places = [before.robot.joint_names.index(name) for name in arguments["positions"]]
+    places = [
+        before.robot.joint_names.index(name) for name in change.arguments["positions"]
+    ]
     runs = tuple(run.without_joints(places) for run in state.runs)
     return replace(state, problem=problem, runs=runs, model=None)
 
 
-def _mounted(arguments: Mapping[str, Any], state: State) -> State:
+def _mounted(change: Change, state: State) -> State:
     """Set gravity in the base frame [m/s^2]."""
-    problem = state.problem.with_gravity(arguments["gravity"])
+    problem = state.problem.with_gravity(change.arguments["gravity"])
     return replace(state, problem=problem, model=None)
 
 
-def _added(arguments: Mapping[str, Any], state: State) -> State:
+def what_to_add(
+    change: Change, diagnosis: Diagnosis | None
+) -> Diagnosis | list[Finding | Retune | str]:
+    """Return what :func:`~sdp_vs_penalty.add` takes for a change: findings of the
+    diagnosis, which carry their intervals into the model, or effects by their texts.
+
+    Raises InputError where no finding is left to add.
+    """
+    texts: list[str] = list(change.arguments["effects"])
+    if diagnosis is None:
+        return list[Finding | Retune | str](texts)
+    which = change.arguments.get("findings")
+    if isinstance(which, str):
+        return diagnosis.selected(confident=which == "confident")
+    found: tuple[Finding | Retune, ...] = (*diagnosis.effects, *diagnosis.retuned)
+    by_text = {finding.text: finding for finding in found}
+    return [by_text.get(text, text) for text in texts]
+
+
+def _added(change: Change, state: State) -> State:
     """Add effects to the model, or re-estimate its constants, and identify it again."""
     if state.model is None:
         raise InputError("there is no model to add to", "identify one first")
-    chosen = arguments["effects"]
-    what: Any = list(chosen)
-    if state.diagnosis is not None:
-        which = arguments.get("findings")
-        numbers = None if which in ("confident", "all", None) else which
-        if which is not None:
-            what = state.diagnosis.selected(numbers, confident=which == "confident")
-        else:
-            found: tuple[Any, ...] = (
-                *state.diagnosis.effects,
-                *state.diagnosis.retuned,
-            )
-            by_text = {finding.text: finding for finding in found}
-            what = [by_text.get(text, text) for text in chosen]
-    return replace(state, model=add(state.model, what, concatenate(state.runs)))
+    effects = what_to_add(change, state.diagnosis)
+    return replace(state, model=add(state.model, effects, concatenate(state.runs)))
 
 
-def _recorded(arguments: Mapping[str, Any], state: State) -> State:
+def _recorded(change: Change, state: State) -> State:
     """Refuse: nothing changes before the run is recorded."""
     raise InputError("this asks for a new run", "record it, and add it to the runs")
 
@@ -274,7 +285,7 @@ def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
     return ["excite", str(of), *how, "--out", str(files.new["trajectory"])]
 
 
-_APPLY: Mapping[Verb, Callable[[Mapping[str, Any], State], State]] = {
+_APPLY: Mapping[Verb, Callable[[Change, State], State]] = {
     "transform": _transformed,
     "cut": _cut,
     "read": _read,

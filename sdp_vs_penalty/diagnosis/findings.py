@@ -405,7 +405,7 @@ class Finding(Rated):
         return Remedy(
             self.title,
             *self.grade_and_why,
-            Change("add", f"add {self.title}", arguments),
+            Change("add", f"add {named_on_joints([self])}", arguments),
             tuple(self.held_out_rmse_before.tolist()),
             tuple(self.held_out_rmse_after.tolist()),
             rivals,
@@ -805,7 +805,7 @@ class Diagnosis(Record, JsonRecord):
         if self.sure or self.curves or self.passing:
             remedies.append(self._all_that_is_sure)
         remedies += [constant.remedy for constant in self.retuned]
-        remedies += [f.remedy(k) for k, f in enumerate(self.effects, start=1)]
+        remedies += self.remedies_by_finding
         for finding in self.effects:
             if finding.undecided is not None:
                 change = Change(
@@ -818,6 +818,11 @@ class Diagnosis(Record, JsonRecord):
         return tuple(remedies)
 
     @property
+    def remedies_by_finding(self) -> tuple[Remedy, ...]:
+        """The remedy of each finding, in the order of the list."""
+        return tuple(f.remedy(k) for k, f in enumerate(self.effects, start=1))
+
+    @property
     def _all_that_is_sure(self) -> Remedy:
         """The remedy that adds what is sure, with the curves where these stay."""
         texts = [f.text for f in self.sure]
@@ -826,7 +831,7 @@ class Diagnosis(Record, JsonRecord):
         if not self.curves:
             words = "leave out the spans in which something passes"
         if len(texts) == 1:
-            words = f"add {self.sure[0].title}"
+            words = f"add {named_on_joints(self.sure)}"
         elif texts:
             words = f"add the {len(texts)} that are sure"
         change = Change(
@@ -889,6 +894,19 @@ class Diagnosis(Record, JsonRecord):
             count = formatting.count(len(disturbances), "isolated disturbance")
             sentences.append(f"Also {count} on {where}.")
         return " ".join(sentences)
+
+    @property
+    def cause(self) -> str:
+        """The main cause in a few words, the joint first: "Joint 3 errs: joint spring"."""
+        sure = [f for f in self.effects if f.torque_is_certain]
+        if not sure:
+            return self._missing
+        main = max(sure, key=lambda f: f.gain)
+        likeness = "" if main.effect_is_certain else "something like "
+        text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
+        if len(self.sure) > 1:
+            text += f", and {len(self.sure) - 1} more that are sure"
+        return f"{text}."
 
     @property
     def events_without_cause(self) -> list[Event]:

@@ -14,7 +14,7 @@ __getattr__ = lazy_exports(
     __name__,
     auth_middleware="guarded",
     charts="data_chart",
-    jobs="chosen_effects JobRequest summary",
+    jobs="JobRequest summary",
     session="Session",
     sessions="Sessions",
     view="View",

@@ -15,45 +15,72 @@ def commands_of(
     robot: Mapping[str, Any],
     runs: Sequence[Mapping[str, Any]],
     history: Sequence[ModelStep],
-    made_by: Sequence[str] | None,
+    prepared: Sequence[Sequence[str]],
     seed: int,
     options: Mapping[str, str],
     has_check: bool,
 ) -> list[str]:
-    """Return the command lines that repeat a session's work.
+    """Return the command lines that repeat a session's work, one a step.
 
-    They are `simulate` if the runs were simulated, `identify` unless the first model
-    was opened from a file, and `add` for each further model.
+    They are what made the runs, `identify` unless the first model was opened from a
+    file, and for each further model the `diagnose` that names its effects and `add`;
+    `compare` judges the models on the run that is kept for testing.
 
     Parameters
     ----------
-    made_by : sequence of str, optional
-        Arguments of the command that simulated the runs.
+    prepared : sequence of sequences of str
+        Words of the commands that simulated, converted and repaired the runs.
     has_check : bool
         Whether the data check came before identification.
     """
+    commands = [[*words] for words in prepared]
     if not history:
-        return []
+        return [command_line(["sdp-vs-penalty", *words]) for words in commands]
     source = robot["file"] or robot["source"]
     first = history[0]
     data = data_words(runs)
-    commands: list[list[str]] = []
-    if made_by:
-        commands.append(["simulate", source, *made_by])
+    test = test_words(runs)
     name = first.opened or "model1.json"
+    names = [name]
     if not first.opened:
         words = ["--method", first.method, "--effects", ",".join(first.effects)]
         words += ["--seed", str(seed)]
         if not has_check:
             words.append("--no-check")
-        words += _option_words(robot["gravity"], options)
+        if robot["gravity"] != robot["own_gravity"]:
+            words += option_words(
+                "gravity", ",".join(f"{g:g}" for g in robot["gravity"])
+            )
+        given = {"hold": robot["hold"], **options}
+        for option, value in given.items():
+            words += option_words(option, value) if value else []
         commands.append(["identify", source, *data, *words, "--out", name])
     for k, model in enumerate(history[1:], start=2):
-        added = ",".join(model.added)
         frozen = ["--frozen"] if model.frozen else []
-        words = [name, added, *data, "--seed", str(seed), *frozen]
+        how = [*data, *test, "--seed", str(seed), *frozen]
+        what = [",".join(model.added)]
+        if model.findings_added is not None:
+            found = f"findings{k - 1}.json"
+            commands.append(["diagnose", name, *how, "--json", found])
+            what = ["--from", found]
+            if not isinstance(model.findings_added, str):
+                what += ["--only", ",".join(map(str, model.findings_added))]
+            elif model.findings_added == "confident":
+                what.append("--confident")
+        words = [name, *what, *data, *(test if len(what) > 1 else ()), "--seed"]
         name = f"model{k}.json"
-        commands.append(["add", *words, "--out", name])
+        names.append(name)
+        commands.append(["add", *words, str(seed), *frozen, "--out", name])
+    if history[-1].findings is not None:
+        how = [*data, *test, "--seed", str(seed)]
+        commands.append(
+            ["diagnose", name, *how, "--json", f"findings{len(history)}.json"]
+        )
+    if test:
+        judged = ["--data", *test[1:2]]
+        if "--test-window" in test:
+            judged += ["--window", test[-1]]
+        commands.append(["compare", *names, *judged])
     return [command_line(["sdp-vs-penalty", *words]) for words in commands]
 
 
@@ -66,20 +93,29 @@ def data_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:
     names = [run["name"] for run in runs if run["use"] in ("train", "split")]
     words = ["--data", *names]
     if len(runs) == 1 and runs[0]["use"] == "split":
-        windows = [f"{a!r}:{b!r}" for a, b in runs[0]["split"]["train"]]
-        words += ["--window", ",".join(windows)]
+        words += ["--window", _windows(runs[0], "train")]
     return words
 
 
-def _option_words(
-    gravity: Sequence[float] | None, options: Mapping[str, str]
-) -> list[str]:
-    """Return the arguments ``--gravity`` and those for the options that were filled
-    in.
-    """
-    words = []
-    if gravity:
-        words += ["--gravity", ",".join(f"{g:g}" for g in gravity)]
-    for name, value in options.items():
-        words += [f"--{name.replace('_', '-')}", value]
-    return words
+def test_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the arguments ``--test`` with the run that models are judged on, and its
+    windows; none where the page judges on several runs, or on those of training."""
+    if len(runs) == 1 and runs[0]["use"] == "split":
+        windows = _windows(runs[0], "test")
+        return ["--test", runs[0]["name"], "--test-window", windows]
+    tested = [run["name"] for run in runs if run["use"] == "test"]
+    return ["--test", *tested] if len(tested) == 1 else []
+
+
+def _windows(run: Mapping[str, Any], side: str) -> str:
+    """Write the windows [s] of one side of a split run, as ``--window`` takes them."""
+    return ",".join(f"{a!r}:{b!r}" for a, b in run["split"][side])
+
+
+def option_words(name: str, value: str) -> list[str]:
+    """Return an option as words of a command; a flag has the value "yes", and a value
+    that begins with a minus sign would be read as an option."""
+    option = f"--{name.replace('_', '-')}"
+    if value == "yes":
+        return [option]
+    return [f"{option}={value}"] if value.startswith("-") else [option, value]

@@ -21,28 +21,33 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.diagnosis import add_certain_findings
 from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.api.identification import identify_and_judge
+from sdp_vs_penalty.api.remedies import State, apply_change, what_to_add
 from sdp_vs_penalty.checks import Report, check
-from sdp_vs_penalty.checks.fixing import fix_runs
+from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.gate import Gate
+from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
-from sdp_vs_penalty.data.formats.column_report import describe_columns
+from sdp_vs_penalty.data.formats.column_report import ColumnReport, describe_columns
 from sdp_vs_penalty.data.formats.columns import columns_of
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
+from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.effects import effect_in_words
-from sdp_vs_penalty.errors import InputError, Remark, other_robot
+from sdp_vs_penalty.errors import InputError, MissingJoints, Remark, other_robot
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+from sdp_vs_penalty.estimation.excitation import excite, save_trajectory
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import cross_validate
+from sdp_vs_penalty.estimation.separation import separate
 from sdp_vs_penalty.estimation.shapes import effects_to_estimate_again
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
@@ -54,12 +59,15 @@ from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render import tables, words
 from sdp_vs_penalty.render.arms import binary_stl, drawn_arm, simplified
 from sdp_vs_penalty.render.charts import POINTS, spread_rows
 from sdp_vs_penalty.reports import report as write_report
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_surfaces
+from sdp_vs_penalty.robot.joint import parse_held
 from sdp_vs_penalty.robot.model_files import format_of
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.robot_file import as_urdf
@@ -106,9 +114,20 @@ class JobRequest(dict[str, Any]):
     def problem(self) -> Problem:
         """The identification problem of the chosen robot, loaded anew.
 
-        A robot is named or is a URDF file; "gravity" replaces its direction of gravity.
+        A robot is named or is a URDF file; "gravity" replaces its direction of gravity,
+        "hold" names joints that stand still, and where.
         """
-        return load_problem(self["robot"]["source"], self["robot"].get("gravity"))
+        robot = self["robot"]
+        held = parse_held(robot["hold"]) if robot.get("hold") else None
+        return load_problem(robot["source"], robot.get("gravity"), held)
+
+    @property
+    def stored_runs(self) -> list[Measurements]:
+        """The session's runs, each under the name that the person knows."""
+        return [
+            replace(load_measurements(self.folder / run["file"]), names=(run["name"],))
+            for run in self["runs"]
+        ]
 
     @property
     def model(self) -> Estimate:
@@ -206,17 +225,18 @@ def _by_use(
 def read(job: JobRequest) -> Answer:
     """Read the files that a person dropped; keep each usable one as a run.
 
-    ``job["files"]`` lists {path, name} of each file.
+    ``job["files"]`` lists {path, name} of each file. Joints that no file has, or that
+    stand still without torque in all runs, are held, as in a terminal.
 
     Returns
     -------
     dict
-        "runs": a record for each run kept (:func:`keep`); "refused": a sentence for
-        each other file; "remarks": what the readers assumed; "mappings": for each file
-        refused for its columns, what a person needs to assign them.
+        What :func:`_judged` returns of all runs; "refused": a sentence for each other
+        file; "remarks": what the readers assumed; "mappings": for each file refused for
+        its columns, what a person needs to assign them.
     """
-    problem = job.problem
-    runs = list[Answer]()
+    state = State(job.problem, tuple(job.stored_runs))
+    uses = [run["use"] for run in job["runs"]]
     refused = list[str]()
     remarks = list[str]()
     mappings = list[Answer]()
@@ -226,29 +246,109 @@ def read(job: JobRequest) -> Answer:
         try:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
-                part = _load_run(job, problem, path)
+                try:
+                    part = _load_run(job, state.problem, path)
+                except MissingJoints as error:
+                    state = _holding(state, dict.fromkeys(error.joints, 0.0), remarks)
+                    part = _load_run(job, state.problem, path)
             remarks += [str(w.message) for w in heard if issubclass(w.category, Remark)]
-            _refuse_duplicate(part, [*job["runs"], *runs], path)
-            alone = len(job["files"]) == 1 and not job["runs"]
-            runs.append(keep(job, problem, part, file["name"], alone=alone))
+            check_torque(part)
+            _refuse_duplicate(part, state.runs, path)
+            part = replace(part, names=(file["name"],))
+            state = replace(state, runs=(*state.runs, part))
+            uses.append("train")
         except InputError as error:
             refused.append(str(error))
-            columns = _columns_of(path, problem)
+            columns = _columns_of(path, state.problem)
             if columns is not None:
                 mappings.append({**file, **columns})
-    return {"runs": runs, "refused": refused, "remarks": remarks, "mappings": mappings}
+    idle = [find_idle_joints(state.problem.robot, run) for run in state.runs]
+    shared = {
+        name: at
+        for name, at in (idle or [{}])[0].items()
+        if all(name in x for x in idle)
+    }
+    if shared:
+        state = _holding(state, shared, remarks)
+    answer = {"refused": refused, "remarks": remarks, "mappings": mappings}
+    return answer | _judged(job, state, uses)
+
+
+def _holding(state: State, positions: dict[str, float], remarks: list[str]) -> State:
+    """Hold joints that do not move, and add the remark that says so."""
+    change = Change("hold", "hold joints", {"positions": positions})
+    named = formatting.words(list(positions))
+    stand = "stands" if len(positions) == 1 else "stand"
+    remarks.append(f"{named} {stand} still: held, as part of the link that carries it.")
+    return apply_change(change, state)
+
+
+def _judged(job: JobRequest, state: State, uses: Sequence[str]) -> Answer:
+    """Store the runs of a state, and check them together.
+
+    Returns
+    -------
+    dict
+        "runs": a record of each run for the page; "remedies": the check's, as
+        :func:`list_remedies` orders them; "robot": what the page shows of it, with the
+        gravity and the held joints of the state.
+    """
+    problem = state.problem
+    job.progress(f"checking {formatting.count(len(state.runs), 'run')}")
+    reports = check_runs(problem, state.runs, problem.preprocessing, thorough=False)
+    is_alone = len(state.runs) == 1
+    return {
+        "runs": [
+            keep(job, problem, run, report, use, is_alone)
+            for run, report, use in zip(state.runs, reports, uses, strict=True)
+        ],
+        "remedies": to_json(list_remedies(reports)),
+        "robot": robot_facts(problem),
+    }
+
+
+def change(job: JobRequest) -> Answer:
+    """Apply the change of a remedy, ``job["change"]``, to robot and runs.
+
+    ``job["names"]`` are what the runs are called afterwards. Returns what
+    :func:`_judged` does, and "effect": what it did to the error on data left out.
+    """
+    before = State(job.problem, tuple(job.stored_runs))
+    after = apply_change(Change.from_dict(job["change"]), before)
+    runs = tuple(
+        replace(run, names=(name,))
+        for run, name in zip(after.runs, job["names"], strict=True)
+    )
+    after = replace(after, runs=runs)
+    uses = [run["use"] for run in job["runs"]]
+    return {"effect": after.effect} | _judged(job, after, uses)
+
+
+def motion(job: JobRequest) -> Answer:
+    """Write the motion that a remedy asks to record: within the robot's limits, or the
+    one that tells the effects of ``job["separate"]`` apart.
+
+    Returns {"file": its name, in the session's folder}.
+    """
+    job.progress("looking for a motion within the robot's limits")
+    name = "trajectory.csv"
+    how = {"seed": job["seed"], "progress": job.progress}
+    if job["separate"]:
+        found = separate(job.model, ",".join(job["separate"]), **how)
+        save_trajectory(found.trajectory, job.folder / name)
+    else:
+        excite(job.problem, **how).save(job.folder / name)
+    return {"file": name}
 
 
 def _refuse_duplicate(
-    part: Measurements, known_runs: Sequence[Mapping[str, Any]], path: Path
+    part: Measurements, known_runs: Sequence[Measurements], path: Path
 ) -> None:
     """Raise InputError if a run with the same samples is there already."""
-    file = _run_file_name(part)
     for run in known_runs:
-        if run["file"] == file:
-            raise InputError(
-                f"holds the same samples as {run['name']}", "name each run once", path
-            )
+        if run.data_hash == part.data_hash:
+            what = f"holds the same samples as {run.names[0]}"
+            raise InputError(what, "name each run once", path)
 
 
 def _columns_of(path: Path, problem: Problem) -> Answer | None:
@@ -257,10 +357,10 @@ def _columns_of(path: Path, problem: Problem) -> Answer | None:
     Returns
     -------
     dict or None
-        "columns": the file's column names; "cells": the first cells of each; "ours":
-        the names that a run needs (t, q1, ..., tau1, ...); "chosen": the file's column
-        recognised for each of ours, "" for none. None if the file was not refused for
-        its columns, or has too few of them.
+        "columns": the file's column names; "cells": the first cells of each; "chosen":
+        by the names that a run needs (t, q1, ..., tau1, ...) the file's column
+        recognised or guessed for each, "" for none, and "rate" [Hz]. None if the file
+        was not refused for its columns, or has too few of them.
     """
     joints = problem.robot.joint_names
     with suppress(InputError):
@@ -269,15 +369,33 @@ def _columns_of(path: Path, problem: Problem) -> Answer | None:
             return None
         numbers = range(1, len(joints) + 1)
         ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
-        if len(report.rows) < len(ours):
+        if len(report.rows) < len(ours) - 1:
             return None  # no choice gives every joint a column
         return {
             "columns": [row.name for row in report.rows],
             "cells": [", ".join(row.first_cells[:3]) for row in report.rows],
-            "ours": ours,
-            "chosen": [report.rename.get(name, "") for name in ours],
+            "chosen": {"rate": "", **_guessed(report, ours)},
         }
     return None
+
+
+def _guessed(report: ColumnReport, ours: Sequence[str]) -> dict[str, str]:
+    """Return the file's column for each of our names: what is recognised, and the columns
+    of numbers that are left in their order, where these are as many as names are left
+    (perhaps without a clock, perhaps with velocities between positions and torques).
+    """
+    known = {name: report.rename.get(name, "") for name in ours}
+    taken = {row.name for row in report.rows if row.meaning}
+    free = [r.name for r in report.rows if r.name not in taken and r.kind == "number"]
+    left = [name for name in ours if not known[name]]
+    if len(free) == len(left) - 1 and "t" in left:
+        left.remove("t")
+    n = len(ours) // 2  # joints
+    if len(free) == len(left) + n:  # velocities stand before the torques
+        free = free[: -2 * n] + free[-n:]
+    if len(free) == len(left):
+        known |= dict(zip(left, free, strict=True))
+    return known
 
 
 def _load_run(job: JobRequest, problem: Problem, path: Path) -> Measurements:
@@ -304,20 +422,6 @@ def _load_run(job: JobRequest, problem: Problem, path: Path) -> Measurements:
     return part
 
 
-def look_again(job: JobRequest) -> Answer:
-    """Check all runs anew after the robot has changed, such as its gravity.
-
-    Returns {"runs": a record for each run}, as :func:`keep` makes it.
-    """
-    problem = job.problem
-    parts = ((load_measurements(job.folder / run["file"]), run) for run in job["runs"])
-    return {
-        "runs": [
-            keep(job, problem, part, run["name"], run["use"]) for part, run in parts
-        ]
-    }
-
-
 def simulate(job: JobRequest) -> Answer:
     """Simulate runs of the chosen robot with one effect hidden in them.
 
@@ -334,55 +438,31 @@ def simulate(job: JobRequest) -> Answer:
         hidden.append((job["effect"], joint_indices))
     hidden_result = hidden_runs(problem, hidden, job["level"], job["seed"], len(names))
     named = zip(names, hidden_result.runs, strict=True)
-    runs = [keep(job, problem, part, name) for name, part in named]
-    return {"runs": runs, "effects": hidden_result.truth["model_effects"]}
-
-
-def mend(job: JobRequest) -> Answer:
-    """Repair one run of the page as `check --fix` does, and store the repaired copy.
-
-    ``job["file"]`` names the run's file in the session's folder; ``job["runs"]`` holds
-    the page's record of each run, {"file", "name" shown to the user, "use" ("train" or
-    "test"), ...}. Returns {"run": record of the copy, "changes": [a line a change]}.
-    """
-    problem = job.problem
-    record = next(run for run in job["runs"] if run["file"] == job["file"])
-    run = load_measurements(job.folder / record["file"])
-    run = replace(run, names=(record["name"],))
-    job.progress(f"repairing {record['name']}")
-    # The quick search: what it finds is what the page has shown and offered to repair.
-    reports = check(problem, run, thorough=False)
-    repaired = fix_runs(problem, [run], reports)
-    record_of_copy = keep(
-        job,
-        problem,
-        repaired.runs[0],
-        f"{Path(record['name']).stem}_fixed.csv",
-        use=record["use"],
-    )
-    changes = reports[0].changes(record["name"], repaired.issues[0])
-    return {"run": record_of_copy, "changes": changes.splitlines()}
+    runs = tuple(replace(part, names=(name,)) for name, part in named)
+    judged = _judged(job, State(problem, runs), ["train"] * len(runs))
+    return judged | {"effects": hidden_result.truth["model_effects"]}
 
 
 def keep(
     job: JobRequest,
     problem: Problem,
     part: Measurements,
-    name: str,
-    use: str = "train",
-    alone: bool = False,
+    report: Report,
+    use: str,
+    alone: bool,
 ) -> dict[str, Any]:
-    """Store a run in the session's folder, check it, and return the page's record of
-    it.
+    """Store a run in the session's folder, and return the page's record of it.
 
     Parameters
     ----------
     job : JobRequest
         The request; it names the folder.
     problem : Problem
-        The robot that the run is checked for.
+        The robot that the run was checked for.
     part : Measurements
         The samples of the run.
+    report : Report
+        What the check says of it.
     alone : bool
         Whether no other run exists. The page then splits this one, so that the check
         looks at the split's time windows as well.
@@ -394,27 +474,24 @@ def keep(
         check's issues, and "split": the time windows for training and testing, or None
         if the run cannot be split.
     """
-    job.progress(f"checking {name}")
-    part = replace(part, names=(name,))
-    (report_of_run,) = check(problem, part, thorough=False)
-    split = split_run(problem, part)
-    findings = [
-        {**f.to_dict(), "gravity": f.gravity} for f in report_of_run.errors_and_warnings
-    ]
-    # Of a long run the check looks at windows all over it anyway.
-    if alone and split is not None and not report_of_run.is_long:
-        findings += _window_issues(problem, part, split, report_of_run)
     file = _run_file_name(part)
+    # A split that the person has dragged stays.
+    known = [run["split"] for run in job["runs"] if run["file"] == file]
+    split = known[0] if known else split_run(problem, part)
+    findings = [issue.to_dict() for issue in report.issues]
+    # Of a long run the check looks at windows all over it anyway.
+    if alone and split is not None and not report.is_long:
+        findings += _window_issues(problem, part, split, report)
     view = f"view-{file}"
-    save_arrays(job.folder / file, columns_of(part))
-    save_arrays(
-        job.folder / view, _preview_arrays(problem, part, report_of_run.repaired_all)
-    )
+    if not (job.folder / file).exists():
+        save_arrays(job.folder / file, columns_of(part))
+    preview = _preview_arrays(problem, part, report.repaired_all)
+    save_arrays(job.folder / view, preview)
     seconds = float(part.t[-1] - part.t[0])
     return {
         "file": file,
         "view": view,
-        "name": name,
+        "name": part.names[0],
         "use": use,
         "samples": part.samples,
         "seconds": seconds,
@@ -444,8 +521,7 @@ def _window_issues(
                 continue
             known.add((issue.kind, issue.where))
             what = f"In the windows that are {word}: {issue.what}"
-            window_issue = replace(issue, what=what, repair=None)
-            new_issues.append({**window_issue.to_dict(), "gravity": issue.gravity})
+            new_issues.append(replace(issue, what=what, repair=None).to_dict())
     return new_issues
 
 
@@ -563,16 +639,25 @@ def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
 
 
 def robot(job: JobRequest) -> Answer:
-    """Return what the page shows of the chosen robot, a built-in one or a URDF file.
+    """Return what the page shows of the chosen robot, a built-in one or a URDF file, and
+    its meshes, stored for the 3D view.
+    """
+    problem = job.problem
+    return robot_facts(problem) | {"meshes": _kept_meshes(job, problem)}
+
+
+def robot_facts(problem: Problem) -> Answer:
+    """Return what the page shows of a robot.
 
     Returns
     -------
     dict
         Title, name, number of joints n, joint names, torque units, effects of a first
-        model, the arm's ellipsoids for the 3D view ("drawn"), its gravity [m/s^2]
-        ("own_gravity"), and a sentence on limits and filters ("known").
+        model, the arm's ellipsoids for the 3D view ("drawn"), gravity [m/s^2]
+        ("gravity"), the held joints as text ("hold"), and a sentence on limits and
+        filters ("known").
     """
-    problem = job.problem
+    joints = problem.robot.joint_names
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
     known = (
         f"{_limits_in_words(problem)}; {_filters_in_words(problem)}. The stage Identify,"
@@ -582,12 +667,12 @@ def robot(job: JobRequest) -> Answer:
         "title": summary_words if problem.folder is None else problem.title,
         "name": problem.name,
         "n": problem.robot.n,
-        "joints": problem.robot.joint_names,
+        "joints": joints,
         "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links),
-        "meshes": _kept_meshes(job, problem),
-        "own_gravity": problem.robot.gravity,
+        "gravity": problem.robot.gravity,
+        "hold": ",".join(f"{j.name}={j.value:.6g}" for j in joints.held),
         "known": known,
     }
 
@@ -689,38 +774,14 @@ def extend(job: JobRequest) -> Answer:
     """Add effects to the current model as `sdp-vs-penalty add` does, and judge the
     result.
 
-    ``job["effects"]`` names the effects. If ``job["findings"]`` holds a diagnosis, all
-    of its confident findings are added instead, with the constants that it estimated.
-    Effects that ``job["diagnosed"]`` found are added as findings.
+    ``job["change"]`` is a remedy's: the effects, and which findings of the diagnosis
+    ``job["diagnosed"]`` these are. Findings carry their intervals into the model.
     """
-    effects: Diagnosis | list[Finding | str]
-    if job.get("findings"):
-        effects = Diagnosis.from_dict(job["findings"]).selected(confident=True)
-    else:
-        effects = chosen_effects(job)
+    found = job.get("diagnosed")
+    diagnosis = None if not found else Diagnosis.from_dict(found)
+    effects = what_to_add(Change.from_dict(job["change"]), diagnosis)
     bigger = add(job.model, effects, job.runs.train, **job.common_options)
     return summary(job, bigger)
-
-
-def chosen_effects(job: JobRequest) -> list[Finding | str]:
-    """Return the effects that a person chose to add to the current model.
-
-    Parameters
-    ----------
-    job
-        The request: texts of "effects", and the diagnosis "diagnosed", if there is one.
-
-    Returns
-    -------
-    list of Finding or str
-        A finding for each text that the diagnosis has; it carries its interval into the
-        model. Otherwise the text.
-    """
-    findings: dict[str, Finding] = {}
-    if job.get("diagnosed"):
-        effects = Diagnosis.from_dict(job["diagnosed"]).effects
-        findings = {finding.text: finding for finding in effects}
-    return [findings.get(text, text) for text in job["effects"]]
 
 
 def find(job: JobRequest) -> Answer:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, dependences
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
 
@@ -30,7 +30,7 @@ SHOWN_BY = {
 
 
 @dataclass(frozen=True)
-class ModelStep:
+class ModelStep(JsonRecord):
     """One model of a session's history, judged: what ``summary`` of jobs.py says."""
 
     #: Its model.json, beside it the .npz of each run's torques.
@@ -59,6 +59,9 @@ class ModelStep:
     label: str = ""
     #: Effects added to the step below.
     added: tuple[str, ...] = ()
+    #: Which findings these were: their numbers, "confident" or "all"; None for effects
+    #: by their names.
+    findings_added: str | list[int] | None = None
     #: Whether the others were held when effects were added.
     frozen: bool = False
     #: File that a person brought; "" for none.
@@ -68,7 +71,7 @@ class ModelStep:
     #: What it lacks, if it was diagnosed.
     findings: Diagnosis | None = None
     #: Names that `add` has for the curves of the findings.
-    curve_texts: Sequence[str] = ()
+    curve_texts: tuple[str, ...] = ()
     #: File of what the cards of its diagnosis draw.
     pictures: str = ""
 

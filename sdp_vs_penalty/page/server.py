@@ -32,6 +32,8 @@ from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.render.pieces import LOOK as PICTURES
 
 _COOKIE = "sdp-vs-penalty-page"
+#: Names the folder of the projects; if it is empty, nothing is kept.
+PROJECTS_VARIABLE = "SDP_VS_PENALTY_PROJECTS"
 _HERE = Path(__file__).parent
 _SHOWN = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
 _STYLE = (
@@ -41,7 +43,13 @@ _STYLE = (
 _LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text('utf-8')}</script>"
 
 
-def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) -> None:
+def serve(
+    folder: Path | None,
+    project: Path | None,
+    port: int | None,
+    browser: bool,
+    forms: Forms,
+) -> None:
     """Serve the page on this computer until it is interrupted.
 
     Only who has the printed address, with its secret key, can open it.
@@ -50,6 +58,9 @@ def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) ->
     ----------
     folder : Path, optional
         Folder whose runs and URDF files the page offers.
+    project : Path, optional
+        Folder in which the work is kept, and from which it goes on; by default each
+        page has one in the user's folder of projects.
     port : int, optional
         TCP port; by default any free one.
     browser : bool
@@ -67,13 +78,15 @@ def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) ->
         raise InputError(
             "not a folder", "name the folder with your runs, or leave it out", folder
         )
+    sessions = Sessions(WorkerPool(), projects_folder())
+    first = None if project is None else sessions.open_folder(project.absolute())
     # Listens already now, since the browser may connect before the server answers.
     listener = _listener(port)
     chosen = listener.getsockname()[1]
-    sessions = Sessions(WorkerPool())
     os.environ["TMPDIR"] = str(sessions.root)  # for what workers keep while they work
-    key = secrets.token_urlsafe(24)
-    address = f"http://127.0.0.1:{chosen}/?{KEY}={key}"
+    key = _kept_key(sessions.projects)
+    path = "" if first is None else f"s/{first.token}"
+    address = f"http://127.0.0.1:{chosen}/{path}?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(sessions.pool.prepare)
     # The server ends in order and then raises the signal again: leave by exit, so that
@@ -101,6 +114,39 @@ def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) ->
     finally:
         sessions.close()
         gc.freeze()  # going through all objects once more takes Python a second
+
+
+def projects_folder() -> Path | None:
+    """Return the folder in which projects are kept: SDP_VS_PENALTY_PROJECTS, else one of
+    the user's; None where the variable is empty: nothing is kept then."""
+    named = os.environ.get(PROJECTS_VARIABLE)
+    if named is not None:
+        return Path(named).absolute() if named else None
+    home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(home) / "sdp-vs-penalty" / "projects"
+
+
+def _kept_key(projects: Path | None) -> str:
+    """Return the key of the printed address: the last server's, so that a tab that has
+    lost its server finds the next one; a new one where projects are not kept.
+
+    Its file can be read by its owner only.
+    """
+    key = secrets.token_urlsafe(24)
+    if projects is None:
+        return key
+    file = projects / "key"
+    with contextlib.suppress(OSError):
+        projects.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+            with open(os.open(file, flags, 0o600), "w", encoding="ascii") as made:
+                made.write(key)
+        kept = file.read_text("ascii").strip()
+        is_private = not file.stat().st_mode & 0o077 or os.name == "nt"
+        if is_private and len(kept) == len(key):
+            return kept
+    return key
 
 
 def _listener(port: int | None) -> socket.socket:
@@ -174,7 +220,8 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
             return RedirectResponse("/")
         client = ui.context.client
         ui.add_head_html(_LOOK)
-        bench = Workbench(View(session, folder, client, forms))
+        view = View(session, folder, client, forms, sessions.saved())
+        bench = Workbench(view)
         client.on_delete(lambda: session.left(bench))
         client.on_exception(lambda error: session.say(sentence(error)))
         return None

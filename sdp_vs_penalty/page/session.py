@@ -2,15 +2,19 @@
 jobs are done."""
 
 import asyncio
+import copy
+import json
 import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.api.remedies import Files, command_of
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -18,14 +22,37 @@ from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_in_words, effects_in_
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.page.commands import commands_of
+from sdp_vs_penalty.files import require_format, write_text
+from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
+from sdp_vs_penalty.problem.check_command import CheckCommand
+from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
+from sdp_vs_penalty.results.remedy import Change
+from sdp_vs_penalty.robot.joint import parse_held
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
 
 #: Letters of a model's name: a longer list of what was added is a number of findings.
 _LONGEST_LABEL = 40
+#: What a step back brings back: everything that was made of the person's choices.
+KEPT = (
+    "robot",
+    "runs",
+    "remedies",
+    "prepared",
+    "effects",
+    "method",
+    "mappings",
+    "history",
+)
+#: What is chosen besides.
+CHOSEN = ("seed", "frozen", "options", "reading", "anyway", "names", "name")
+#: Steps back that are kept.
+MOST_STEPS = 20
+#: File of a session's state in its folder.
+STATE_FILE = "project.json"
+_FORMAT = 1
 
 
 @dataclass(frozen=True)
@@ -50,6 +77,26 @@ class Working:
     since: float = field(default_factory=time.monotonic)
 
 
+def read_state(folder: Path) -> dict[str, Any]:
+    """Return the content of a project's state; its runs are files of the folder alone.
+
+    Raises InputError for a file that is none of ours. (It is read here, since files that
+    :func:`read_json` reads count as inputs, which are never written over.)
+    """
+    try:
+        content = json.loads((folder / STATE_FILE).read_bytes())
+        files = [
+            run[name] for run in content["now"]["runs"] for name in ("file", "view")
+        ]
+        is_ours = all(Path(file).name == file for file in files)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        is_ours = False
+    if not is_ours:
+        what = f"{STATE_FILE} is no project of the page"
+        raise InputError(what, "name another folder", folder)
+    return dict(content)
+
+
 @dataclass
 class Session:
     """What one tab has chosen, read and identified, what is said of it, and all that
@@ -67,8 +114,14 @@ class Session:
     pool: WorkerPool
     #: What is known of the robot, with its ``source``; empty before one is read.
     robot: dict[str, Any] = field(default_factory=dict)
+    #: Name of the project, for people.
+    name: str = ""
+    #: Whether the user has named its folder.
+    is_named_by_user: bool = False
     #: The runs, as ``keep`` of jobs.py answers.
     runs: list[dict[str, Any]] = field(default_factory=list)
+    #: What would mend the runs, as the check orders it.
+    remedies: list[dict[str, Any]] = field(default_factory=list)
     #: Effects that were chosen.
     effects: list[str] = field(default_factory=list)
     #: Method that was chosen.
@@ -85,8 +138,11 @@ class Session:
     anyway: bool = False
     #: Models, the last one current.
     history: list[ModelStep] = field(default_factory=list)
-    #: Models that were left; the last one comes back first.
-    undone: list[ModelStep] = field(default_factory=list)
+    #: What was there before each step, with the step's name; the last one comes back
+    #: first.
+    past: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    #: What was there before each step back.
+    future: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     #: By job the last answer, with the ``model`` that it is about.
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: What is said to the person; None for nothing.
@@ -103,12 +159,15 @@ class Session:
     arrived: dict[str, Path] = field(default_factory=dict)
     #: Files that were refused for their columns, with what is known of these.
     mappings: list[dict[str, Any]] = field(default_factory=list)
-    #: The arguments of the command that makes the simulated runs.
-    made_by: list[str] | None = None
+    #: The words of the commands that make the runs as they are: simulated, converted,
+    #: repaired.
+    prepared: list[list[str]] = field(default_factory=list)
     #: The stage and the part where what is new can be seen.
     new: tuple[str, str] | None = None
     #: How often a control was moved in vain: it has to be drawn anew as it is.
     refusals: int = 0
+    #: Names of the files that were downloaded.
+    taken: set[str] = field(default_factory=set)
     #: Shown names by path.
     names: dict[str, str] = field(default_factory=dict)
 
@@ -245,21 +304,17 @@ class Session:
             robot=self.robot,
             runs=self.runs,
             history=self.history,
-            made_by=self.made_by,
+            prepared=self.prepared,
             seed=self.seed,
             options=self.options,
             has_check=not self.meaningless,
         )
 
     def left(self, watcher: Any) -> None:
-        """Unregister a tab that was closed.
-
-        If it was the last one, the running job is cancelled.
-        """
+        """Unregister a tab that was closed. A running job goes on."""
         self.watchers = [tab for tab in self.watchers if tab is not watcher]
         if not self.watchers:
             self.left_at = time.monotonic()
-            self.cancel()
 
     def changed(self) -> None:
         """Redraw every tab that shows this session."""
@@ -313,6 +368,7 @@ class Session:
             self.say("Cancelled: nothing was changed.", error=False)
         elif (error := task.exception()) is not None:
             self.say(sentence(error))
+        self.save()
         self.changed()
         self.read_arrived()
 
@@ -340,16 +396,97 @@ class Session:
             {**state, **details}, lambda text: self._doing(status=text)
         )
 
-    def _forget_models(self, why: str = "") -> list[str]:
-        """Drop the history, because its models no longer fit the data.
+    def _step_from_here(self, label: str, keeps_models: bool = False) -> None:
+        """Remember what is there, so that the step that begins now can be undone.
 
-        Returns the sentence that says so: ``why`` and the advice to identify again. The
-        list is empty if there were no models.
+        A step that changes robot or runs drops the models, which no longer fit the data.
         """
-        sentences = [f"{why}: identify again."] if self.history else []
-        self.history = []
-        self.undone = []
-        return sentences
+        self.taken = set()
+        now = {name: copy.copy(getattr(self, name)) for name in KEPT}
+        self.past = [*self.past, (label, now)][-MOST_STEPS:]
+        self.future = []
+        if not keeps_models:
+            self.history = []
+
+    def undo(self) -> None:
+        """Take the last step back: :meth:`redo` can repeat it."""
+        self._exchange(self.past, self.future)
+
+    def redo(self) -> None:
+        """Repeat the step that was taken back last."""
+        self._exchange(self.future, self.past)
+
+    def _exchange(self, source: list[Any], target: list[Any]) -> None:
+        """Go to the last state of ``source``, and put the present one into ``target``."""
+        if self.task is not None or not source:
+            return
+        label, kept = source.pop()
+        target.append((label, {name: getattr(self, name) for name in KEPT}))
+        for name, value in kept.items():
+            setattr(self, name, value)
+        self.save()
+        self.say()
+
+    def save(self) -> None:
+        """Write what was chosen and made to the session's folder, so that it can be opened
+        again after the server has ended.
+        """
+        steps: list[ModelStep] = []
+
+        def written(kept: Mapping[str, Any]) -> dict[str, Any]:
+            places = []
+            for step in kept["history"]:
+                known = [k for k, other in enumerate(steps) if other is step]
+                places.append(known[0] if known else len(steps))
+                steps.extend([] if known else [step])
+            return {**kept, "history": places}
+
+        now = {name: getattr(self, name) for name in KEPT}
+        content = {
+            "format": _FORMAT,
+            "token": self.token,
+            **{name: getattr(self, name) for name in CHOSEN},
+            "now": written(now),
+            "past": [[label, written(kept)] for label, kept in self.past],
+            "future": [[label, written(kept)] for label, kept in self.future],
+            "steps": steps,
+        }
+        with suppress(OSError):  # a full disk: the work goes on without
+            write_text(self.folder / STATE_FILE, json.dumps(to_json(content)))
+
+    @classmethod
+    def load(cls, folder: Path, pool: WorkerPool, token: str) -> Self:
+        """Open what :meth:`save` wrote; paths follow the folder to where it is now.
+
+        Raises InputError for a file that is none of ours.
+        """
+        content = read_state(folder)
+        require_format(content, _FORMAT)
+        session = cls(content.get("token") or token, folder, pool)
+
+        def here(path: str) -> str:
+            moved = folder / Path(path).name
+            return str(moved) if path and moved.exists() else path
+
+        steps = [from_json(ModelStep, step) for step in content["steps"]]
+        steps = [replace(step, file=here(step.file)) for step in steps]
+
+        def read(kept: dict[str, Any]) -> dict[str, Any]:
+            robot = kept["robot"]
+            if robot:
+                robot["source"] = here(robot["source"])
+            for mapping in kept["mappings"]:
+                mapping["path"] = here(mapping["path"])
+            return {**kept, "history": [steps[k] for k in kept["history"]]}
+
+        for name in CHOSEN:
+            setattr(session, name, content[name])
+        session.names = {here(path): name for path, name in session.names.items()}
+        for name, value in read(content["now"]).items():
+            setattr(session, name, value)
+        session.past = [(label, read(kept)) for label, kept in content["past"]]
+        session.future = [(label, read(kept)) for label, kept in content["future"]]
+        return session
 
     def _refuse_meaningless(self) -> None:
         """Raise InputError if the check found errors and the person did not overrule
@@ -368,11 +505,15 @@ class Session:
         """
         self.names[source] = urdf or source
         answer = await self._job("Reading the robot", "robot", robot={"source": source})
-        self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
+        if self.robot:
+            self._step_from_here("another robot")
+        own = {"source": source, "own_gravity": answer["gravity"], "file": urdf}
+        self.robot = answer | own
         self.runs = []
+        self.remedies = []
+        self.prepared = []
         self.effects = list(answer["effects"])
         self.method = DEFAULT_METHOD
-        self._forget_models()
 
     def read_arrived(self) -> None:
         """Start to read the files that were dropped, unless a job is running.
@@ -382,13 +523,17 @@ class Session:
         if self.arrived:
             self.start(self.read_files)
 
-    async def read_files(self) -> None:
-        """Read the files that were dropped, and add them to the session's runs."""
+    async def read_files(self, reading: Mapping[str, str] | None = None) -> None:
+        """Read the files that were dropped, and add them to the session's runs.
+
+        ``reading`` are options of `convert` for these files.
+        """
         files = self.arrived
         self.arrived = {}
         self.names |= {str(path): name for name, path in files.items()}
         listed = [{"path": str(path), "name": name} for name, path in files.items()]
-        how: dict[str, Any] = {"files": listed, "options": self.reading}
+        options = self.reading if reading is None else reading
+        how: dict[str, Any] = {"files": listed, "options": options}
         try:
             await self._take_runs("Reading measurements", "read", self.runs, **how)
         finally:
@@ -399,43 +544,51 @@ class Session:
                 if path.parent == self.folder and str(path) not in unassigned:
                     path.unlink(missing_ok=True)
 
-    def choose_column(self, path: str, ours: str, theirs: str) -> None:
-        """Assign a column of a refused file to one of the names that a run needs.
+    def choose_column(self, columns: Sequence[str], ours: str, theirs: str) -> None:
+        """Assign a column of the refused files that have these columns to one of the
+        names that a run needs.
+
+        Nothing is drawn anew: the browser shows the choice, and the next one may be on
+        its way.
 
         Parameters
         ----------
         ours : str
-            Name in a run, such as "q1" or "tau1".
+            Name in a run, such as "q1" or "tau1"; "rate" for the samples a second.
         theirs : str
-            Name of the column in the file; "" for none.
+            Name of the column in the files, or the rate; "" for none.
         """
-        for mapping in self.mappings:
-            if mapping["path"] == path:
-                chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
-                chosen[ours] = theirs
-                mapping["chosen"] = list(chosen.values())
-        self.changed()
+        self.mappings = [
+            {**mapping, "chosen": {**mapping["chosen"], ours: theirs}}
+            if mapping["columns"] == columns
+            else mapping
+            for mapping in self.mappings
+        ]
+        self.save()
 
-    async def read_mapped(self, path: str) -> None:
-        """Read a refused file again, with the columns that the person assigned.
+    async def read_mapped(self, columns: Sequence[str]) -> None:
+        """Read the refused files with these columns again, as the person assigned them.
 
-        The columns are passed as the option `--rename`, for this file only.
+        A file that is refused again keeps its choices, with the reason beside them.
         """
-        mapping = next(m for m in self.mappings if m["path"] == path)
-        pairs = zip(mapping["ours"], mapping["chosen"], strict=True)
-        chosen = {ours: theirs for ours, theirs in pairs if theirs}
-        self.mappings = [m for m in self.mappings if m is not mapping]
+        chosen = next(m["chosen"] for m in self.mappings if m["columns"] == columns)
+        rate = chosen.get("rate", "")
+        pairs = {k: v for k, v in chosen.items() if v and k != "rate"}
+        taken = [*pairs.values()]
+        for column in taken:
+            if taken.count(column) > 1:
+                what = f"column {column} is chosen more than once"
+                raise InputError(what, "choose another for one of them")
         rename = ",".join(
-            f"{ours}=#{mapping['columns'].index(theirs) + 1}"
-            for ours, theirs in chosen.items()
+            f"{ours}=#{columns.index(theirs) + 1}" for ours, theirs in pairs.items()
         )
-        before = dict(self.reading)
-        self.arrived[mapping["name"]] = Path(path)
-        self.reading = {**before, "rename": rename}
-        try:
-            await self.read_files()
-        finally:
-            self.reading = before
+        self.arrived |= {
+            mapping["name"]: Path(mapping["path"])
+            for mapping in self.mappings
+            if mapping["columns"] == columns
+        }
+        options = {"rename": rename} | ({"rate": rate} if rate else {})
+        await self.read_files({**self.reading, **options})
 
     async def simulate(
         self,
@@ -456,12 +609,13 @@ class Session:
         await self._take_runs("Simulating", "simulate", [], **how)
         at = ":" + "+".join(map(str, joints)) if joints else ""
         hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
-        self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
+        words = ["--level", level, "--seed", str(seed), "--out", "."]
+        self.prepared = [["simulate", self.robot_word, *hide, *words]]
 
     async def _take_runs(
         self, title: str, job: str, before: list[dict[str, Any]], **details: Any
     ) -> None:
-        """Run a job that makes runs, and append these to the runs ``before``.
+        """Run a job that makes runs beside the runs ``before``.
 
         A run whose name says "test" is used for testing. Existing models are dropped.
         """
@@ -470,20 +624,67 @@ class Session:
                 "No robot is chosen", "choose it first, so that its joints are known"
             )
         answer = await self._job(title, job, runs=before, **details)
-        new = answer["runs"]
-        for run in new:
-            if for_testing(run["name"]):
-                run["use"] = "test"
-        self.runs = [*before, *new]
-        self.made_by = None
-        self._choose_uses(new)
-        self.effects = list(answer.get("effects", self.effects))
-        self.mappings = [*self.mappings, *answer.get("mappings", ())]
-        refused = answer.get("refused", ())
-        remarks = [*answer.get("remarks", ())]
+        new = answer["runs"][len(before) :]
+        refused = [*answer.get("refused", ())]
+        self._keep_mappings(details.get("files", ()), answer.get("mappings", ()), new)
         if new:
-            remarks += self._forget_models("The runs have changed")
-        self.say(*(refused or remarks), error=bool(refused))
+            self._step_from_here(f"{formatting.count(len(new), 'run')} added")
+            for run in new:
+                if for_testing(run["name"]):
+                    run["use"] = "test"
+            self._take(answer)
+            options = details.get("options") or {}
+            self.prepared = [] if not before else self.prepared
+            if options:
+                for run in new:
+                    self._converted(run, options)
+            self._choose_uses(new)
+            self.effects = list(answer.get("effects", self.effects))
+        self.say(*(refused or answer.get("remarks", ())), error=bool(refused))
+
+    def _take(self, answer: Mapping[str, Any]) -> None:
+        """Take over runs, remedies and robot as a job has answered them."""
+        self.runs = answer["runs"]
+        self.remedies = answer["remedies"]
+        self.robot = {**self.robot, **answer["robot"]}
+
+    def _keep_mappings(
+        self,
+        files: Sequence[Mapping[str, str]],
+        refused: Sequence[Mapping[str, Any]],
+        new: Sequence[Mapping[str, Any]],
+    ) -> None:
+        """Keep the choice of columns of refused files until they are read.
+
+        files : what was read, with path and name; refused : what is known of the columns
+        of those that were refused; new : runs that were read.
+        """
+        read = {run["name"] for run in new}
+        paths = {f["path"] for f in files if f["name"] in read}
+        kept = [m for m in self.mappings if m["path"] not in paths]
+        known = {m["path"] for m in kept}
+        self.mappings = [*kept, *(dict(m) for m in refused if m["path"] not in known)]
+
+    def _converted(self, run: dict[str, Any], options: Mapping[str, str]) -> None:
+        """Name a run as the `convert` with these options that a terminal needs for it
+        would, and remember that command."""
+        name = f"{Path(run['name']).stem}_read.csv"
+        words = [w for k, v in options.items() for w in option_words(k, v)]
+        words = ["convert", run["name"], *words, "--problem", self.robot_word]
+        self.prepared = [*self.prepared, [*words, "--out", name]]
+        run["name"] = name
+
+    @property
+    def kinds_of_issue(self) -> list[str]:
+        """Kinds of what the check found in the runs, each once; notes do not count."""
+        issues = [f for run in self.runs for f in run["findings"]]
+        kinds = [f["kind"] for f in issues if f["severity"] != "note"]
+        return sorted(set(kinds))
+
+    @property
+    def robot_word(self) -> str:
+        """The robot as a command names it: its file, or its name."""
+        return str(self.robot["file"] or self.robot["source"])
 
     def _choose_uses(self, new: Sequence[dict[str, Any]]) -> None:
         """Give each run a use, so that some data are for training and, if possible,
@@ -509,11 +710,17 @@ class Session:
             self.refusals += 1
             self.say("Wait until the job is done, or cancel it.", error=False)
             return
+        chosen = next(run for run in self.runs if run["file"] == file)
+        self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
         runs = [
             {**run, "use": use} if run["file"] == file else run for run in self.runs
         ]
         self.runs = [run for run in runs if run["use"]]
-        self.say(*self._forget_models("The runs have changed"), error=False)
+        self.save()
+        if use:
+            self.changed()
+        else:
+            self.say(f"{chosen['name']} is removed: Undo brings it back.", error=False)
 
     async def split(self, file: str, percent: int) -> None:
         """Split a run anew: ``percent`` of its motion are for training, the others
@@ -522,11 +729,11 @@ class Session:
         answer = await self._job(
             "Splitting the run", "resplit", file=file, share=percent / 100.0
         )
+        self._step_from_here("another split")
         self.runs = [
             {**run, "split": answer["split"]} if run["file"] == file else run
             for run in self.runs
         ]
-        self.say(*self._forget_models("The split has changed"), error=False)
 
     def warnings_of(self, joint: int) -> list[str]:
         """List what the data check warns of one joint (from 1) in the session's
@@ -536,34 +743,81 @@ class Session:
             f"{run['name']}: {issue['kind']} ({issue['where']})"
             for run in self.runs
             for issue in run["findings"]
-            if joint in issue.get("figures", {}).get("joints", ())
+            if issue["severity"] != "note"
+            and joint in issue.get("figures", {}).get("joints", ())
         ]
 
     async def mount(self, gravity: str) -> None:
-        """Set the direction of gravity in the robot's base frame, "x,y,z" [m/s^2].
+        """Set gravity in the robot's base frame, "x,y,z" [m/s^2]."""
+        vector = numbers("gravity", gravity, 3)
+        words = f"gravity {gravity}"
+        await self.apply(Change("mount", words, {"gravity": vector}).to_dict())
 
-        The runs are checked again, and existing models are dropped.
+    async def hold(self, positions: str) -> None:
+        """Hold joints that do not move, "finger_joint=0"."""
+        words = f"{positions} held"
+        held = {"positions": parse_held(positions)}
+        await self.apply(Change("hold", words, held).to_dict())
+
+    async def apply(self, change: Mapping[str, Any]) -> None:
+        """Do what a remedy says: to the runs and the robot, to the model, or a motion to
+        record.
+
+        change : as the remedy's JSON has it.
         """
-        turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
-        answer = await self._job("Turning the robot", "look_again", robot=turned)
-        self.robot = turned
-        self.runs = answer["runs"]
-        self.say(*self._forget_models("Gravity has changed"), error=False)
+        verb = change["verb"]
+        if verb in ("add", "reset"):
+            await self._add(change)
+        elif verb != "record":
+            await self._change(change)
 
-    async def mend(self, file: str) -> None:
-        """Replace a run by its repaired copy, and say what was changed."""
-        answer = await self._job("Repairing a run", "mend", file=file)
-        self.runs = [answer["run"] if run["file"] == file else run for run in self.runs]
-        self._forget_models()
-        self.say(*answer["changes"], error=False)
+    async def _change(self, change: Mapping[str, Any]) -> None:
+        """Change runs and robot, and check them again; what it did to the error on data
+        left out is said."""
+        command = self._check_command
+        words = command_of(Change.from_dict(change), Files(command))
+        names = [run["name"] for run in self.runs]
+        is_copied = words is not None and change["verb"] in ("transform", "read")
+        if is_copied and len(names) == 1:
+            names = [str(command.copy)]
+        elif is_copied:
+            names = [f"{command.copy}/{Path(name).stem}.csv" for name in names]
+        title = formatting.sentence(change["words"])
+        try:
+            answer = await self._job(title, "change", change=change, names=names)
+        except InputError as error:
+            self.remedies = [
+                {**x, "refused": str(error)} if x["change"] == change else x
+                for x in self.remedies
+            ]
+            raise
+        self._step_from_here(change["words"])
+        self._take(answer)
+        if is_copied and words is not None:
+            self.prepared = [*self.prepared, words]
+        self.new = ("check", "check")
+        self.say(*filter(None, [answer["effect"]]), error=False)
 
-    async def mend_all(self, files: Sequence[str]) -> None:
-        """Put repaired copies of several runs in their places, and say what was changed."""
-        changes: list[str] = []
-        for file in files:
-            await self.mend(file)
-            changes += self.notice.texts if self.notice else ()
-        self.say(*changes, error=False)
+    @property
+    def _check_command(self) -> CheckCommand:
+        """The `check` of the runs, as a terminal needs it."""
+        gravity = self.robot["gravity"]
+        is_own = gravity == self.robot["own_gravity"]
+        return CheckCommand(
+            problem=self.robot_word,
+            runs=[run["name"] for run in self.runs] or ["run.csv"],
+            hold=self.robot["hold"] or None,
+            gravity=None if is_own else ",".join(f"{g:g}" for g in gravity),
+        )
+
+    async def make_motion(
+        self, change: Mapping[str, Any], ready: Callable[[str], None]
+    ) -> None:
+        """Make the motion that a remedy asks to record; ``ready`` is called with its
+        file's name."""
+        two = change["arguments"].get("separate", ())
+        answer = await self._job("Making a motion", "motion", separate=two)
+        ready(answer["file"])
 
     async def identify(self) -> None:
         """Identify the first model of a new history with the chosen effects and
@@ -612,7 +866,8 @@ class Session:
 
     def _begin(self, step: ModelStep) -> None:
         """Begin a new history with this model, and point the page to its fit."""
-        self._forget_models()
+        if self.history:
+            self._step_from_here("identified anew")
         self.history = [step]
         self.new = ("identify", "fit")
 
@@ -631,28 +886,33 @@ class Session:
         verdict = before.with_missing(
             answer["missing"], answer["has_open_finding"]
         ).to_dict()
-        self.history[-1] = replace(
+        diagnosed = replace(
             self.current,
             findings=diagnosis,
-            curve_texts=answer["curves"],
+            curve_texts=tuple(answer["curves"]),
             pictures=pictures,
             comparison={**self.current.comparison, "verdict": verdict},
         )
+        self.history = [*self.history[:-1], diagnosed]
         self.new = "diagnose", "findings"
 
     async def add(self, texts: Sequence[str]) -> None:
-        """Add effects to the current model; the result is a new step of the history."""
+        """Add effects by their texts to the current model."""
+        effects = [text for text in texts if text]
+        words = f"add {effects_in_words(effects)}"
+        await self._add(Change("add", words, {"effects": effects}).to_dict())
+
+    async def _add(self, change: Mapping[str, Any]) -> None:
+        """Add what a change says to the current model; the result is a new step of the
+        history."""
+        texts = change["arguments"]["effects"]
         diagnosis = self.findings
         frozen = self.frozen or (diagnosis is not None and diagnosis.frozen)
         request: dict[str, Any] = {
-            "effects": [*texts],
+            "change": change,
             "frozen": frozen,
             "diagnosed": diagnosis and diagnosis.to_dict(),
         }
-        if diagnosis is not None and [*texts] == [f.text for f in diagnosis.sure]:
-            # As `add --from findings.json --confident`: constants that were found
-            # together stay together.
-            request["findings"] = diagnosis.to_dict()
         label = f"+ {effects_in_words(texts)}"
         if len(label) > _LONGEST_LABEL:
             label = f"+ {formatting.count(len(texts), 'finding')}"
@@ -662,10 +922,11 @@ class Session:
             request,
             label=label,
             added=tuple(texts),
+            findings_added=change["arguments"].get("findings"),
             frozen=frozen,
         )
+        self._step_from_here(change["words"], keeps_models=True)
         self.history = [*self.history, step]
-        self.undone = []
         self.new = "diagnose", "history"
 
     async def ask(self, title: str, job: str, **on: Any) -> None:
@@ -686,7 +947,8 @@ class Session:
         assert self.findings is not None
         found = [f.text for f in self.findings.sure]
         names = effects_in_words(found) or "nothing"
-        await self.add(found)
+        if found:
+            await self.apply(self.findings.remedies[0].change.to_dict())
         hidden = effect_in_words(f"{HIDDEN}:{joint}")
         self.say(f"Hidden: {hidden}; found: {names}.", error=False)
 
@@ -713,15 +975,3 @@ class Session:
         )
         self.say(*answer["notice"], error=False)
         ready(name)
-
-    def undo(self) -> None:
-        """Go back to the previous model; :meth:`redo` can restore the current one."""
-        if self.task is None and len(self.history) > 1:
-            self.undone.append(self.history.pop())
-            self.changed()
-
-    def redo(self) -> None:
-        """Restore the model that was undone last."""
-        if self.task is None and self.undone:
-            self.history.append(self.undone.pop())
-            self.changed()

@@ -1,6 +1,5 @@
-"""All tabs of a server: sessions by their secret names, kept a while after a tab is
-closed; and what people drop there, kept under names of our own in a session's private
-folder."""
+"""All tabs of a server: sessions by their secret names, each a project in a folder; and
+what people drop there, kept under names of our own in a session's private folder."""
 
 import asyncio
 import contextlib
@@ -12,10 +11,12 @@ import time
 from collections.abc import AsyncIterator
 from pathlib import Path, PureWindowsPath
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import lives
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.session import STATE_FILE, Session, read_state
+from sdp_vs_penalty.page.view import Project
 from sdp_vs_penalty.page.worker import LEAST, WorkerPool
 
 #: Bytes of all files of a session: those that a job's memory holds at least.
@@ -115,14 +116,22 @@ _PREFIX = "sdp-vs-penalty-page-"
 
 
 class Sessions:
-    """Sessions whose folders, readable by their owner only, end with the server."""
+    """The sessions of a server, each with a folder that only its owner can read.
 
-    def __init__(self, pool: WorkerPool) -> None:
-        """Make the root folder of all sessions, and remove those of servers that were
+    Folders in ``projects`` stay when the server ends; without it they end with it.
+    """
+
+    def __init__(self, pool: WorkerPool, projects: Path | None = None) -> None:
+        """Make the server's temporary folder, and remove those of servers that were
         killed.
 
-        A root folder's name ends in its server's process id. One that lies there
+        A temporary folder's name ends in its server's process id. One that lies there
         without such a process is a leftover.
+
+        Parameters
+        ----------
+        projects : Path, optional
+            Folder in which each session is a project that stays.
         """
         self.pool = pool
         for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*-*"):
@@ -133,47 +142,123 @@ class Sessions:
                 if is_leftover and folder.lstat().st_uid == os.getuid():
                     shutil.rmtree(folder, ignore_errors=True)
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
+        self.projects = projects
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
         """Open an empty session; a browser is about to connect to it.
 
-        The MOST sessions closed last stay, so that they can be opened again; older ones
-        are removed. Raises InputError if MOST tabs are open.
+        The MOST sessions closed last stay in memory; older ones are saved, or removed
+        where nothing was done in them. Raises InputError if MOST tabs are open.
         """
         closed = [session for session in self._all.values() if not _open(session)]
         closed.sort(key=lambda session: session.left_at, reverse=True)
         for session in closed[MOST:]:
-            del self._all[session.token]
-            shutil.rmtree(session.folder, ignore_errors=True)
+            if session.task is None:
+                self._leave(session)
         if sum(map(_open, self._all.values())) >= MOST:
             raise InputError(
                 f"{MOST} tabs are open", "close one, and open this page again"
             )
         token = secrets.token_urlsafe(24)
-        folder = self.root / token
-        folder.mkdir(mode=0o700)
-        self._all[token] = Session(token, folder, self.pool)
-        return self._all[token]
+        if self.projects is None:
+            folder = self.root / token
+            folder.mkdir(mode=0o700)
+        else:
+            self.projects.mkdir(mode=0o700, parents=True, exist_ok=True)
+            prefix = time.strftime("%Y-%m-%d-%H%M-")
+            folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self.projects))
+        return self._add(Session(token, folder, self.pool))
+
+    def _add(self, session: Session) -> Session:
+        """Add a session to those in memory, and return it."""
+        self._all[session.token] = session
+        return session
+
+    def _leave(self, session: Session) -> None:
+        """Take a session out of memory; what was made in it stays if it is a project's."""
+        del self._all[session.token]
+        stays = self.projects is not None and session.robot
+        if stays or session.is_named_by_user:
+            session.save()
+        else:
+            shutil.rmtree(session.folder, ignore_errors=True)
+
+    def open_folder(self, folder: Path) -> Session:
+        """Open the project of a folder that the user has named; an empty one begins.
+
+        Raises InputError for a folder that holds something else.
+        """
+        known = [s for s in self._all.values() if s.folder == folder]
+        if known:
+            return known[0]
+        token = secrets.token_urlsafe(24)
+        if (folder / STATE_FILE).is_file():
+            session = Session.load(folder, self.pool, token)
+        else:
+            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+                what = "this is no project of the page, and not empty"
+                raise InputError(what, "name a folder that is new", folder)
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            session = Session(token, folder, self.pool, name=folder.name)
+        session.is_named_by_user = True
+        return self._add(session)
+
+    def saved(self) -> list[Project]:
+        """List the projects that can be opened, the one saved last first."""
+        files = (
+            [] if self.projects is None else [*self.projects.glob(f"*/{STATE_FILE}")]
+        )
+        files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
+        listed = []
+        for file in files[:_MOST_LISTED]:
+            with contextlib.suppress(InputError):
+                content = read_state(file.parent)
+                robot = content["now"]["robot"]
+                if not robot:
+                    continue
+                runs = formatting.count(len(content["now"]["runs"]), "run")
+                models = formatting.count(len(content["now"]["history"]), "model")
+                at = time.strftime(
+                    "%d %b %Y, %H:%M", time.localtime(file.stat().st_mtime)
+                )
+                name = content["name"] or robot["file"] or robot["name"]
+                text = f"{runs}, {models}, {at}"
+                listed.append(Project(content["token"], name, text, file.parent))
+        return listed
 
     def get(self, token: str) -> Session | None:
-        """Return the session with this token, or None if there is none."""
-        return self._all.get(token)
+        """Return the session with this token, opened from its folder if need be; None if
+        there is none.
+        """
+        if token in self._all:
+            return self._all[token]
+        for project in self.saved():
+            if secrets.compare_digest(project.token.encode(), token.encode()):
+                with contextlib.suppress(InputError):
+                    return self._add(Session.load(project.folder, self.pool, token))
+        return None
 
     def unwatched(self, token: str | None) -> Session | None:
         """Return the session with this token if no tab shows it at the moment, else None.
 
         A person who comes back to the address finds this session again.
         """
-        session = self._all.get(token or "")
+        session = self.get(token or "")
         if session is None or any(tab.present for tab in session.watchers):
             return None
         return session
 
     def close(self) -> None:
-        """End all workers and remove the files of all sessions."""
+        """End all workers, save the projects, and remove what is temporary."""
         self.pool.close()
+        for session in [*self._all.values()]:
+            self._leave(session)
         shutil.rmtree(self.root, ignore_errors=True)
+
+
+#: Projects that the first screen lists.
+_MOST_LISTED = 30
 
 
 def _open(session: Session) -> bool:

@@ -20,6 +20,20 @@ Forms = Mapping[str, Sequence[Action]]
 MOST_OFFERED = 50
 
 
+@dataclass(frozen=True)
+class Project:
+    """A session that was saved, as the first screen lists it."""
+
+    #: Secret name of the session in its address.
+    token: str
+    #: Its name.
+    name: str
+    #: When it was saved last, in words.
+    changed: str
+    #: Folder of its files.
+    folder: Path
+
+
 @dataclass
 class View:
     """The view state of one tab."""
@@ -32,6 +46,8 @@ class View:
     client: Client
     #: Options of the command line by the step that offers them.
     forms: Forms
+    #: Projects that can be opened, the last one first.
+    projects: Sequence[Project] = ()
     #: Index of the joint that every part shows, from 0; None before one is chosen.
     joint: int | None = None
     #: Run that every part shows.

@@ -48,20 +48,35 @@ for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
   });
 }
 document.addEventListener("click", (event) => {
-  const link = event.target.closest?.("a[data-to]");
+  const link = event.target.closest?.("[data-to]");
   if (!link) return;
   event.preventDefault();
   workbench.show(link.dataset.to);
+  if (link.dataset.opens) document.querySelector(`[data-key="${link.dataset.opens}"]`)?.click();
 });
 
 addEventListener("popstate", (event) => {
   const stage = event.state?.stage ?? location.hash.slice(1);
   workbench.show(stage || "measure", null, true); // one stage back, or on again
 });
-document.addEventListener("click", (event) => {
-  const link = event.target.closest?.("a[data-confirm]");
-  if (link && !confirm(link.dataset.confirm)) event.preventDefault();
+document.addEventListener("click", async (event) => {
+  if (!event.target.closest?.("[data-again]")) return;
+  const words = document.querySelector(".lost p"); // the server may be back, or may have to be started
+  const answer = await fetch(location.pathname, { cache: "no-store" }).catch(() => null);
+  if (answer?.ok) location.reload();
+  else words.textContent = "The program does not run. Start it again as before, then press the button: your work is on disk.";
 });
+const lost = (is) => {
+  let box = document.querySelector(".lost");
+  if (!is) return box?.remove();
+  if (box) return;
+  box = document.createElement("div");
+  box.className = "lost";
+  box.setAttribute("role", "alert");
+  box.innerHTML = "<p>The connection to the program is lost. Your work is on disk.</p>";
+  box.insertAdjacentHTML("beforeend", '<button type="button" class="action primary" data-again data-key="again">Open it again</button>');
+  document.body.append(box);
+};
 
 document.addEventListener("focusin", (event) => {
   workbench.key = event.target.closest("[data-key]")?.dataset.key ?? null;
@@ -82,6 +97,8 @@ addEventListener("DOMContentLoaded", () => {
   arrive(); // the page may be there already
   // The plotting script is large: fetched while the person still reads.
   setTimeout(() => import("nicegui-plotly").catch(() => {}), 1000);
+  const popup = document.querySelector("#popup"); // NiceGUI's, which has no button
+  if (popup) new MutationObserver(() => lost(popup.ariaHidden === "false")).observe(popup, { attributes: true });
   new MutationObserver(() => {
     if (document.activeElement !== document.body || workbench.key === null) return;
     document.querySelector(`[data-key="${CSS.escape(workbench.key)}"]`)?.focus({ preventScroll: true });

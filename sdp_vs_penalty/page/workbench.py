@@ -1,7 +1,6 @@
 """The page of one tab: header, the rail of stages, their screens, and the dock of what
 is going on."""
 
-import itertools
 import json
 import time
 from collections.abc import Callable
@@ -11,11 +10,10 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
+from sdp_vs_penalty.page.next_step import next_step
 from sdp_vs_penalty.page.session import Session, Working
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
-
-_NEXT = dict(itertools.pairwise(STAGES))
 
 
 def _is_ready(stage: Stage, session: Session) -> bool:
@@ -37,8 +35,8 @@ class Workbench:
         self.client = view.client
         #: By an element's id, the JSON of the state that it was last drawn from.
         self._drawn_states: dict[int, str] = {}
-        #: By a stage's anchor: link, mark, section, places of its verdict and of the
-        #: link to the next stage; by "part-" and a part's anchor: the part, its body.
+        #: By a stage's anchor: link, mark, section and place of its verdict; by "part-"
+        #: and a part's anchor: the part, its body.
         self._elements: dict[str, tuple[Any, ...]] = {}
         # The news (stage and part) that the page has scrolled to.
         self._shown_news = view.session.new
@@ -47,13 +45,11 @@ class Workbench:
         skip = tag("a", "Skip to content", "skip")
         with tag("header", style="top"), tag("div", style="inner"):
             tag("span", "sdp-vs-penalty", "brand")
-            tag("span", "workbench", "soft")
+            self._project = tag("span", "", "soft")
             tag("span", style="gap")
-            question = (
-                "Start over with an empty page? Runs and models here stay behind."
-            )
-            start_over = {"href": "/new", "data_key": "start-over"}
-            tag("a", "Start over", "action quiet", data_confirm=question, **start_over)
+            self._steps = tag("div", style="row steps-back")
+            new = {"href": "/new", "data_key": "new-project"}
+            tag("a", "New project", "action quiet", **new)
         with tag("div", style="frame"):
             with tag("nav", style="stages", aria_label="Stages"):
                 links = [
@@ -61,6 +57,7 @@ class Workbench:
                 ]
             # NiceGUI's own layout is the main landmark.
             with tag("div", style="page", tabindex="-1") as self._main:
+                self._next = tag("div", style="now", data_part="next")
                 with tag("div", style="intro"):
                     tag(
                         "h1",
@@ -104,6 +101,7 @@ class Workbench:
                     state = part.depends(self.session) if ready else None
                     self._fill(body, state, partial(self._part, part, ready))
                 self._redraw_stage(stage)
+            self._redraw_next()
             self._redraw_dock()
             self._scroll_to_news()
 
@@ -147,11 +145,10 @@ class Workbench:
             tag("span", stage.title)
             return link, tag("span", style="unseen")
 
-    def _screen(self, stage: Stage) -> tuple[Any, Any, Any]:
+    def _screen(self, stage: Stage) -> tuple[Any, Any]:
         """Draw the empty screen of a stage: heading and a place for each part.
 
-        Returns the section, the place for the verdict above, and the place for the link
-        to the next stage at its end.
+        Returns the section, and the place for the verdict above.
         """
         with tag("section", style="stage", data_stage=stage.anchor) as section:
             heading = tag("h2", stage.title, tabindex="-1")
@@ -163,7 +160,7 @@ class Workbench:
                         tag("h3", part.title)
                     body = tag("div", style="body")
                     self._elements[f"part-{part.anchor}"] = place, body
-            return section, status_line, tag("div", style="end")
+            return section, status_line
 
     def _dock(self) -> None:
         """Draw the status dock: notices, what the running job does, and a button to
@@ -190,15 +187,11 @@ class Workbench:
             self._clock.text = f"{time.monotonic() - working.since:.0f} s"
 
     def _redraw_stage(self, stage: Stage) -> None:
-        """Update a stage: its mark on the rail, its verdict, and the link to the
-        next stage.
-        """
+        """Update a stage: its mark on the rail, and its verdict."""
         session = self.session
-        following = _NEXT.get(stage)
         ready = _is_ready(stage, session)
         verdict = (stage.verdict(session) if ready else None) or StageVerdict("", "")
-        goes_on = ready and following is not None and _is_ready(following, session)
-        link, mark, section, above, end = self._elements[stage.anchor]
+        link, mark, section, above = self._elements[stage.anchor]
         later = "" if ready else " later"  # the style of a stage that is not ready
         link.classes(replace=f"{verdict.level}{later}")
         section.classes(replace=f"stage{later}")
@@ -214,17 +207,42 @@ class Workbench:
                         tag("strong", f"{verdict.word}. ")
                     tag("span", verdict.text)
 
-        def draw_link_to_next() -> None:
-            """Draw the link to the next stage, prominent if the verdict is not bad."""
-            if goes_on and following is not None:
-                is_advised = verdict.text and verdict.level != "bad"
-                style = "action primary" if is_advised else "action"
-                at = {"data_to": following.anchor, "data_key": f"next-{stage.anchor}"}
-                tag("a", f"Next: {following.title}", style, href="#", **at)
-
         state = [ready, verdict.level, verdict.word, verdict.text]
         self._fill(above, state, draw_verdict)
-        self._fill(end, [goes_on, *state], draw_link_to_next)
+
+    def _redraw_next(self) -> None:
+        """Update what stays in view: the verdict with the one next step, the project's
+        name, and the steps back."""
+        session = self.session
+        step = next_step(self.view)
+
+        def draw_next() -> None:
+            """Draw the verdict and the button."""
+            tag("p", step.text, f"now-words {step.level}", title=step.text)
+            at = {"data_to": step.stage, "data_opens": step.opens or False}
+            do = step.do or (lambda: None)
+            button(step.label, do, "next", "primary", **at)
+
+        def draw_steps() -> None:
+            """Draw the buttons that take a step back, or again."""
+            if session.past:
+                label = session.past[-1][0]
+                button("Undo", session.undo, "undo", "quiet", title=f"Undo: {label}")
+            if session.future:
+                label = session.future[-1][0]
+                button("Redo", session.redo, "redo", "quiet", title=f"Redo: {label}")
+
+        state = [step.text, step.label, step.stage, step.opens, step.level]
+        # What the button does depends on the remedies and on the model.
+        depends = [
+            session.remedies,
+            [m.file for m in session.history],
+            session.mappings,
+        ]
+        self._fill(self._next, [state, depends], draw_next)
+        labels = [[label for label, _ in x] for x in (session.past, session.future)]
+        self._fill(self._steps, labels, draw_steps)
+        self._project.text = session.name or "workbench"
 
     def _redraw_dock(self) -> None:
         """Update the status dock: what the running job does, and the notices."""

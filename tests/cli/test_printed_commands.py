@@ -324,7 +324,8 @@ def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path)
         assert [r["use"] for r in s.runs] == ["split"]
     do(s, s.identify, lambda: s.add(["joint_spring:2"]), lambda: s.add(["payload"]))
     commands = s.commands()
-    assert [shlex.split(c)[1] for c in commands][-3:] == ["identify", "add", "add"]
+    made = ["identify", "add", "add", "compare"]
+    assert [shlex.split(c)[1] for c in commands][-4:] == made
     for command in commands:
         run(command)
     for k, model in enumerate(s.history, start=1):

@@ -64,7 +64,8 @@ class Server:
 def started(folder: Path, *options: str) -> Server:
     """The verb, which has said where it is; its files are in the folder."""
     command = [sys.executable, *PROGRAM, "page", "--no-browser", *options]
-    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": HOME}
+    kept = {"TMPDIR": str(folder), "SDP_VS_PENALTY_PROJECTS": str(folder / "projects")}
+    environment = {**os.environ, **kept, "PYTHONPATH": HOME}
     process = subprocess.Popen(
         command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True
     )

@@ -106,7 +106,7 @@ def forms() -> Mapping[str, Sequence[Action]]:
         )
         held: list[Any] = []
         verb.verb()
-    return dict(held[0][3])
+    return dict(held[0][-1])
 
 
 class Screen:
@@ -146,7 +146,8 @@ class Screen:
         return [str(e.props["data-key"]) for e in self.under() if "data-key" in e.props]
 
     def at(self, key: str) -> Any:
-        (found,) = (e for e in self.under() if e.props.get("data-key") == key)
+        found, *others = (e for e in self.under() if e.props.get("data-key") == key)
+        assert not others, key
         return found
 
     def under(self, top: Any = None) -> list[Any]:

@@ -16,11 +16,11 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 pytest.importorskip("plotly", reason="the report needs the extra [report]")
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
+from sdp_vs_penalty.api.remedies import what_to_add
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
-from sdp_vs_penalty.page import JobRequest, chosen_effects
-from sdp_vs_penalty.results import fact, facts
+from sdp_vs_penalty.results import Change, fact, facts
 
 STORIES = {"spring": stories.spring, "bad data": stories.bad_data}
 LONGER = {
@@ -257,8 +257,8 @@ def test_the_page_adds_a_finding_with_what_the_search_says_of_it(extended):
     diagnosis = extended.diagnosis
     finding = diagnosis.effects[0]
     texts = [finding.text, "rotor_inertia:1"]
-    job = JobRequest({"diagnosed": diagnosis.to_dict(), "effects": texts})
-    chosen, named = chosen_effects(job)
+    change = Change("add", "add them", {"effects": texts, "findings": [1]})
+    chosen, named = what_to_add(change, diagnosis)
     assert chosen.size_in_search == finding.size_in_search
     assert named == "rotor_inertia:1"
 

@@ -72,7 +72,7 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(here, hidden, tmp
     s.anyway = True
     do(s, s.identify)
     assert len(s.history) == 1
-    (command,) = s.commands()
+    command, _ = s.commands()
     assert "--no-check" in command
     assert command.endswith(" --out model1.json")
 
@@ -86,17 +86,19 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
         here, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv")
     )
     (before,) = s.runs
-    assert [f["kind"] for f in before["findings"] if f["can_fix"]] == ["spikes"]
+    assert [f["kind"] for f in before["findings"] if f["remedies"]] == ["spikes"]
     drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"])
     (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
     np.testing.assert_allclose(
         numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4
     )
-    do(s, lambda: s.mend(before["file"]))
+    do(s, lambda: s.apply(s.remedies[0]["change"]))
     (run,) = s.runs
     assert run["name"] == "spikes_fixed.csv"
-    assert run["findings"] == []
-    assert "Repaired copy of spikes.csv" in s.notice.texts[0]
+    assert not s.kinds_of_issue
+    assert "Error on motion left out" in s.notice.texts[0]
+    s.undo()
+    assert s.runs == [before]
 
 
 def ended(work: JobProcess, seconds: float) -> bool:
@@ -153,7 +155,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(here):
         assert asyncio.run(put(s, name, "runs", b"t,q1,tau1\n")) == 200
     # Whatever the names said, files are in the session's own folder under names of
     # ours.
-    kept = [p for p in here.root.rglob("*") if p.is_file()]
+    kept = [p for p in here.root.rglob("file-*") if p.is_file()]
     assert len([p for p in kept if p.suffix == ".csv"]) == 4
     for path in kept:
         assert path.parent == s.folder
@@ -201,7 +203,7 @@ def test_of_a_dropped_run_only_its_samples_are_kept(here, hidden, tmp_path):
     refusal(lambda: do(s, s.read_files), "broken.csv")
     assert [run["name"] for run in s.runs] == ["dropped.csv", "own.csv"]
     kept = [run[what] for run in s.runs for what in ("file", "view")]
-    assert sorted(p.name for p in s.folder.iterdir()) == sorted(kept)
+    assert sorted(p.name for p in s.folder.iterdir()) == sorted([*kept, "project.json"])
     assert (tmp_path / "own.csv").is_file()
 
 
@@ -405,8 +407,7 @@ def test_the_printed_address_lets_in_once(path, query, to):
 
 
 def test_jobs_of_all_tabs_wait_for_each_other():
-    """Until one is cancelled, whose worker ends at once, or its tab is lost; nothing is
-    changed."""
+    """Until one is cancelled, whose worker ends at once; nothing is changed."""
     pool = WorkerPool(1)
     sessions = Sessions(pool)
 
@@ -423,8 +424,10 @@ def test_jobs_of_all_tabs_wait_for_each_other():
         assert second.working.status == "waiting for the jobs of other tabs"
         (work,), begin = pool._busy, time.perf_counter()
         second.watchers.append(tab := Tab())
-        for s, end in ((second, lambda: second.left(tab)), (first, first.cancel)):
-            end()
+        second.left(tab)  # a tab that is closed leaves its job
+        assert second.task is not None
+        for s in (second, first):
+            s.cancel()
             await asyncio.wait([s.task])
             assert s.runs == []
             assert s.notice.texts == ("Cancelled: nothing was changed.",)
@@ -489,9 +492,9 @@ def test_a_file_of_unknown_columns_offers_them_to_be_chosen(here, strange):
     s.arrived["strange.csv"] = strange
     refusal(lambda: do(s, s.read_files), "strange.csv")
     (mapping,) = s.mappings
-    chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
+    chosen = mapping["chosen"]
     assert chosen["q2"] == "q2"
-    assert chosen["tau1"] == ""
+    assert (chosen["tau1"], chosen["tau2"]) == ("alpha", "beta")  # by their order
 
 
 def test_the_choice_of_columns_begins_with_what_is_recognised(here, hidden, tmp_path):
@@ -507,9 +510,9 @@ def test_the_choice_of_columns_begins_with_what_is_recognised(here, hidden, tmp_
     s.arrived["foreign.csv"] = path
     refusal(lambda: do(s, s.read_files), "foreign.csv")
     (mapping,) = s.mappings
-    names = ["", "j1_pos", "j2_pos", "j1_eff", "j2_eff"]
-    assert dict(zip(mapping["ours"], mapping["chosen"], strict=True)) == dict(
-        zip(["t", "q1", "q2", "tau1", "tau2"], names, strict=True)
+    names = ["", "nobody", "j1_pos", "j2_pos", "j1_eff", "j2_eff"]
+    assert mapping["chosen"] == dict(
+        zip(["rate", "t", "q1", "q2", "tau1", "tau2"], names, strict=True)
     )
 
 
@@ -518,12 +521,20 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
     do(s, lambda: s.choose_robot("two_link"))
     s.arrived["strange.csv"] = strange
     refusal(lambda: do(s, s.read_files), "strange.csv")
-    path = s.mappings[0]["path"]
-    s.choose_column(path, "tau1", "alpha")
-    s.choose_column(path, "tau2", "beta")
-    do(s, lambda: s.read_mapped(path))
-    assert [run["name"] for run in s.runs] == ["strange.csv"]
+    columns = s.mappings[0]["columns"]
+    s.choose_column(columns, "tau1", "beta")
+    s.choose_column(columns, "t", "alpha")
+    s.choose_column(columns, "tau2", "alpha")
+    refusal(lambda: do(s, lambda: s.read_mapped(columns)), "alpha", "more than once")
+    (wrong,) = s.mappings  # nothing of the choice is lost
+    assert (wrong["chosen"]["t"], wrong["chosen"]["tau1"]) == ("alpha", "beta")
+    for ours, theirs in {"t": "t", "tau1": "alpha", "tau2": "beta"}.items():
+        s.choose_column(columns, ours, theirs)
+    do(s, lambda: s.read_mapped(columns))
+    assert [run["name"] for run in s.runs] == ["strange_read.csv"]
     assert not s.mappings
+    (command,) = s.commands()
+    assert "convert strange.csv --rename 't=#1,q1=#2" in command
 
 
 def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):
@@ -552,8 +563,7 @@ def test_an_issue_of_two_runs_is_said_once_and_repaired_together(
         runs.append(replace(run, tau=tau))
     s = opened(here, "two_link", **saved(tmp_path, runs, "a.csv", "b.csv"))
     screen = Screen(s)
-    assert screen.text("check").count("What to do: delete") == 1
-    assert "a.csv and b.csv: spikes." in screen.text("check")
-    screen.click("mend-all")
-    assert [run["name"] for run in s.runs] == ["a_fixed.csv", "b_fixed.csv"]
+    assert screen.text("check").count("a.csv and b.csv: spikes.") == 1
+    screen.click("next")
+    assert [run["name"] for run in s.runs] == ["fixed/a.csv", "fixed/b.csv"]
     assert not s.meaningless

@@ -18,6 +18,8 @@ from recorded import brief, changed
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
+from sdp_vs_penalty.checks.certainty import likely
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.diagnosis import Curve, Retune
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import effect_types
@@ -28,6 +30,7 @@ from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.reports.demo import RUNS
+from sdp_vs_penalty.results import Change
 
 NAMES = ("a.csv", "b.csv", "test.csv")
 #: Of the test run [s]: the model is simulated along all of it.
@@ -213,7 +216,7 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     found = replace(story.session.history[0].findings, effects=(one, weak))
     session = Sessions(Here()).new()
     called: list[tuple[Any, ...]] = []
-    for name in ("choose_robot", "simulate", "identify", "diagnose", "add"):
+    for name in ("choose_robot", "simulate", "identify", "diagnose", "apply"):
 
         async def act(*given: Any, name: str = name) -> None:
             called.append((name, *given))
@@ -227,8 +230,9 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
         ("simulate", "presliding_hysteresis", [7], "strong", 7, RUNS),
         ("identify",),
         ("diagnose",),
-        ("add", [one.text]),
+        ("apply", found.remedies[0].change.to_dict()),
     ]
+    assert called[-1][1]["arguments"]["effects"] == [one.text]
 
 
 @pytest.mark.parametrize("part", ["check", "fit", "forward"])
@@ -390,17 +394,27 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     session.history[:] = [
         replace(steps[0], findings=every, curve_texts=["measured_curve:2"])
     ]
-    problem = {
-        "kind": "gravity",
-        "what": "it is turned",
-        "remedy": "turn it",
-        "severity": "warning",
-        "can_fix": True,
-        "gravity": [0.0, 0.0, 9.81],
-    }
+    issue = Issue(
+        kind="gravity",
+        severity="warning",
+        where="the base",
+        what="it is turned",
+        certainty=likely("by the torques"),
+        remedy="turn it",
+        gravity=(0.0, 0.0, 9.81),
+        apply="sign:tau2",
+        nature="explanation",
+        changes=(
+            Change("read", "read tau by its gains", {"scale": {"tau": None}}),
+            Change("record", "record more"),
+        ),
+    )
+    problem = json.loads(json.dumps(issue.to_dict()))
     session.runs = [{**runs[0], "findings": [problem]}, *runs[1:]]
     screen.do(session.changed)
-    return SimpleNamespace(rival=rival, first=one, curve=curve, width=width)
+    return SimpleNamespace(
+        rival=rival, first=one, curve=curve, width=width, found=every, issue=issue
+    )
 
 
 @pytest.mark.nightly
@@ -426,26 +440,29 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     assert curve.sentence(["N*m", "N*m"]) in screen.text("diagnose")
     assert "✓ a.csv" not in screen.text("check")
     called = recorded(screen, monkeypatch)
-    first = session.runs[0]["file"]
-    styles = [screen.at(key).classes for key in ("add-0", "add-1")]
-    assert ["primary" in style for style in styles] == [True, False]
-    screen.click(
-        "add-2",
-        "add-curve-0",
-        "add-constant-0",
-        "add-all",
-        f"apply-{first}",
-        f"mend-{first}",
-    )
+    blue = [e.props["data-key"] for e in screen.under() if "primary" in e.classes]
+    assert blue == ["next"]
+    screen.click("next", "add-2", "add-curve-0", "add-constant-0")
+    screen.click(*(f"remedy-0-{k}" for k in (0, 1)))
+    screen.set("remedy-0-2-unit", "mNm")
+    screen.click("remedy-0-2", "remedy-0-3")
     screen.set("use-1", "test")
-    assert called == [
-        ("add", [rival.text], {}),
-        ("add", ["measured_curve:2"], {}),
-        ("add", [width.text], {}),
-        ("add", [width.text, "joint_spring:2", one.text], {}),
-        ("mount", "0,0,9.81", {}),
-        ("mend", first, {}),
+    done = [
+        (name, *(x for x in given if isinstance(x, dict))) for name, *given in called
     ]
+    changes = [change for _, change, *_ in done]
+    sure = [width.text, "joint_spring:2", one.text]
+    assert [x["arguments"] for x in changes] == [
+        {"effects": sure, "findings": "confident"},
+        {"effects": [rival.text], "findings": [3]},
+        {"effects": ["measured_curve:2"]},
+        {"effects": [width.text]},
+        {"gravity": [0.0, 0.0, 9.81]},
+        {"apply": ["sign:tau2"]},
+        {"scale": {"tau": "mNm"}},
+        {},
+    ]
+    assert {name for name, *_ in done} == {"apply", "make_motion"}
     assert session.runs[1]["use"] == "test"
     assert session.history == []
 

@@ -1,12 +1,14 @@
 """Diagnose: the error from model to model; which effects are missing, each to be added
 with a click."""
 
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, rating_counts
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
@@ -19,24 +21,18 @@ from sdp_vs_penalty.render.words import (
     describe_diagnosis,
     weak_title,
 )
+from sdp_vs_penalty.results.remedy import Change
 
 
 @requires_model(
-    "history",
-    "The model so far",
-    lambda s: (len(s.undone), [model.comparison for model in s.history]),
+    "history", "The model so far", lambda s: [model.comparison for model in s.history]
 )
 def models(view: View) -> None:
-    """Draw each joint's error from model to model, with buttons to undo and redo."""
+    """Draw each joint's error from model to model."""
     session = view.session
     history = session.history
     units = session.robot["units"]
     draw.judged(history)
-    with draw.tag("div", style="row"):
-        if len(history) > 1:
-            draw.button("Undo the last step", session.undo, "undo")
-        if session.undone:
-            draw.button(f"Redo {session.undone[-1].label}", session.redo, "redo")
     if len(history) == 1:
         return
     errors = [model.comparison["rmse"] for model in history]
@@ -62,7 +58,7 @@ def findings(view: View) -> None:
     with draw.tag("div", style="row"):
         again = "Diagnose" if diagnosis is None else "Diagnose again"
         diagnose = partial(session.start, session.diagnose)
-        draw.button(again, diagnose, "diagnose", "primary" if diagnosis is None else "")
+        draw.button(again, diagnose, "diagnose")
         label = "Keep the model fixed (needed for payloads)"
         draw.check(label, session.frozen, partial(setattr, session, "frozen"), "frozen")
     _by_hand(view)
@@ -76,11 +72,6 @@ def findings(view: View) -> None:
     _cards(view, diagnosis, words)
     _constants(session, diagnosis, words)
     _curves(view, diagnosis, words)
-    sure = [f for f in diagnosis.sure if f.text not in session.added]
-    if len(sure) > 1:
-        add = partial(session.start, session.add, [f.text for f in sure])
-        count = formatting.count(len(sure), "finding")
-        draw.button(f"Add these {count}: {rating_counts(sure)}", add, "add-all")
     _others(words)
 
 
@@ -130,9 +121,7 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
         if words.splits:
             draw.note(words.splits)
         if words.test:
-            with draw.details("To test it, record", f"tell-{k}"):
-                draw.note("With the model's file, which is under Use:")
-                draw.tag("pre", words.test, tabindex="0")
+            _telling(view, finding, words.test, f"tell-{k}")
         if words.physics:
             with draw.details("What this effect is", f"physics-{k}"):
                 draw.note(words.physics)
@@ -140,24 +129,35 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
             draw.note(words.doubt)
         for warning in session.warnings_of(finding.main_joint):
             draw.tag("p", f"The check warns of this joint: {warning}.", "finding")
-        style = "primary" if k == 0 else ""
-        label = f"Add {words.title}"
-        _adding(session, finding.text, f"add-{k}", style, aria_label=label)
+        change = diagnosis.remedies_by_finding[k].change.to_dict()
+        _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
+
+
+def _telling(view: View, finding: Finding, words: str, key: str) -> None:
+    """Draw the button that makes the motion by which an open question is decided, or
+    what to do where no motion decides it."""
+    session = view.session
+    if finding.undecided is None:
+        draw.note(f"To decide it: {words}")
+        return
+    change = {"arguments": {"separate": finding.undecided.split(",")}}
+    make = partial(session.start, session.make_motion, change, view.download)
+    draw.button("Make a motion that decides it", make, key)
 
 
 def _adding(
-    session: Session, text: str, key: str, style: str = "", **more: str
+    session: Session, text: str, change: Mapping[str, Any], key: str, label: str
 ) -> None:
     """Draw the button that adds an effect, or the remark that it was added.
 
-    text : the effect as `add` writes it; key : by which focus finds the button again.
+    text : the effect as `add` writes it; change : of its remedy; key : by which focus
+    finds the button again; label : what it adds, for screen readers.
     """
     if text in session.added:
         draw.tag("p", "Added to the model.", "chosen")
     else:
-        draw.button(
-            "Add", partial(session.start, session.add, [text]), key, style, **more
-        )
+        add = partial(session.start, session.apply, change)
+        draw.button("Add", add, key, aria_label=label)
 
 
 def _constants(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
@@ -171,7 +171,9 @@ def _constants(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) ->
             draw.tag("p", said.physics)
             if said.doubt:
                 draw.note(said.doubt)
-            _adding(session, constant.text, f"add-constant-{k}")
+            change = constant.remedy.change
+            key = f"add-constant-{k}"
+            _adding(session, constant.text, change.to_dict(), key, f"Add {said.title}")
 
 
 def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
@@ -190,7 +192,9 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             recording = session.recording(session.current, view.run)
             drawn = missing_chart(curve, units, recording)
             draw.chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
-            _adding(session, text, f"add-curve-{k}")
+            title = f"Add the curve of joint {curve.joint}"
+            change = Change("add", title, {"effects": [text]})
+            _adding(session, text, change.to_dict(), f"add-curve-{k}", title)
 
 
 def _by_hand(view: View) -> None:

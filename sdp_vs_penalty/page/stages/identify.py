@@ -144,9 +144,7 @@ def _form(view: View) -> None:
         draw.check(
             "Identify anyway (data check failed)", session.anyway, anyway, "anyway"
         )
-    draw.button(
-        "Identify", partial(session.start, session.identify), "identify", "primary"
-    )
+    draw.button("Identify", partial(session.start, session.identify), "identify")
     with draw.details("Or continue from a model.json", "open-model"):
         draw.note(
             "A model identified earlier, possibly from other runs: kept fixed, it shows"

@@ -22,8 +22,8 @@ def _robot_now(session: Session) -> Any:
     """Return what the robot's part depends on: the page redraws it when this
     changes.
     """
-    robot_fields = [session.robot.get(name) for name in ("source", "title", "gravity")]
-    return robot_fields, bool(session.runs)
+    names = ("source", "title", "gravity", "hold")
+    return [session.robot.get(name) for name in names], bool(session.runs)
 
 
 @partial(PagePart, "robot", "Robot", lambda session: True, _robot_now)
@@ -44,13 +44,16 @@ def robot(view: View) -> None:
         f"Joints in order, with the units of torque: {', '.join(joints)}."
         f" {robot['known']}"
     )
-    (gravity,) = view.forms["robot"]
-    now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
-    with draw.tag("div", style="pick"):
-        turn = partial(session.start, session.mount)
-        draw.text_field(
-            draw.option_help(gravity), now, turn, "gravity", str(gravity.metavar)
-        )
+    gravity, hold = view.forms["robot"]
+    now = ",".join(f"{g:g}" for g in robot["gravity"])
+    fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
+    with draw.tag("div", style="fields"):
+        for option, value, do in fields:
+            text = draw.option_help(option)
+            example = str(option.metavar)
+            draw.text_field(
+                text, value, partial(session.start, do), option.dest, example
+            )
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
         draw.tag("a", "Another robot, on a new page", **new)
@@ -65,9 +68,12 @@ def _choose(view: View) -> None:
     """
     session = view.session
     robot = view.session.robot
+    if not robot and view.projects:
+        with draw.details("Your projects", "projects", on=True):
+            _projects(view)
     with draw.tag("div", style="row"):
         show = partial(session.start, session.show_me)
-        draw.button("Show me", show, "show-me", "" if robot else "primary")
+        draw.button("Show me", show, "show-me")
         draw.note(
             "The whole job on a simulated arm with something hidden, in about a minute."
         )
@@ -103,6 +109,19 @@ def _choose(view: View) -> None:
     draw.drop("Your robot's URDF", "robot")
 
 
+def _projects(view: View) -> None:
+    """Draw the projects that can be opened again, the last one first."""
+    with draw.tag("ul", style="projects"):
+        for project in view.projects:
+            with draw.tag("li"):
+                at = {
+                    "href": f"/s/{project.token}",
+                    "data_key": f"open-{project.token}",
+                }
+                draw.tag("a", project.name, **at)
+                draw.tag("span", f" {project.changed}", "soft")
+
+
 _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
@@ -116,7 +135,12 @@ _USES = (
     "runs",
     "Measurements",
     lambda s: bool(s.robot),
-    lambda s: (s.robot["source"], s.runs, s.refusals, s.mappings),
+    lambda s: (
+        s.robot["source"],
+        [[run[name] for name in ("name", "use", "split")] for run in s.runs],
+        s.refusals,
+        [m["path"] for m in s.mappings],
+    ),
 )
 def runs(view: View) -> None:
     """Draw the ways to get measurements, and the runs that are loaded."""
@@ -126,30 +150,42 @@ def runs(view: View) -> None:
             with draw.tag("section", style="way"):
                 draw.tag("h4", title)
                 fill(view)
+    shown: list[Any] = []
     for mapping in view.session.mappings:
-        _mapping(view.session, mapping)
+        if mapping["columns"] not in shown:
+            shown.append(mapping["columns"])
+            _mapping(view.session, mapping)
     if view.session.runs:
         _list(view)
 
 
 def _mapping(session: Session, mapping: dict[str, Any]) -> None:
-    """Draw a form to assign the columns of a refused file, as far as not recognised.
+    """Draw the form that assigns the columns of refused files, prefilled with what is
+    recognised or guessed; one form for all files with these columns.
 
-    mapping : the file's path, name, columns with first cells, the names that a run
-    needs ("ours"), and the column chosen for each.
+    mapping : a file's path, name, columns with first cells, and the column chosen for
+    each name that a run needs.
     """
-    path = mapping["path"]
-    draw.tag("h4", f"Which column of {mapping['name']} is what?")
-    described = zip(mapping["columns"], mapping["cells"], strict=True)
+    columns = mapping["columns"]
+    files = [m["name"] for m in session.mappings if m["columns"] == columns]
+    k = session.mappings.index(mapping)
+    draw.tag("h4", f"Which column of {formatting.words(files)} is what?")
+    draw.note("Filled in with what is recognised, or by their order: look at it.")
+    described = zip(columns, mapping["cells"], strict=True)
     options = [("", "not there")]
     options += [(name, f"{name}: {cells} ...") for name, cells in described]
-    chosen = zip(mapping["ours"], mapping["chosen"], strict=True)
     with draw.tag("div", style="fields"):
-        for ours, theirs in chosen:
-            choose = partial(session.choose_column, path, ours)
-            draw.choice(_OURS.get(ours, ours), options, theirs, choose, f"map-{ours}")
-    read = partial(session.start, session.read_mapped, path)
-    draw.button("Read it with these columns", read, "read-mapped", "primary")
+        for ours, theirs in mapping["chosen"].items():
+            choose = partial(session.choose_column, columns, ours)
+            key = f"map-{k}-{ours}"
+            if ours == "rate":
+                label = "Samples a second, where no column is the clock"
+                draw.text_field(label, theirs, choose, key, "1000")
+            else:
+                label = _OURS.get(ours, ours)
+                draw.choice(label, options, theirs, choose, key)
+    read = partial(session.start, session.read_mapped, columns)
+    draw.button("Read with these columns", read, f"read-mapped-{k}")
 
 
 #: What our names are, where they do not say it.
@@ -324,13 +360,17 @@ MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 
 
 @partial(
-    PagePart, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs)
+    PagePart,
+    "check",
+    "",
+    lambda s: bool(s.runs),
+    lambda s: (s.robot["source"], s.robot["gravity"], s.runs, s.remedies),
 )
 def check(view: View) -> None:
     """Draw the check's issues and the signals of a run, with the arm in 3D."""
     session = view.session
     units = view.session.robot["units"]
-    _findings(session)
+    _findings(view)
     views = {run["name"]: run["view"] for run in session.runs}
     first = next(
         (run["name"] for run in session.runs if run["findings"]), next(iter(views))
@@ -347,36 +387,65 @@ def check(view: View) -> None:
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     crosses = "Crosses: corrected values. "
-    mended = any(
-        finding_of_run["can_fix"]
-        for run in session.runs
-        for finding_of_run in run["findings"]
-    )
+    mended = any(x["change"]["verb"] == "transform" for x in session.remedies)
     draw.note(f"{crosses if mended else ''}Drag to look closer; Play moves the arm.")
     look(first)
 
 
-def _findings(session: Session) -> None:
-    """Draw the check's issues of each run, with a button for each repair.
-
-    A run without any gets a tick.
+def _findings(view: View) -> None:
+    """Draw the check's issues, each once with the runs that have it, and the buttons of
+    its remedies. A run without any gets a tick.
     """
+    session = view.session
     with draw.tag("p", style="row"):
         for run in session.runs:
-            if not run["findings"]:
+            if all(issue["severity"] == "note" for issue in run["findings"]):
                 draw.tag("span", f"✓ {run['name']}", "tick")
-    for issue, runs in _issues_with_runs(session):
+    first = session.remedies[:1]
+    if first and len(first[0]["change"]["arguments"].get("apply", ())) > 1:
+        with draw.tag("div", style="row"):
+            _remedy(view, first[0], "remedy-all")
+    for k, (issue, runs) in enumerate(_issues_with_runs(session)):
         names = formatting.words([run["name"] for run in runs])
-        with draw.tag("p", style=f"finding {issue['severity']}"):
+        with draw.tag("div", style=f"finding {issue['severity']}"):
             draw.tag("strong", f"{names}: {issue['kind']}. ")
-            what = formatting.sentence(issue["what"])
-            draw.tag("span", f"{what} What to do: {issue['remedy']}.")
-        if issue["gravity"]:
-            vector = ",".join(f"{g:g}" for g in issue["gravity"])
-            apply = partial(session.start, session.mount, vector)
-            key = f"apply-{runs[0]['file']}"
-            draw.button(f"Apply: gravity {vector}", apply, key, "primary")
-    _repairs(session)
+            draw.tag("span", formatting.sentence(issue["what"]))
+            draw.tag("p", f"How sure: {issue['certainty']}.", "soft")
+            if not issue["remedies"]:
+                draw.tag("p", f"{formatting.sentence(issue['remedy'])}.")
+            with draw.tag("div", style="row"):
+                for n, remedy in enumerate(issue["remedies"]):
+                    _remedy(view, remedy, f"remedy-{k}-{n}")
+
+
+def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
+    """Draw the button of a remedy; with a field where only the person knows the unit,
+    and why it was refused, where it was."""
+    session = view.session
+    change = remedy["change"]
+    label = formatting.sentence(change["words"])
+    asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
+    if change["verb"] == "record":
+        make = partial(session.start, session.make_motion, change, view.download)
+        draw.button(label, make, key)
+    elif asked:
+        scale = dict.fromkeys(asked, "")
+        filled = {**change, "arguments": {"scale": scale}}
+        hint = (
+            f"Unit of {asked[0]} (mNm, Ncm, kgfm), or N m per A, one a joint: 10:10.7"
+        )
+        put = partial(scale.__setitem__, asked[0])
+        draw.text_field(hint, "", put, f"{key}-unit", "mNm")
+        draw.button(label, partial(session.start, session.apply, filled), key)
+    else:
+        draw.button(label, partial(session.start, session.apply, change), key)
+    refused = [
+        x["refused"]
+        for x in session.remedies
+        if x["change"] == change and "refused" in x
+    ]
+    for text in refused:
+        draw.tag("p", f"Not done: {text}", "soft")
 
 
 def _issues_with_runs(
@@ -395,39 +464,13 @@ def _issues_with_runs(
     return list(groups.values())
 
 
-def _repairs(session: Session) -> None:
-    """Draw a button for each run that the check can repair, and one for all of them."""
-    runs = [
-        run
-        for run in session.runs
-        if any(issue["can_fix"] for issue in run["findings"])
-    ]
-    with draw.tag("div", style="row"):
-        if len(runs) > 1:
-            files = [run["file"] for run in runs]
-            draw.button(
-                f"Repair all {len(runs)} runs",
-                partial(session.start, session.mend_all, files),
-                "mend-all",
-                "primary",
-            )
-        for run in runs:
-            draw.button(
-                f"Repair {run['name']}",
-                partial(session.start, session.mend, run["file"]),
-                f"mend-{run['file']}",
-                "primary" if len(runs) == 1 else "",
-            )
-
-
 def _checked(session: Session) -> StageVerdict:
     """Return the verdict of the check: errors first, then warnings, else all is
     well.
     """
     if session.meaningless:
         return StageVerdict("bad", f"{session.meaningless[0]}.", "Check failed")
-    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
-    if warned:
+    if warned := session.kinds_of_issue:
         return StageVerdict("usable", f"It found {formatting.words(warned)}.", "Check")
     return StageVerdict(
         "good",

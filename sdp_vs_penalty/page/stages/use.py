@@ -94,7 +94,7 @@ def forward(view: View) -> None:
             "Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive"
         )
     answer = session.answer("forward")
-    draw.button("Run it forward", run, "forward", "primary" if answer is None else "")
+    draw.button("Run it forward", run, "forward")
     if answer is None:
         draw.note(
             "The model is started from measured states and driven by the torque of the"

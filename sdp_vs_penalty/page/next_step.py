@@ -1,0 +1,110 @@
+"""What comes next: one sentence and one button, on every stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.api.remedies import next_remedy
+from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import View, identified, spoken
+from sdp_vs_penalty.records import from_json
+from sdp_vs_penalty.results.remedy import Remedy
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """The verdict on what is there, the cause first, and the one step that follows."""
+
+    #: The verdict.
+    text: str
+    #: What the button says.
+    label: str
+    #: Stage that the button leads to.
+    stage: str
+    #: What the button does besides; None for nothing.
+    do: Callable[[], Any] | None = None
+    #: Key of a file chooser that the button opens; "" for none.
+    opens: str = ""
+    #: Colour: "good", "usable", "bad", or "" for none.
+    level: str = ""
+
+
+def next_step(view: View) -> NextStep:
+    """Return the verdict on a session, and its next step."""
+    session = view.session
+    if not session.robot:
+        text = "Choose the robot that was measured: its file, or a built-in one."
+        return NextStep(text, "Choose the robot's file", "measure", opens="drop-robot")
+    if session.mappings:
+        return _columns(session)
+    if not session.runs:
+        joints = formatting.count(session.robot["n"], "joint")
+        text = f"{session.robot_word} has {joints}. Its measurements come next."
+        return NextStep(text, "Choose measurements", "measure", opens="drop-runs")
+    return _of_runs(session) if session.model is None else _of_model(view)
+
+
+def _columns(session: Session) -> NextStep:
+    """Return the step that reads refused files with the columns that are chosen."""
+    first = session.mappings[0]
+    same = [m["name"] for m in session.mappings if m["columns"] == first["columns"]]
+    text = f"{formatting.words(same)}: see below which column is what."
+    do = partial(session.start, session.read_mapped, first["columns"])
+    return NextStep(text, "Read with these columns", "measure", do, level="usable")
+
+
+def _of_runs(session: Session) -> NextStep:
+    """Return what the check says of the runs: the first remedy, or to identify."""
+    remedies = [x for x in session.remedies if not x.get("refused")]
+    remedy = next_remedy(from_json(tuple[Remedy, ...], remedies))
+    if remedy is not None:
+        change = remedy.change
+        do = partial(session.start, session.apply, change.to_dict())
+        label = formatting.sentence(change.words)
+        level = "bad" if session.meaningless else "usable"
+        return NextStep(
+            formatting.sentence(remedy.problem), label, "check", do, level=level
+        )
+    if session.meaningless:
+        return NextStep(
+            f"{session.meaningless[0]}.", "See the check", "check", level="bad"
+        )
+    kinds = session.kinds_of_issue
+    text = f"The check found {formatting.words(kinds)}." if kinds else ""
+    text = text or f"Nothing wrong in {formatting.count(len(session.runs), 'run')}."
+    do = partial(session.start, session.identify)
+    level = "usable" if kinds else "good"
+    return NextStep(text, "Identify the model", "identify", do, level=level)
+
+
+def _of_model(view: View) -> NextStep:
+    """Return the verdict on the model, and to diagnose, add, or use it."""
+    session = view.session
+    verdict = Verdict.from_dict(session.current.comparison["verdict"])
+    of_model = identified(session)
+    level = "" if of_model is None else of_model.level
+    text = "" if of_model is None else f"{of_model.word}. {of_model.text}"
+    diagnosis = session.findings_of_current
+    if diagnosis is not None:
+        text = spoken(diagnosis.cause)
+        remedy = next_remedy(diagnosis.remedies)
+        if remedy is not None:
+            change = remedy.change.to_dict()
+            do = partial(session.start, session.apply, change)
+            label = formatting.sentence(remedy.change.words)
+            return NextStep(text, label, "diagnose", do, level=level)
+    elif verdict.is_something_missing and len(session.history) == 1:
+        do = partial(session.start, session.diagnose)
+        return NextStep(text, "Diagnose: what is missing?", "diagnose", do, level=level)
+    if "report.html" in session.taken:
+        text = "The report is made. Test the model on a run that nothing has used yet."
+        return NextStep(
+            text, "Choose a new run", "measure", opens="drop-runs", level=level
+        )
+    do = partial(session.start, session.take, "report.html", view.download)
+    return NextStep(text, "Download the report", "use", do, level=level)
