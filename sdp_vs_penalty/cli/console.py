@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from sdp_vs_penalty.cli.remaining import Remaining
+from sdp_vs_penalty.cli.time_left import TimeLeft
 from sdp_vs_penalty.errors import command_line, printable
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.results.table import Table
@@ -86,7 +86,7 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
         transient=True,
     ) as display:
         task = display.add_task(_shown(start), total=None)
-        clock = Remaining()
+        clock = TimeLeft()
 
         def show(text: str) -> None:
             display.update(task, description=_shown(clock.with_time_left(text)))
@@ -145,22 +145,22 @@ def _line(text: str) -> None:
     out.print(printable(text), markup=False, soft_wrap=True)
 
 
-def table(table: Table) -> None:
+def table(shown: Table) -> None:
     """Print a table under its title; no column is ever cut.
 
     In a terminal that is too narrow it is split into blocks of columns. If the output
     is no terminal, it gets the width that it needs.
     """
-    transcript.tables.append(table.to_dict())
-    if table.title:
-        out.print(printable(table.title), style="italic", markup=False, soft_wrap=True)
-    if table.least_width <= out.width:
-        out.print(table)
+    transcript.tables.append(shown.to_dict())
+    if shown.title:
+        out.print(printable(shown.title), style="italic", markup=False, soft_wrap=True)
+    if shown.least_width <= out.width:
+        out.print(shown)
     elif out.is_terminal:
-        for block in table.blocks(out.width):
+        for block in shown.blocks(out.width):
             out.print(block)
     else:
-        lines = replace(table, title="").text(table.least_width).splitlines()
+        lines = replace(shown, title="").text(shown.least_width).splitlines()
         for line in lines:
             _line(line)
 

@@ -84,16 +84,16 @@ def read_and_hold(
         found = dict.fromkeys(error.joints, 0.0)
     if not found:
         return problem, runs, hold
-    words = ",".join(f"{name}={value:.6g}" for name, value in found.items())
+    held = ",".join(f"{name}={value:.6g}" for name, value in found.items())
     is_one = len(found) == 1
     links = "its link belongs to its parent"
     if not is_one:
         links = "their links belong to their parents"
     console.warn(
         f"{formatting.words(list(found))} {why[0] if is_one else why[1]}: held, {links};"
-        f" the same by `--hold {command_line([words])}`"
+        f" the same by `--hold {command_line([held])}`"
     )
-    hold = f"{hold},{words}" if hold else words
+    hold = f"{hold},{held}" if hold else held
     problem = make(hold)
     return problem, read(problem), hold
 

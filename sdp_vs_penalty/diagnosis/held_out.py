@@ -415,7 +415,7 @@ class _Table:
             factors.append(Factor(j, 0, all_columns, triangle, len(kept_rows)))
         n = self.rows.n
         block = ((0, 0.0, 0.0),)  # all rows are one block; its times are not needed
-        return ProductRegression.of(
+        return ProductRegression.from_regression(
             Regression(parameters, n, block, tuple(factors), oversampling=1.0)
         )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
-from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.records import JsonRecord, stored_as
 from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 
@@ -29,7 +29,9 @@ class Certificate(Shown, JsonRecord):
     #: (upper - lower) / max(loss, 1e-12 |tau|^2) [-].
     gap: float | None = None
     #: Share of 10 000 random poses at which M(q) is positive definite.
-    positive_mass_matrices: float | None = None
+    positive_definite_share: float | None = field(
+        default=None, metadata=stored_as("positive_mass_matrices")
+    )
     #: Smallest thickness of a link [m], as its inertia states it.
     smallest_thickness: float | None = None
     #: Effects that were not optimised: upper, lower and gap are of the other effects
@@ -108,8 +110,8 @@ class Certificate(Shown, JsonRecord):
             # Lowest and highest, once if both read the same.
             span = " to ".join(dict.fromkeys(f"{x:.3g}" for x in self.density))
             out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
-        if self.positive_mass_matrices is not None:
-            share = 100.0 * self.positive_mass_matrices
+        if self.positive_definite_share is not None:
+            share = 100.0 * self.positive_definite_share
             text = f"positive definite in {share:.4g} % of 10 000 random poses"
             if self.at_every_pose:
                 text = "valid in every pose"

@@ -776,7 +776,7 @@ class Estimate(Record):
             robot=self.robot,
             effects=tuple(e.entry for e in self.model.effects),
             preprocessing=self.preprocessing,
-            uncertainty=UncertaintyFields.of(self.uncertainty),
+            uncertainty=UncertaintyFields.from_uncertainty(self.uncertainty),
             details=self.details,
             provenance={**self.provenance, **self._plugins()},
             known=dict(self.model.known),

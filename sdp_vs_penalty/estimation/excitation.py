@@ -98,7 +98,7 @@ class Regressor:
         return float(np.linalg.cond(self.along(trajectory)))
 
     @classmethod
-    def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
+    def from_problem(cls, problem: Problem, effects: str | None = None) -> Regressor:
         """Return the regressor of a problem's base parameters.
 
         Parameters
@@ -332,7 +332,7 @@ def excite(
         start = random_trajectory(
             problem.robot, seed, duration, harmonics, frequency, blend
         )
-    regressor = Regressor.of(problem, effects)
+    regressor = Regressor.from_problem(problem, effects)
     return optimised(regressor, bounds, start, objective, iterations, progress=progress)
 
 

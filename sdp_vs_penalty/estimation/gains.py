@@ -17,7 +17,7 @@ OPEN_TORQUE = 0.2
 
 
 @dataclass(frozen=True)
-class Gain:
+class GainInterval:
     """value ± half_width (95 %) in ``unit``; half_width is None where the value was
     given as exact, and infinite where the data do not determine it."""
 
@@ -40,7 +40,7 @@ class Gain:
         return f"{self.half_width:.2g}"
 
 
-def channel_gains(estimate: Estimate) -> list[Gain]:
+def channel_gains(estimate: Estimate) -> list[GainInterval]:
     """Return the gains of the torque channels (reading over true torque).
 
     Parameters
@@ -50,7 +50,7 @@ def channel_gains(estimate: Estimate) -> list[Gain]:
 
     Returns
     -------
-    list of Gain
+    list of GainInterval
         One a joint; empty if no known load determined them.
     """
     gains = estimate.details.get("gains")
@@ -58,12 +58,12 @@ def channel_gains(estimate: Estimate) -> list[Gain]:
         return []
     pairs = zip(gains["gain"], gains["std"], strict=True)
     return [
-        Gain(f"joint {j}", gain, NORMAL_95 * std, "")
+        GainInterval(f"joint {j}", gain, NORMAL_95 * std, "")
         for j, (gain, std) in enumerate(pairs, start=1)
     ]
 
 
-def loop_gains(estimate: Estimate) -> list[Gain]:
+def loop_gains(estimate: Estimate) -> list[GainInterval]:
     """Return the gains of servo loops that were fitted to a logged torque.
 
     Parameters
@@ -73,17 +73,17 @@ def loop_gains(estimate: Estimate) -> list[Gain]:
 
     Returns
     -------
-    list of Gain
+    list of GainInterval
         In the order of the model's drives; empty without servo effects.
     """
     loop = estimate.details.get("loop") or {"gains": {}}
     return [
-        Gain(name, gain["value"], NORMAL_95 * gain["std"], gain["unit"])
+        GainInterval(name, gain["value"], NORMAL_95 * gain["std"], gain["unit"])
         for name, gain in loop["gains"].items()
     ]
 
 
-def drive_gains(estimate: Estimate) -> Iterator[Gain]:
+def drive_gains(estimate: Estimate) -> Iterator[GainInterval]:
     """Yield the gain of each servo loop with its 95 % interval.
 
     In these estimates the servo's control law (torque = gain times control error)
@@ -102,7 +102,7 @@ def drive_gains(estimate: Estimate) -> Iterator[Gain]:
 
     Returns
     -------
-    iterator of Gain
+    iterator of GainInterval
         One entry a servo gain, in the order of the model's parameters.
     """
     model = estimate.model
@@ -123,7 +123,7 @@ def drive_gains(estimate: Estimate) -> Iterator[Gain]:
             half_width = np.inf
         if parameter.name in model.known:
             half_width = NORMAL_95 * scale_error * float(value) if scale_error else None
-        yield Gain(parameter.name, float(value), half_width, parameter.unit)
+        yield GainInterval(parameter.name, float(value), half_width, parameter.unit)
 
 
 def with_torque_error(estimate: Estimate, regression: Regression) -> Estimate:

@@ -504,7 +504,7 @@ class _LoadedRun:
     mass: float
 
     @classmethod
-    def of(
+    def compressed(
         cls, model: Model, runs: Measurements, mass: float, settings: Preprocessing
     ) -> _LoadedRun:
         """Compress runs with a known mass in the columns of a model and a load."""
@@ -592,7 +592,7 @@ def _factor_of_loads(
     theta = model.reference
     assert theta is not None
     loaded = [
-        _LoadedRun.of(model, measurements, mass, runs.settings)
+        _LoadedRun.compressed(model, measurements, mass, runs.settings)
         for measurements, mass in _loaded(loads, model.robot)
     ]
     factor, std_of_noise = _mean_factor(loaded, theta)

@@ -64,8 +64,8 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
     pairs = zip(links[:, 0].tolist(), bodies, strict=True)
     densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
     return {
-        "positive_mass_matrices": (
-            1.0 if is_consistent else positive_mass_matrices(problem.robot, links)
+        "positive_definite_share": (
+            1.0 if is_consistent else positive_definite_share(problem.robot, links)
         ),
         "at_every_pose": is_consistent,
         "smallest_thickness": float(inertia.thickness(links).min()),
@@ -97,7 +97,7 @@ def consistent(links: Array) -> bool:
     return bool(np.all(eigenvalues[:, 0] > rounding))
 
 
-def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000) -> float:
+def positive_definite_share(robot: Robot, links: Array, poses: int = 10_000) -> float:
     """Return the share of random poses at which the inertia matrix M(q) is positive
     definite.
 

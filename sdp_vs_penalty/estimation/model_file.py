@@ -84,7 +84,7 @@ class UncertaintyFields(JsonRecord):
     level: float = LEVEL
 
     @classmethod
-    def of(cls, uncertainty: Uncertainty) -> UncertaintyFields:
+    def from_uncertainty(cls, uncertainty: Uncertainty) -> UncertaintyFields:
         """Return what the file holds of an uncertainty."""
         names = [f.name for f in fields(cls) if f.name != "level"]
         return cls(**{name: getattr(uncertainty, name) for name in names})

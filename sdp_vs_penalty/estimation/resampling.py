@@ -51,7 +51,6 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
 )
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
-from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -213,7 +212,7 @@ class CrossValidation(Record):
             for k, f in enumerate(self.folds, start=1)
         ]
         rows = [
-            (name, number(f.relative_error_percent), *map(number, f.rmse))
+            (name, *map(formatting.number, (f.relative_error_percent, *f.rmse)))
             for name, f in zip([*names, "all"], [*self.folds, self._whole], strict=True)
         ]
         kinds = ", ".join(dict.fromkeys(map(formatting.plain_unit, units)))
@@ -455,7 +454,7 @@ class Split:
         """Identify fold ``number`` (from 0) by an estimator and measure its errors."""
         return judged(self.fold(number), estimator)
 
-    def result(self, estimator: Estimator, judged: Sequence[Fold]) -> CrossValidation:
+    def result(self, estimator: Estimator, folds: Sequence[Fold]) -> CrossValidation:
         """Collect the judged folds in a CrossValidation."""
         effects = tuple(e.text for e in self.model.effects)
         periodic = any(clock.periodic for clock in self.phases.clocks)
@@ -465,7 +464,7 @@ class Split:
             problem=self.problem.name,
             method=estimator.name,
             effects=effects,
-            folds=tuple(judged),
+            folds=tuple(folds),
             periodic=periodic,
             guard=self.phases.guard,
             band_hz=band,

@@ -404,8 +404,8 @@ class _ConstantFit:
         data = wide.least_squares(self.weights)
         if np.isfinite(self.model.plausible).any():
             unknown = np.full(wide.p - p, np.inf)
-            deviations = np.append(self.model.plausible, unknown)
-            data = data.with_prior(deviations, self.white_variance)
+            sizes = np.append(self.model.plausible, unknown)
+            data = data.with_prior(sizes, self.white_variance)
         return data, min_norm_lstsq(data.R[:, :p], data.rho)
 
 

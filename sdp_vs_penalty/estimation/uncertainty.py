@@ -723,17 +723,17 @@ def of_regression(
     if gain_errors is None:
         gain_errors = np.zeros((n, 0))
     ends = _allowed(task) if constrained else np.outer([-np.inf, np.inf], np.ones(p))
-    intervals = _intervals(task, value, known, gain_errors, ends, gains, extra)
+    least_squares = _intervals(task, value, known, gain_errors, ends, gains, extra)
     names = [q.name for q in task.model.parameters]
     standard = BaseParameters(np.eye(p), names, list(range(p)))
     mean_squares = own_regression.joint_losses(value) / np.maximum(
         own_regression.joint_rows(), 1
     )
     return Uncertainty(
-        standard=intervals.of(standard),
-        base=intervals.of(base),
-        spread=np.hstack([known.factor[:p], intervals.extra]),
-        gain_response=intervals.gains,
+        standard=least_squares.intervals(standard),
+        base=least_squares.intervals(base),
+        spread=np.hstack([known.factor[:p], least_squares.extra]),
+        gain_response=least_squares.gains,
         torque_noise=np.sqrt(mean_squares),
         gain_errors=gain_errors,
     )
@@ -856,7 +856,7 @@ class _Intervals:
         other = np.hstack([rows @ self.extra, errors_of_gains])
         return np.asarray(np.hypot(noise, np.linalg.norm(other, axis=1)))
 
-    def of(self, base: BaseParameters) -> tuple[Interval, ...]:
+    def intervals(self, base: BaseParameters) -> tuple[Interval, ...]:
         """Return the 95 % interval of each of ``base``'s linear functions of theta."""
         rows = base.rows
         lowest, highest = self._ends_of(rows)

@@ -25,7 +25,7 @@ _RIDGE = 1e-13
 
 
 @dataclass(frozen=True)
-class NormalEquations(LeastSquares):
+class ProductSquares(LeastSquares):
     """A least-squares problem by its products; R (p, p) is their triangle, with a ridge
     that keeps its diagonal above zero."""
 
@@ -33,7 +33,9 @@ class NormalEquations(LeastSquares):
     products: Array = field(default_factory=lambda: np.zeros((1, 1)))
 
     @classmethod
-    def of(cls, products: Array, rows: int, tau_squared: float) -> NormalEquations:
+    def from_products(
+        cls, products: Array, rows: int, tau_squared: float
+    ) -> ProductSquares:
         """Return the problem with these products.
 
         Parameters
@@ -78,7 +80,7 @@ class NormalEquations(LeastSquares):
         )
         return np.asarray(theta + move)
 
-    def with_prior(self, scale: ArrayLike, weight: float) -> NormalEquations:
+    def with_prior(self, scale: ArrayLike, weight: float) -> ProductSquares:
         """Return the data with a prior that pulls parameters to zero.
 
         Parameters
@@ -91,11 +93,11 @@ class NormalEquations(LeastSquares):
         products = self.products.copy()
         diagonal = products.ravel()[:: len(products) + 1]  # a view, the torque's last
         diagonal[:-1] += weight * (1.0 / np.asarray(scale, float)) ** 2
-        return self.of(products, self.rows, self.tau_squared)
+        return self.from_products(products, self.rows, self.tau_squared)
 
     def with_observations(
         self, rows: Array, values: Array, weight: float
-    ) -> NormalEquations:
+    ) -> ProductSquares:
         """Return the data with observations (k,) of linear functions of the parameters.
 
         Parameters
@@ -107,7 +109,7 @@ class NormalEquations(LeastSquares):
         """
         observations = np.column_stack([rows, values])
         products = self.products + weight * (observations.T @ observations)
-        return self.of(products, self.rows, self.tau_squared)
+        return self.from_products(products, self.rows, self.tau_squared)
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class ProductRegression(Regression):
     products: Array = field(default_factory=lambda: np.zeros((0, 1, 1)))
 
     @classmethod
-    def of(cls, regression: Regression) -> ProductRegression:
+    def from_regression(cls, regression: Regression) -> ProductRegression:
         """Multiply the columns and the torque of compressed data."""
         p = regression.p
         products = np.zeros((regression.joints, p + 1, p + 1))
@@ -159,7 +161,7 @@ class ProductRegression(Regression):
         scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
         products = np.tensordot(scale**2, self.products, axes=1)
         n_rows = int(self.joint_rows().sum())
-        return NormalEquations.of(products, n_rows, float(products[-1, -1]))
+        return ProductSquares.from_products(products, n_rows, float(products[-1, -1]))
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """Return the squared torque error (n,) of each joint [(N m)^2] with parameters

@@ -495,7 +495,7 @@ class _TimeBlocks:
         return n_before + np.searchsorted(inner_edges, t, side="right")
 
 
-class Cells(Protocol):
+class TimeCells(Protocol):
     """Blocks of time: run, start and stop [s] of each (``places``), and the blocks (M,)
     of instants t (M,) of a run (``cell``)."""
 
@@ -506,7 +506,7 @@ class Cells(Protocol):
 
 
 def compress_cells(
-    runs: FilteredRuns, model: Model, folds: Cells, workers: Workers = ALONE
+    runs: FilteredRuns, model: Model, folds: TimeCells, workers: Workers = ALONE
 ) -> Regression:
     """Compress runs to factors, one for each joint and cell (such as a phase of the
     motion).
@@ -518,7 +518,7 @@ def compress_cells(
     ----------
     model : Model
         Model whose columns are used.
-    folds : Cells
+    folds : TimeCells
         Assigns instants of runs to cells.
     workers : Workers
         Processes that compress one run each.
@@ -560,7 +560,7 @@ def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
 
 
 def _cells_of_run(
-    numbered: tuple[int, FilteredRun], model: Model, folds: Cells
+    numbered: tuple[int, FilteredRun], model: Model, folds: TimeCells
 ) -> tuple[list[Factor], float]:
     """Return one run's factors by cell and joint, and its number of independent
     samples.

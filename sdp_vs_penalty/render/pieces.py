@@ -64,7 +64,7 @@ class _Scale:
     smallest: float
 
     @classmethod
-    def of(cls, errors: Array, is_over_noise: bool) -> _Scale:
+    def for_errors(cls, errors: Array, is_over_noise: bool) -> _Scale:
         """Choose a scale for these errors (k,), which shows 1 as well where they are
         multiples of the noise."""
         positive = errors[errors > 0.0]
@@ -113,7 +113,7 @@ def bars(
     ratios = over_noise(errors_of_both, floor)
     is_known = ratios is not None
     old_errors, new_errors = errors_of_both if ratios is None else ratios
-    scale = _Scale.of(np.concatenate([old_errors, new_errors]), is_known)
+    scale = _Scale.for_errors(np.concatenate([old_errors, new_errors]), is_known)
     numbers = joints or range(1, len(old_errors) + 1)
     rows = []
     for j, number_of_joint in enumerate(numbers):
@@ -212,7 +212,7 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
             continue
         row = shares.setdefault(f"found: {effect_name(finding.effect)}", [0.0] * n)
         # An effect without joints acts on all of them.
-        joint_indices = [number - 1 for number in finding.joints] or range(n)
+        joint_indices = [joint - 1 for joint in finding.joints] or range(n)
         for j in joint_indices:
             row[j] = max(row[j], finding.explained_share(j))
     return shares

@@ -300,8 +300,8 @@ def errors_that_rise(findings: Sequence[Finding]) -> str:
     errors = [findings[0].held_out_rmse_before]
     errors += [finding.held_out_rmse_after for finding in findings]
     rising = [
-        number
-        for number, (before, after) in enumerate(pairwise(errors), start=1)
+        finding.number
+        for finding, (before, after) in zip(findings, pairwise(errors), strict=True)
         if np.any(after > (1.0 + MINOR) * before)
     ]
     if not rising:

@@ -113,7 +113,7 @@ def report(
         progress("comparing")
         comparisons = compare(named, filtered, noise_from=all_runs)
     judged = {
-        c.name: [JudgedRun.of(run, c.estimate) for run in filtered.runs]
+        c.name: [JudgedRun.from_run(run, c.estimate) for run in filtered.runs]
         for c in comparisons
     }
     drive: Drive = "torque" if runs.torque_logged else "servo"
@@ -226,7 +226,7 @@ def _checks(
         if run.data_hash in issues_by_run
     }
     return issues_found | {
-        report.run: [f.to_dict() for f in report.issues] for report in reports_needed
+        one.run: [issue.to_dict() for issue in one.issues] for one in reports_needed
     }
 
 

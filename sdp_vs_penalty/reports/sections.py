@@ -58,7 +58,7 @@ class JudgedRun:
     columns: list[JointColumns]
 
     @classmethod
-    def of(cls, run: FilteredRun, estimate: Estimate) -> JudgedRun:
+    def from_run(cls, run: FilteredRun, estimate: Estimate) -> JudgedRun:
         """Compute a run's modelled torque and the columns for the model's band.
 
         The run is read in chunks, because the columns of all rows would not fit into
@@ -343,7 +343,7 @@ def history(data: ReportData) -> Context:
     }
 
 
-def forward(data: ReportData) -> Context:
+def run_forward(data: ReportData) -> Context:
     """Return the context of the section on forward simulation with the last model.
 
     It shows errors after one step, after 0.1 s, and of free runs from the first state.
@@ -377,7 +377,7 @@ def _motion_figures(following: Following, name: str) -> list[Any]:
     ]
 
 
-def failures(data: ReportData) -> Context:
+def causes_of_error(data: ReportData) -> Context:
     """Return the context of the section on causes: which cause explains how much error.
 
     A heat map for the first and for the last model, and a sentence for each joint. The
@@ -636,7 +636,7 @@ def certificate(data: ReportData) -> Context:
     }
 
 
-def data(material: ReportData) -> Context:
+def data_check(material: ReportData) -> Context:
     """Return the context of the section on the data check: the issues of each run."""
     runs = [
         {
@@ -690,14 +690,14 @@ def _origin(estimate: Estimate) -> dict[str, Any]:
 SECTIONS = (
     Section("Verdict", "verdict", verdict),
     Section("Where and when: measured against modelled", "torques", torques),
-    Section("Why", "failures", failures),
+    Section("Why", "failures", causes_of_error),
     Section("What is missing", "findings", findings),
     Section("From model to model", "history", history),
-    Section("Run forward", "forward", forward),
+    Section("Run forward", "forward", run_forward),
     Section("Parameters", "parameters", parameters),
     Section("Links on the arm", "arm", arm),
     Section("Friction", "friction", friction),
     Section("Certificate", "certificate", certificate),
-    Section("Data check", "data", data),
+    Section("Data check", "data", data_check),
     Section("Provenance", "provenance", provenance),
 )

@@ -73,10 +73,10 @@ class Fact(JsonRecord):
 class FactMethod(Generic[T]):
     """A property of a record that is one of its facts."""
 
-    def __init__(self, method: Callable[[Any], T], fact: Fact) -> None:
-        """Wrap the method that computes a fact; ``fact`` is all but its value."""
+    def __init__(self, method: Callable[[Any], T], stated: Fact) -> None:
+        """Wrap the method that computes a fact; ``stated`` is all but its value."""
         self.method = method
-        self.fact = fact
+        self.stated = stated
         self.__doc__ = method.__doc__
 
     # Types of the descriptor: of the class it is itself, of a record the fact's value.
@@ -150,7 +150,7 @@ def facts_of(record: object) -> dict[str, Fact]:
     kind: type = type(record)
     methods = _fact_methods(kind)
     return {
-        name: replace(one.fact, value=one.method(record))
+        name: replace(one.stated, value=one.method(record))
         for name, one in methods.items()
     }
 

@@ -334,17 +334,17 @@ def markdown_lines(
     return [f"| {' | '.join(cells)} |" for cells in (headings, marks, *rows)]
 
 
-def _latex_header(name: str) -> str:
+def _latex_header(heading: str) -> str:
     """Return a column heading in LaTeX braces, so that siunitx does not read it as a
     number.
 
     A heading that ends with the kind of data, such as "loss_measured", has two lines,
     so that its column stays narrow.
     """
-    first, _, data = name.rpartition("_")
+    first, _, data = heading.rpartition("_")
     if data in ("simulated", "measured"):
         return rf"{{\shortstack{{{escape_latex(first)}\\{data}}}}}"
-    return f"{{{escape_latex(name)}}}"
+    return f"{{{escape_latex(heading)}}}"
 
 
 def escape_latex(plain: str) -> str:

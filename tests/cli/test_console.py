@@ -10,7 +10,7 @@ from commands import run_cli
 from small_runs import write_run
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.console import Remaining
+from sdp_vs_penalty.cli.console import TimeLeft
 from sdp_vs_penalty.cli.main import VERBS
 from sdp_vs_penalty.results import Table
 
@@ -112,7 +112,7 @@ def test_a_table_that_fits_stays_one_block(monkeypatch, capsys):
 
 def test_the_time_left_follows_the_pace():
     now = [0.0]
-    remaining = Remaining(clock=lambda: now[0])
+    remaining = TimeLeft(clock=lambda: now[0])
     assert remaining.with_time_left("run 1 of 11") == "run 1 of 11"
     now[0] = 20.0
     left = remaining.with_time_left("run 3 of 11")
@@ -123,7 +123,7 @@ def test_the_time_left_follows_the_pace():
 
 @pytest.mark.parametrize("text", ["reading", "3 of 9 done, about 7 s left"])
 def test_texts_without_a_count_or_with_a_time_stay(text):
-    remaining = Remaining(clock=lambda: 0.0)
+    remaining = TimeLeft(clock=lambda: 0.0)
     remaining.with_time_left("1 of 9 done")
     assert remaining.with_time_left(text) == text
 

@@ -281,8 +281,8 @@ def test_it_is_said_which_finding_raises_a_joints_error():
     """Findings are dropped for what they do to all joints together."""
     falls, rises = np.full(7, 1.0), np.full(7, 0.5)
     rises[5] = 1.02
-    first = finding("joint_spring", 1, held_out_rmse_after=falls)
-    second = finding("joint_spring", 2, held_out_rmse_after=rises)
+    first = finding("joint_spring", 1, held_out_rmse_after=falls, number=1)
+    second = finding("joint_spring", 2, held_out_rmse_after=rises, number=2)
     assert errors_that_rise([first]) == ""
     assert errors_that_rise([]) == ""
     said = errors_that_rise([first, second])

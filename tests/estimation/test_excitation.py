@@ -49,7 +49,7 @@ def test_an_optimised_trajectory_keeps_any_limits(
 def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda):
     paper = experiment(panda).trajectory
     limits = Limits.of_trajectory(paper)
-    before = excitation.Regressor.of(panda).condition(paper)
+    before = excitation.Regressor.from_problem(panda).condition(paper)
     assert (
         105.0 < before < 125.0
     )  # the paper's own figure is 109 to 122, depending on the basis

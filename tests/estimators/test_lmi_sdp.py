@@ -181,7 +181,7 @@ def assert_round_trip(seed: int) -> None:
     assert error < max(1e-5, 1.01 * least)
     assert least < 1e-3
     assert estimate.certificate.worst == 0.0
-    assert estimate.certificate.positive_mass_matrices == 1.0
+    assert estimate.certificate.positive_definite_share == 1.0
     assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) >= 0.0)
     reach = [body.reach for body in problem.link_bodies]
     assert np.all(inertia.gyration(estimate.links) <= reach)
@@ -260,7 +260,7 @@ def test_a_model_without_links_is_a_bounded_least_squares_problem(method, two_li
     estimate = identify(two_link, run, method, effects=effects, check=False)
     assert estimate.theta[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert estimate.certificate.worst == 0.0
-    assert estimate.certificate.positive_mass_matrices is None
+    assert estimate.certificate.positive_definite_share is None
 
 
 def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:

@@ -144,8 +144,8 @@ def identifiability(inputs: Inputs) -> Quantities:
     """How many parameters torque determines, and how well a motion shows them."""
     problem = problem_of(inputs)
     trajectory = experiment(problem).trajectory
-    links = Regressor.of(problem, "rigid_body")
-    everything = Regressor.of(problem, None)
+    links = Regressor.from_problem(problem, "rigid_body")
+    everything = Regressor.from_problem(problem, None)
     black_box = SimulatedStudy(problem).reverse_engineered
     return {
         "base parameters of the links": (len(links.columns), "1"),

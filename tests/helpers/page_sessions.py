@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recorded import said
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.cli.verbs import page as verb
@@ -25,23 +24,6 @@ def numbers(packed: Any) -> np.ndarray:
     if isinstance(packed, list):
         return np.array(packed)
     return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
-
-
-def unpacked(chart: Any) -> Any:
-    """A chart with its arrays as numbers."""
-    if isinstance(chart, dict):
-        whole = "bdata" in chart
-        return (
-            numbers(chart)
-            if whole
-            else {k: unpacked(x) for k, x in chart.items() if k != "template"}
-        )
-    return [unpacked(x) for x in chart] if isinstance(chart, list) else chart
-
-
-#: Properties of elements that differ from page to page, or are content that is read
-#: elsewhere.
-_PASSING = "innerHTML", "options", "aria-labelledby", "href", "id"
 
 
 class Here:
@@ -180,31 +162,6 @@ class Screen:
                 r"<[^>]+>", " ", " ".join(x for x in told if isinstance(x, str))
             ).split()
         )
-
-    def drawn(self) -> dict[str, Any]:
-        """Of each stage and part what it says, its controls with their states, and its
-        charts."""
-        parts = [e for e in self.under() if "data-part" in e.props]
-        inside = {part: self.under(part) for part in parts}
-        heads = [e for e in self.under() if "data-stage" in e.props]
-        within = {x.id for own in inside.values() for x in own}
-        inside |= {
-            head: [x for x in self.under(head) if x.id not in within] for head in heads
-        }
-        out = {}
-        for top, own in inside.items():
-            texts = [getattr(e, kind, "") for e in own for kind in ("text", "content")]
-            props = [
-                f"{k}={v}" for e in own for k, v in e.props.items() if k not in _PASSING
-            ]
-            marks = [c for e in own for c in e.classes]
-            out[str(top.props.get("data-part") or top.props["data-stage"])] = {
-                "text": said(" ".join(x for x in texts if isinstance(x, str))),
-                "controls": said(" ".join([*props, *marks])),
-                "charts": [unpacked(e.figure) for e in own if hasattr(e, "figure")],
-                "cameras": [str(e.camera) for e in own if hasattr(e, "camera")],
-            }
-        return out
 
     def charts(self, name: str) -> list[dict[str, Any]]:
         """The figures of a part."""

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 from page_sessions import Here, Screen, numbers, saved
-from recorded import brief, changed
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
@@ -55,8 +54,6 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     """From files to a model with what it missed, each step once; what the page said on
     the way."""
     # Only the snapshot of figures looks at all that is drawn after each step.
-    names = {item.name for item in request.session.items}
-    is_recorded = "test_figures_are_what_they_were" in names
     folder = tmp_path_factory.mktemp("runs")
     sessions = Sessions(Here())
     # As its file has it: a recording of its own.
@@ -65,18 +62,6 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     session = sessions.new()
     screen = Screen(session)
     said = dict[str, Any]()
-    figures = dict[str, Any]()
-    shown: dict[str, Any] = {}
-
-    def look(name: str) -> None:
-        """Of what is drawn what is another than at the last look."""
-        if not is_recorded:
-            return
-        passing = rf"{session.token}|[0-9a-f-]{{36}}|arms\[\d+|Arm\(\d+|[0-9.]+e-\d+"
-        scripts = [re.sub(passing, "~", code) for code in screen.scripts]
-        drawn = screen.drawn() | {"scripts": scripts}
-        figures[name] = {k: x for k, x in drawn.items() if shown.get(k) != brief(x)}
-        shown.update({k: brief(x) for k, x in drawn.items()})
 
     def step(name: str, *keys: str) -> None:
         screen.click(*keys)
@@ -85,7 +70,6 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
         said[name] = {stage: screen.text(stage) for stage in stages} | {
             "keys": screen.keys
         }
-        look(name)
 
     step("empty")
     step("robot", "robot-two_link")
@@ -99,38 +83,23 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     step("redone", "redo")
     step("compared", "compare", "forward")
     screen.hear(screen.at("parameters").parent_slot.parent, "toggle")
-    look("parameters")
     for key, value in ANOTHER.items():
         screen.set(key, value)
-        look(key)
     (bars, *_) = (e for e in screen.part("fit") if "bars" in getattr(e, "content", ""))
     screen.hear(bars, "click", ["2", "q"])
-    look("joint 2")
     (chart, _) = (e for e in screen.part("fit") if hasattr(e, "figure"))
     screen.hear(
         chart, "plotly_relayout", {"xaxis2.range[0]": 3, "xaxis2.range[1]": 5.0}
     )
-    look("zoomed")
     screen.hear(chart, "plotly_relayout", {"xaxis.autorange": True})
     screen.set("shown-run", "test.csv")
     models = [load_estimate(step.file) for step in session.history]
     runs = load_measurements(folder / "a.csv", folder / "b.csv")
     judged = compare(dict(zip("ab", models, strict=True)), test)
-    known = {
-        "figures": figures,
-        "runs": runs,
-        "test": test,
-        "models": models,
-        "judged": judged,
-    }
+    known = {"runs": runs, "test": test, "models": models, "judged": judged}
     yield SimpleNamespace(screen=screen, session=session, said=said, **known)
     screen.loop.close()
     sessions.close()
-
-
-@pytest.mark.nightly
-def test_figures_are_what_they_were(story):
-    assert not changed("screens", story.figures)
 
 
 def test_one_grade_everywhere_and_no_stale_sentence(story):
@@ -415,18 +384,6 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     return SimpleNamespace(
         rival=rival, first=one, curve=curve, width=width, found=every, issue=issue
     )
-
-
-@pytest.mark.nightly
-def test_figures_are_what_they_were_in_findings(story):
-    session = story.session
-    history = list(session.history)
-    runs = list(session.runs)
-    show_every_kind(story)
-    drawn = story.screen.drawn()
-    session.history[:], session.runs = history, runs
-    story.screen.do(session.changed)
-    assert not changed("screens_of_findings", drawn)
 
 
 def test_findings_of_every_kind_are_told(story, monkeypatch):

@@ -45,7 +45,7 @@ def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
     weights = rng.uniform(0.1, 3.0, model.robot.n)
     scale = rng.uniform(0.5, 2.0, kept.sum())
     of_rows = regression.keeping(kept)
-    of_products = ProductRegression.of(regression).keeping(kept)
+    of_products = ProductRegression.from_regression(regression).keeping(kept)
     thetas = []
     for data in (of_rows, of_products):
         squares = data.least_squares(weights).with_prior(scale, weight=0.3)
@@ -66,7 +66,7 @@ def test_a_parameter_of_infinite_size_is_not_pulled(seed):
     p = regression.p
     scale = np.where(rng.uniform(size=p) < 0.5, np.inf, rng.uniform(0.5, 2.0, p))
     theta = rng.normal(size=p)
-    for data in (regression, ProductRegression.of(regression)):
+    for data in (regression, ProductRegression.from_regression(regression)):
         squares = data.least_squares()
         rise = squares.with_prior(scale, weight=30.0).loss(theta) - squares.loss(theta)
         assert rise == pytest.approx(

@@ -14,7 +14,7 @@ from sdp_vs_penalty.estimation import (
     certify,
     consistent,
     on_bounds,
-    positive_mass_matrices,
+    positive_definite_share,
 )
 from sdp_vs_penalty.estimators import Fit, LmiSdp, LmiSdpThickness, Task, interior_point
 from sdp_vs_penalty.robot import ConstraintSet, inertia
@@ -66,14 +66,14 @@ def test_a_wrong_answer_shows_as_a_gap_and_one_outside_is_repaired_or_reported(t
 def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda):
     links = panda.nominal_links
     assert consistent(links)
-    assert positive_mass_matrices(panda.robot, links, 500) == 1.0
+    assert positive_definite_share(panda.robot, links, 500) == 1.0
     broken = links.copy()
     broken[6, 9] = -0.5  # joint 7 turns about z: M_77 = Izz7 < 0 wherever it points
     assert not consistent(broken)
-    assert positive_mass_matrices(panda.robot, broken, 500) == 0.0
+    assert positive_definite_share(panda.robot, broken, 500) == 0.0
     tilted = links.copy()
     tilted[5, 0] = -4.0
-    share = positive_mass_matrices(panda.robot, tilted, 2000)
+    share = positive_definite_share(panda.robot, tilted, 2000)
     q = panda.robot.random_configurations(2000, 0)
     alone = [
         np.linalg.eigvalsh(panda.robot.mass_matrices(tilted, x))[0, 0] > 0.0

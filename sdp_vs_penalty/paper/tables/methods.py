@@ -99,7 +99,7 @@ def _row(study: Study, data: Data, method: str) -> Row:
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
         "smallest_thickness_mm": 1e3 * figures["smallest_thickness"],
         **_errors(study, data, judged),
-        "positive_definite_percent": 100.0 * figures["positive_mass_matrices"],
+        "positive_definite_percent": 100.0 * figures["positive_definite_share"],
         "seconds": judged.seconds,
         **_independent_runs(runs, optimum),
     }

@@ -156,7 +156,7 @@ def row_of(
         "gap": result.certificate.gap,
         "links_violation": of_links,
         "friction_violation": of_friction,
-        "positive_definite_percent": 100.0 * links["positive_mass_matrices"],
+        "positive_definite_percent": 100.0 * links["positive_definite_share"],
         "seconds": None if is_published else study.seconds(methods[name], data),
         "data": f"{data.label}, unseen" if judged else data.label,
     }

@@ -65,7 +65,7 @@ def exciting_trajectory(study: Study) -> StudyTable:
     }
     # Condition numbers of the regressor along each trajectory.
     for label, effects in (("links", "rigid_body"), ("links and friction", None)):
-        regressor = Regressor.of(study.problem, effects)
+        regressor = Regressor.from_problem(study.problem, effects)
         for which, trajectory in trajectories.items():
             add(f"condition number ({label})", which, regressor.condition(trajectory))
     return StudyTable(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 _COUNT = re.compile(r"\b(\d+) of (\d+)\b")
 
 
-class Remaining:
+class TimeLeft:
     """The time left, estimated from texts that count, such as "run 3 of 40"."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
