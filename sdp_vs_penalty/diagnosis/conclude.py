@@ -167,8 +167,12 @@ class Conclusion:
         The certain ones are judged together, without the weak ones. All flags are False
         if the rule ``second_veto`` is switched off.
         """
-        is_sure = [f.torque_is_certain for f in self.findings_alone]
-        harmful = self.ladder.harmful_together(is_sure)
+        findings = self.findings_alone
+        is_sure = [f.torque_is_certain for f in findings]
+        may_be_zero = [
+            any(doubt.reason == "insignificant" for doubt in f.doubts) for f in findings
+        ]
+        harmful = self.ladder.harmful_together(is_sure, may_be_zero)
         if any(harmful) and not self.search.rules.second_veto:
             return [False] * len(harmful)
         return harmful

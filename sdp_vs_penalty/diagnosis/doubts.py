@@ -17,7 +17,7 @@ REASONS: Mapping[str, str] = {
     "small_here": "its gain is small here, though it lowers the error on data left out",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "raises": "on data left out its joints' errors rise more than they fall with it",
-    "alone": "what is sure raises a held-out error with it",
+    "alone": "beside what is sure it lowers no held-out error, or raises one",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",

@@ -259,18 +259,53 @@ class EvidenceScorer(WhiteFitter):
     ) -> _Trial:
         """Prepare a candidate, with white columns (M, k) by joint, to be tried beside
         a fit."""
-        fit_without = self.without(fit, form)
-        products = ColumnProducts.of(fit_without, fit_without.scaled(columns))
+        trial = self._trial_beside(fit, self.without(fit, form), form, columns)
+        own = self._own_below_zero(trial)
+        if own is None:
+            return trial
+        rest = self.without_own(fit, own)
+        return self._trial_beside(fit, rest, form, columns)
+
+    def _trial_beside(
+        self,
+        fit_to_beat: WhiteFit,
+        fit: WhiteFit,
+        form: Candidate,
+        columns: dict[int, Array],
+    ) -> _Trial:
+        """Prepare a candidate to be added to a fit, and compared with another one."""
+        products = ColumnProducts.of(fit, fit.scaled(columns))
         energy = products.energy
         energy_left = np.diagonal(products.gram_left)
         return _Trial(
             form=form,
-            fit_to_beat=fit,
-            fit=fit_without,
+            fit_to_beat=fit_to_beat,
+            fit=fit,
             products=products,
             is_visible=energy_left > ABSORBED * energy,
-            prior_std=self.prior(fit_without, form.plausible, list(columns), energy),
+            prior_std=self.prior(fit, form.plausible, list(columns), energy),
         )
+
+    def _own_below_zero(self, trial: _Trial) -> Key | None:
+        """Return the key of the model's effect which the candidate refines, and whose
+        parameter falls below zero beside it; None if there is none.
+
+        `add` does not let it: friction that cools by a law with too large a constant
+        minus a constant friction, for example. At the limit it is zero, and the
+        candidate stands in its place.
+        """
+        fit, form = trial.fit, trial.form
+        joint = form.key[1]
+        if joint is None or form.replaces_own_constant:
+            return None
+        for name in form.effect.refines:
+            numbers = fit.design.columns_of_model.get((name, joint), [])
+            if (name, joint) in self.data.signed_effects and numbers:
+                change = fit.whitener @ (trial.products.along_fit @ trial.beta)
+                own = numbers[0]
+                if own in fit.columns_kept and fit.theta[own] - change[own] < 0.0:
+                    return name, joint
+        return None
 
     def _score(self, trial: _Trial, columns: dict[int, Array]) -> ScoredEffect:
         """Compute the evidence J = dD / v - price of a candidate that is added to a fit.

@@ -152,9 +152,9 @@ def drop_harmful(
     terms = explanation.terms
     n_own = len(explanation.constants)
     # Evidence against a noise that is guessed proves nothing by itself.
-    order = held_out.drop_harmful(
-        range(len(terms)), needed=not search.data.noise_is_known
-    )
+    every = range(len(terms))
+    needed = () if search.data.noise_is_known else every
+    order = held_out.drop_harmful(every, needed)
     constants = [terms[k] for k in order if k < n_own]
     findings = [terms[k] for k in order if k >= n_own]
     if len(order) < len(terms):
@@ -237,18 +237,24 @@ class Ladder:
         beside_others = np.array([without, self.errors[-1]])
         return beside_others if shows(*beside_others[:, joints]) else step
 
-    def harmful_together(self, is_sure: Sequence[bool]) -> list[bool]:
+    def harmful_together(
+        self, is_sure: Sequence[bool], may_be_zero: Sequence[bool]
+    ) -> list[bool]:
         """Return for each constant and each finding whether it does harm beside the
         certain ones.
 
         Harm is a higher sum of the joints' log errors, or an error of one joint on one
-        recording left out that is above 1.05 times that without any effect.
+        recording left out that is above 1.05 times that without any effect. A finding
+        whose size may be zero does harm unless it lowers that sum: laws that share a
+        joint's torque are each uncertain, and still needed together.
 
         Parameters
         ----------
         is_sure
             Whether each finding is certain; re-estimated constants all count as
             certain.
+        may_be_zero
+            Whether the size of each finding is not told from zero.
 
         Returns
         -------
@@ -260,7 +266,8 @@ class Ladder:
         for number, is_certain in zip(findings, is_sure, strict=True):
             if is_certain:
                 certain.append(number)
-        harmless = self.held_out.drop_harmful(certain)
+        needed = [k for k, zero in zip(findings, may_be_zero, strict=True) if zero]
+        harmless = self.held_out.drop_harmful(certain, needed)
         harmless = self.held_out.drop_harmful_to_a_joint(harmless)
         harmful = set(certain).difference(harmless)
         return [number in harmful for number in self.offered]

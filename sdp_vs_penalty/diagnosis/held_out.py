@@ -11,7 +11,7 @@ folds, the choice of effects and constants from all rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import groupby
@@ -223,9 +223,10 @@ class HeldOut:
         return self._least_squares_errors[key]
 
     def drop_harmful(
-        self, candidates: Sequence[int], needed: bool = False
+        self, candidates: Sequence[int], needed: Collection[int] = ()
     ) -> list[int]:
-        """Drop effects that raise the error on data left out, the most harmful first.
+        """Drop effects that raise the error on data left out, the most harmful first,
+        and those in doubt that do not lower it.
 
         The harm of an effect is the sum over joints of log(error with it / error
         without it), beside all others. After each drop the others are judged again:
@@ -236,8 +237,8 @@ class HeldOut:
         Parameters
         ----------
         needed
-            True: an effect stays only if it lowers the error by MINOR (1 %). False: it
-            is dropped only if it raises the error by as much.
+            Effects in doubt, which stay only if they lower the error by MINOR (1 %).
+            Any other one is dropped only if it raises the error by as much.
 
         Returns
         -------
@@ -246,16 +247,15 @@ class HeldOut:
         """
         accepted = list(candidates)
         confirmed = set[int]()  # by the second data: they stay
-        limit = -MINOR if needed else MINOR
         sure = set[int]()  # they helped by much in the last round
         while accepted:
             in_doubt = set(accepted) - confirmed
-            harms = self._harms(in_doubt - sure, accepted)
-            if max(harms.values(), default=-np.inf) < limit:
-                harms |= self._harms(in_doubt & sure, accepted)
+            harms = self._harms(in_doubt - sure, accepted, needed)
+            if max(harms.values(), default=-np.inf) < 0.0:
+                harms |= self._harms(in_doubt & sure, accepted, needed)
             sure.update(k for k, x in harms.items() if x < -SURE_HELP)
             worst = max(harms, key=harms.__getitem__, default=None)
-            if worst is None or harms[worst] < limit:
+            if worst is None or harms[worst] < 0.0:
                 break
             if self._helps_elsewhere(worst, accepted):
                 confirmed.add(worst)
@@ -263,14 +263,19 @@ class HeldOut:
                 accepted.remove(worst)
         return accepted
 
-    def _harms(self, judged: Set[int], accepted: Sequence[int]) -> dict[int, float]:
-        """Return the harm of each of the ``judged`` effects beside all accepted ones.
+    def _harms(
+        self, judged: Set[int], accepted: Sequence[int], needed: Collection[int]
+    ) -> dict[int, float]:
+        """Return the harm of each of the ``judged`` effects beside all accepted ones,
+        above what is allowed to it.
 
-        It is the sum over joints of log(error with it / error without it).
+        It is the sum over joints of log(error with it / error without it), less MINOR,
+        or more MINOR for one that is ``needed``.
         """
         now = self.errors(accepted)
         return {
             k: harm(self.errors(_without(accepted, k)), now)
+            + (MINOR if k in needed else -MINOR)
             for k in accepted
             if k in judged
         }

@@ -679,14 +679,16 @@ class WhiteFitter:
     def _model_basis(self) -> ModelBasis:
         """A basis B (n, M, r) of the model's white columns, with B'B (n, r, r).
 
-        An effect with a shape constant that might be re-estimated keeps its column,
-        scaled to unit length, so that a fit can leave it out. All other columns are
+        An effect with a shape constant that might be re-estimated, or a parameter that
+        must not be negative, keeps its column, scaled to unit length, so that a fit can
+        leave it out. All other columns are
         replaced by an orthonormal basis, the first vectors of B, under the key None.
         """
         X = self.data.X
-        own_effects = self.data.own_effects
+        own_effects = {k: column for k, (_, column) in self.data.own_effects.items()}
+        own_effects |= self.data.signed_effects
         n, M, _ = X.shape
-        separate = [column for _, column in own_effects.values()]
+        separate = [*own_effects.values()]
         shared = orthonormal(np.delete(X, separate, axis=2).reshape(n * M, -1))
         n_shared = shared.shape[1]
         B = np.concatenate(
@@ -758,19 +760,21 @@ class WhiteFitter:
         constants. If it is not, the fit itself is returned. Each joint keeps its level,
         the standard deviation by which its rows are divided.
         """
-        if not form.replaces_own_constant:
-            return fit
-        if form.key not in fit.fits_without:
-            replaced = fit.design.columns_of_model[form.key]
+        return self.without_own(fit, form.key) if form.replaces_own_constant else fit
+
+    def without_own(self, fit: WhiteFit, key: Key) -> WhiteFit:
+        """Return the fit without the column of one of the model's effects on a joint."""
+        if key not in fit.fits_without:
+            replaced = fit.design.columns_of_model[key]
             columns_left = tuple(i for i in fit.columns_kept if i not in replaced)
-            fit.fits_without[form.key] = self._fitted(
+            fit.fits_without[key] = self._fitted(
                 fit.design,
                 fit.products,
                 columns_left,
                 fit.level,
                 rounds=1,  # one round leaves the levels as they are
             )
-        return fit.fits_without[form.key]
+        return fit.fits_without[key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
         """Assemble the design A of the model and of the effects, with A'A and A'y, and

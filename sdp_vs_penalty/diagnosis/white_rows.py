@@ -166,6 +166,23 @@ class WhiteData:
         return out
 
     @cached_property
+    def signed_effects(self) -> dict[tuple[str, int], int]:
+        """The numbers of the columns in X whose parameter must not be negative, of the
+        model's effects with one column a joint, by (name, joint from 0); none if the
+        model is held fixed.
+        """
+        if self.frozen:
+            return {}
+        parameters = self.estimate.model.parameters
+        return {
+            (effect.name, joint): int(column)
+            for effect, columns in self.estimate.model.parts
+            if len(columns) == len(effect.joints)
+            for joint, column in zip(effect.joints, columns, strict=True)
+            if parameters[int(column)].lower == 0.0
+        }
+
+    @cached_property
     def rates(self) -> Array:
         """(n, M, 2) squared rates of torque and velocity, with which errors of timing
         grow (:func:`~sdp_vs_penalty.signals.noise.rate_features`).

@@ -203,11 +203,18 @@ class GlobalDelay(Delay):
     equation = "T_g (tau_hat(t - T) - tau_hat(t)) / T on every joint"
     explanation = (
         "All torques are logged T_g later than the positions: two clocks, or one filter"
-        " for all channels. None is early: a joint that sticks or bends before it moves"
-        " looks so. T is T_g."
+        " for all channels. Below 0 they are early: the log has the commands, which the"
+        " drives follow later; a joint that sticks or bends before it moves looks"
+        " similar. T is T_g."
     )
-    on_the_arm = "all torques are logged {time} later than the positions"
+    on_the_arm = "all torques are logged {time} {sign:later|earlier} than the positions"
     symbol = "T_g"
+    lower = -np.inf
+    shapes = {
+        "T": ShapeConstant(
+            0.001, "s", grid=(-_STARTS[1], *_STARTS), signed=True, scale="linear"
+        )
+    }
     whole_robot = True
 
     def torques(self, motion: Motion) -> Array:

@@ -418,3 +418,42 @@ def test_a_finding_that_one_recording_of_the_test_run_lacks_is_not_confident(two
     assert [f.effect for f in found] == ["joint_spring"]
     assert found[0].held_out_rmse_after[0] < found[0].held_out_rmse_before[0]
     assert not found[0].torque_is_certain
+
+
+@pytest.fixture(scope="module")
+def plain_run() -> Measurements:
+    """A run of the two-link arm in which the model lacks nothing."""
+    return simulate("two_link", seed=3).test
+
+
+def test_commands_before_their_torque_are_a_delay_below_zero(plain_run):
+    t = plain_run.t
+    early = [np.interp(t + 0.008, t, x) for x in plain_run.tau.T]
+    run = replace(plain_run, tau=np.column_stack(early))
+    (found,) = diagnose(
+        identify("two_link", run, check=False), run, check=False
+    ).effects
+    assert found.effect == "global_delay"
+    assert found.confidence == "confident"
+    assert found.size == pytest.approx(-0.008, abs=1.96 * found.std)
+
+
+def test_a_constant_is_chosen_where_the_models_own_friction_may_not_fall_below_zero(
+    plain_run,
+):
+    """Friction that falls by 40 % on a straight line: free of signs, an exponential
+    over 200 K less a negative friction fits best, which `add` refuses."""
+    t = plain_run.t
+    speed = np.gradient(plain_run.q[:, 1], t)
+    warm = 20.0 + 20.0 * (t - t[0]) / (t[-1] - t[0])
+    tau = plain_run.tau.copy()
+    tau[:, 1] += 2.0 * (1.0 - 0.4 * (warm - 20.0) / 20.0) * speed
+    run = replace(plain_run, tau=tau, temperature=np.column_stack([warm, warm]))
+    model = identify("two_link", run, check=False)
+    found = diagnose(model, run, check=False)
+    first = found.effects[0]
+    assert first.text.startswith("warming_friction:2")
+    assert first.shape["warm"] == pytest.approx(40.0, rel=0.25)
+    bigger = add(model, found, run)
+    before, after = (compare(m, run)[0] for m in (model, bigger))
+    assert after.rmse[1] < 1.05 * before.noise_floor[1]

@@ -118,26 +118,31 @@ class Told(HeldOut):
 @pytest.mark.parametrize(
     ("rule", "needed", "kept"),
     [
-        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)], False, [0]),
-        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)], False, [0, 1]),
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)], (), [0]),
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)], (), [0, 1]),
         (
             lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.005 * (1 in c)],
-            True,
+            range(2),
             [0],
         ),  # the noise is a guess
         (
+            lambda c: [1.0 - 0.005 * (0 in c), 1.0 - 0.005 * (1 in c)],
+            [1],
+            [0],
+        ),  # only the size of one may be zero
+        (
             lambda c: [1.1 if c == {0} else 1.0 - 0.1 * len(c)],
-            False,
+            (),
             [0, 1],
         ),  # beside a later one
         (
             lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.04 * (0 in c)],
-            False,
+            (),
             [0, 1],
         ),  # repaid elsewhere
         (
             lambda c: [1.0 - 0.1 * bool(c) + 0.1 * (1 in c)],
-            False,
+            (),
             [0],
         ),  # the least useful one goes
     ],

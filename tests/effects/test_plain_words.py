@@ -81,6 +81,7 @@ def test_a_tilt_between_two_axes_names_both():
         ("torque_gain", 0.014, "1.4 % too large"),
         ("torque_gain", -0.014, "1.4 % too small"),
         ("global_delay", 0.0023, "2.3 ms later"),
+        ("global_delay", -0.0023, "2.3 ms earlier"),
         ("joint_zero_error", 0.01, "joint 4 stands 0.57° beyond"),
         ("joint_zero_error", -0.01, "joint 4 stands 0.57° short of"),
         ("payload", 2.8, "carries 2.8 kg more"),
