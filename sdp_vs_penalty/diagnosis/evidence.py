@@ -295,17 +295,18 @@ class EvidenceScorer(WhiteFitter):
         candidate stands in its place.
         """
         fit, form = trial.fit, trial.form
-        joint = form.key[1]
-        if joint is None or form.replaces_own_constant:
+        signed = self.data.signed_effects
+        if form.replaces_own_constant or not signed:
             return None
-        for name in form.effect.refines:
-            numbers = fit.design.columns_of_model.get((name, joint), [])
-            if (name, joint) in self.data.signed_effects and numbers:
-                change = fit.whitener @ (trial.products.along_fit @ trial.beta)
-                own = numbers[0]
-                if own in fit.columns_kept and fit.theta[own] - change[own] < 0.0:
-                    return name, joint
-        return None
+        refined = {(name, form.key[1]) for name in form.effect.refines}
+        change = fit.whitener @ (trial.products.along_fit @ trial.beta)
+        below_zero = (
+            key
+            for key in refined & signed.keys()
+            for number in fit.design.columns_of_model[key]
+            if number in fit.columns_kept and fit.theta[number] < change[number]
+        )
+        return next(below_zero, None)
 
     def _score(self, trial: _Trial, columns: dict[int, Array]) -> ScoredEffect:
         """Compute the evidence J = dD / v - price of a candidate that is added to a fit.

@@ -26,7 +26,7 @@ from sdp_vs_penalty.diagnosis.passing.cause import (
 )
 from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
 from sdp_vs_penalty.diagnosis.passing.spans import CellProducts, Cells, find_spans
-from sdp_vs_penalty.diagnosis.passing.trial import chance_of_groups
+from sdp_vs_penalty.diagnosis.passing.trial import chance_of_groups, standing
 from sdp_vs_penalty.effects.links import Payload
 
 Array = np.ndarray
@@ -293,6 +293,19 @@ def test_one_cell_that_errs_most_is_chance():
     assert chance_of_groups(np.zeros(50, bool)) == 1.0
     assert chance_of_groups(np.arange(50) < 2) > 0.01
     assert chance_of_groups(np.arange(50) < 3) < 0.01
+
+
+@pytest.mark.parametrize(("joints", "chance"), [([0], 1.0), ([0, 2, 3], 0.02**2)])
+def test_one_cell_in_which_several_joints_err_most_is_no_chance(joints, chance):
+    """One of 50 cells: each further joint has it by chance with a share of .02."""
+    rng = np.random.default_rng(0)
+    after = rng.normal(size=(4, 500))
+    before = after.copy()
+    before[joints, 70:80] += 20.0
+    cells = Cells(np.repeat(np.arange(50), 10), np.zeros(50, int))
+    found = standing(before, after, cells, 1.0 * (np.arange(50) == 7))
+    assert found.over_elsewhere > 1.0
+    assert found.chance == pytest.approx(chance)
 
 
 def test_the_end_of_a_run_is_no_edge():

@@ -67,6 +67,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
         noise_is_known=True,
     )
     data.own_effects = {}
+    data.signed_effects = {}
     return data, z[:, None]
 
 

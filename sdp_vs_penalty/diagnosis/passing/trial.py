@@ -160,8 +160,8 @@ class Standing:
     #: Mean square of the error in the spans, over the largest one that the model makes
     #: elsewhere in any cell of time.
     over_elsewhere: float
-    #: Probability that the cells with errors above that one lie together as they do, if
-    #: cells err independently.
+    #: Probability that the cells with errors above that one lie together as they do, and
+    #: on as many joints, if cells and joints err independently.
     chance: float
 
 
@@ -174,7 +174,9 @@ def standing(before: Array, after: Array, cells: Cells, x: Array) -> Standing:
 
         sum_{r <= g} (a-1 over r-1) (C-a+1 over r) / (C over a)
 
-    (runs of two kinds of elements: Wald, Wolfowitz, Ann. Math. Stat. 1940).
+    (runs of two kinds of elements: Wald, Wolfowitz, Ann. Math. Stat. 1940). One cell
+    proves something where several joints err most in it: each further one would do so
+    by chance with the share of the spans in all cells.
 
     Cells beside an edge are left out elsewhere: an edge is known to a part of a cell.
 
@@ -186,20 +188,23 @@ def standing(before: Array, after: Array, cells: Cells, x: Array) -> Standing:
         (C,) the share of each cell in which the cause acts.
     """
     is_beside = np.convolve(x, np.ones(3), mode="same") > 0.0
-    elsewhere = [
-        float(np.mean(after[:, rows] ** 2))
-        for rows, beside in zip(cells.rows, is_beside, strict=True)
-        if not beside
-    ]
     acts = x[cells.label] > 0.5
-    if not acts.any() or not elsewhere:
+    if not acts.any() or is_beside.all():
         return Standing(0.0, 1.0)
-    largest = max(*elsewhere, 1e-12)
-    errors = np.array([np.mean(before[:, rows] ** 2) for rows in cells.rows])
-    stands_out = (x > 0.0) & (errors > largest)
+    # (C, n) mean squares in each cell, joint by joint.
+    without, with_cause = (
+        np.array([np.mean(error[:, rows] ** 2, axis=1) for rows in cells.rows])
+        for error in (before, after)
+    )
+    elsewhere = with_cause[~is_beside]
+    largest = max(float(elsewhere.mean(axis=1).max()), 1e-12)
+    stands_out = (x > 0.0) & (without.mean(axis=1) > largest)
+    in_spans = np.mean(before[:, acts] ** 2, axis=1)
+    n_joints = int(np.sum(in_spans > elsewhere.max(axis=0)))
+    share = float(np.mean(x > 0.0))
     return Standing(
-        over_elsewhere=float(np.mean(before[:, acts] ** 2)) / largest,
-        chance=chance_of_groups(stands_out),
+        over_elsewhere=float(in_spans.mean()) / largest,
+        chance=chance_of_groups(stands_out) * share ** max(n_joints - 1, 0),
     )
 
 
