@@ -133,8 +133,9 @@ class Judgement:
 
     #: "claim" (of an optimum, or that there is none), or its class at every accuracy.
     outcome: str
-    #: The larger of ``objective_error`` and ``violation``; 0 for a claim that is proved
-    #: right, inf for one that is proved wrong.
+    #: The larger of ``objective_error`` and ``violation``, of a point of an infeasible
+    #: problem ``violation``; 0 for a claim that is proved right, inf for one that is
+    #: proved wrong.
     error: float = np.inf
     #: Distance of the objective from the proved interval, relative.
     objective_error: float = np.inf
@@ -187,7 +188,8 @@ def judge(instance: Instance, reference: Reference, answer: Answer) -> Judgement
         error = 0.0 if is_proved else np.inf
         remark = "" if is_proved else f"claims {claims}, which is proved wrong"
     elif reference.verdict == "infeasible":
-        error, remark = np.inf, "solves what is proved infeasible"
+        # Whoever asks for no more than by how much this misses cannot complain.
+        error, remark = errors[1], "solves what is proved infeasible"
     return Judgement(
         outcome,
         error,

@@ -121,20 +121,11 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
 
 
 def about_as_right(cells: pandas.DataFrame, table: pandas.DataFrame) -> list[str]:
-    """List the first of a ranking and all that no test tells from it, by their time.
-
-    Those that were silently wrong are not among them, unless everybody was.
-    """
-    honest = table[table["wrong"] == 0] if np.any(table["wrong"] == 0) else table
-    honest = honest[honest["right"] > 0]
-    if honest.empty:
-        return []
-    first, *others = honest["solver"]
-    pairs = {name: beside(cells, first, name) for name in others}
-    # Not by the medians: those of fewer problems are of other problems.
-    ratio = {name: x["ratio"] for name, x in pairs.items() if x["p"] > LEVEL}
-    ratio |= {first: 1.0}
-    return sorted(ratio, key=lambda name: ratio[name])
+    """List the first of a ranking and all that no test tells from it."""
+    first, *others = [*table["solver"][table["right"] > 0], ""]
+    pairs = {name: beside(cells, first, name) for name in others if name}
+    same = [name for name, pair in pairs.items() if pair["p"] > LEVEL]
+    return [first, *same] if first else []
 
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
@@ -171,21 +162,20 @@ def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
     if not (good := about_as_right(cells, ranked)):
         return [f"At {accuracy:.0e}, nobody is right on any of {where}."]
     table = ranked.set_index("solver")
-    shown = [
+    first, *same = [
         f"{name} ({table.loc[name, 'right']} of {table.loc[name, 'run']})"
         for name in good
     ]
-    who = f"no test tells apart {words(shown)}" if shown[1:] else f"{shown[0]} is best"
-    said = f"Right to {accuracy:.0e} on {where}: {who}"
+    said = f"Right to {accuracy:.0e} on {where}: most often {first}"
+    if same:
+        said += f", from which no test tells {words(same)}"
     known = contestants()
-    fastest = good[0]
-    form = table.loc[fastest, "form_seconds"]
-    said += (
-        f"; {fastest} takes {_milliseconds(table.loc[fastest, 'seconds'])} ms (median"
-    )
+    first = good[0]
+    form = table.loc[first, "form_seconds"]
+    said += f"; {first} takes {_milliseconds(table.loc[first, 'seconds'])} ms (median"
     said += f"; {_milliseconds(form)} ms before for its form)" if form else ")"
     if "lmi-sdp" in good[1:]:
-        pair = beside(cells, fastest, "lmi-sdp")
+        pair = beside(cells, first, "lmi-sdp")
         is_slower = pair["p_time"] <= LEVEL
         how = f"{number(pair['ratio'])} times as long" if is_slower else "about as long"
         said += f", lmi-sdp {how} ({known['lmi-sdp'].clock})"
