@@ -122,10 +122,10 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
 
 def about_as_right(cells: pandas.DataFrame, table: pandas.DataFrame) -> list[str]:
     """List the first of a ranking and all that no test tells from it."""
-    first, *others = [*table["solver"][table["right"] > 0], ""]
-    pairs = {name: beside(cells, first, name) for name in others if name}
-    same = [name for name, pair in pairs.items() if pair["p"] > LEVEL]
-    return [first, *same] if first else []
+    names: list[str] = table["solver"][table["right"] > 0].tolist()
+    return names[:1] + [
+        name for name in names[1:] if beside(cells, names[0], name)["p"] > LEVEL
+    ]
 
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
