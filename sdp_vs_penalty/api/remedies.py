@@ -13,7 +13,7 @@ from typing import Any
 
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.fixing import fix_runs
-from sdp_vs_penalty.data.formats.renaming import scaled
+from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune

@@ -21,11 +21,11 @@ from sdp_vs_penalty.checks.glance import (
 from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratios
 from sdp_vs_penalty.data.files import is_last_row_first
-from sdp_vs_penalty.data.formats.inferred_units import unit_of_dates
-from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.hypotheses.weighing import unit_of_dates
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range
-from sdp_vs_penalty.data.stretches import is_set_back
+from sdp_vs_penalty.data.stretches.gaps import is_set_back
+from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
@@ -87,7 +87,8 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     """
     shortest, longest = _STEPS
     t = glance.run.t
-    dated, _ = unit_of_dates(t) or ("", "")
+    found = unit_of_dates(t)
+    dated = "" if found is None else found.answer
     units = {name: unit for name, unit in _UNITS.items() if dated in ("", unit)}
     if not dated:
         del units["hundreds of nanoseconds"]  # clocks that count them count dates

@@ -34,7 +34,7 @@ from sdp_vs_penalty.checks.constants import (
 )
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
-from sdp_vs_penalty.data.stretches import recorded_seconds
+from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem

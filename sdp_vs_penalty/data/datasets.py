@@ -152,7 +152,7 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
         )
     for name in groups.keys() & {"tau", "tauff"}:
         groups[name] = transmission.joint_torques(groups[name])
-    return Measurements.of(m.t, groups, m.names, m.run)
+    return m.with_channels(m.t, groups)
 
 
 def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:

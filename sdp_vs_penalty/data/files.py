@@ -6,26 +6,24 @@ import os
 import re
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
-from sdp_vs_penalty.data.formats import FILE_SEPARATOR, csv, format_of, suffixes
-from sdp_vs_penalty.data.formats.columns import Choice
+from sdp_vs_penalty.data.formats import FILE_SEPARATOR, format_of, open_log, suffixes
 from sdp_vs_penalty.data.measurements import (
     LARGEST_VALUE,
     Measurements,
     concatenate,
     without_traces,
 )
+from sdp_vs_penalty.data.reading import Choice, run_of
 from sdp_vs_penalty.data.store import iter_chunks
-from sdp_vs_penalty.data.stretches import is_set_back
+from sdp_vs_penalty.data.stretches.gaps import is_set_back
 from sdp_vs_penalty.errors import (
     InputError,
     MissingJoints,
@@ -172,23 +170,15 @@ def _one(
     (from 1) among those that a caller passes for a name. ``usable`` refuses a run with
     a clock that does not ascend, or numbers that are not finite.
     """
-    word = "sample"
-    label = None
-    # Measurements, a path, or columns by name.
     if isinstance(part, Measurements):
         run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
         run_read = read_run(part, joints, names)
-        label = part
-        word = getattr(format_of(Path(part)) or csv, "SAMPLE", word)
     else:
-        from sdp_vs_penalty.data.formats.frames import (
-            columns_in_memory,
-            read_columns_in_memory,
-        )
+        from sdp_vs_penalty.data.formats.memory import log_in_memory
 
-        columns = columns_in_memory(part)
-        if columns is None:
+        log = log_in_memory(part, number, what)
+        if log is None:
             remedy = (
                 "give a path, a mapping of arrays, a DataFrame, Measurements, or a list"
                 " of these"
@@ -196,22 +186,29 @@ def _one(
             raise InputError(
                 "no measurements", remedy, what.replace("...", given(part))
             )
-        _refuse_transposed(part, columns.numbers, what)
-        run_read = read_columns_in_memory(columns, number, what)
-        if columns.is_frame:
+        _refuse_transposed(part, log.names, what)
+        run_read = run_of(log)
+        if not isinstance(part, Mapping):
             run_read = _without_silent_channels(run_read.names[0], run_read)
         run_read = without_traces(without_held(run_read, names))
         if joints is not None and run_read.n != joints:
             raise other_robot(run_read.n, joints, what, names=names or ())
     # Each run is checked, unless the caller reports faults by itself.
     for run in run_read.runs() if usable else ():
-        check_usable(label or run.names[0], run, word)
+        label = part if isinstance(part, str | Path) else run.names[0]
+        check_usable(label, run, _word_of(part))
     return run_read
 
 
-def _refuse_transposed(
-    part: Any, columns: Mapping[str, NDArray[np.float64]], what: str
-) -> None:
+def _word_of(part: Any) -> str:
+    """Return what messages call a sample of a source: "row" or "line" of a text."""
+    if not isinstance(part, str | Path):
+        return "sample"
+    file_format = format_of(Path(part))
+    return "row" if file_format is None else getattr(file_format, "SAMPLE", "sample")
+
+
+def _refuse_transposed(part: Any, columns: Sequence[str], what: str) -> None:
     """Raise InputError for a DataFrame whose rows have the names of channels, where its
     columns should have them."""
     rows = [str(label) for label in getattr(part, "index", ())[:2]]
@@ -390,14 +387,12 @@ def read_run(
     choice = Choice(names, topic, rename, rate, scale, options)
     path = Path(path)
     if _is_joined(path):
-        from sdp_vs_penalty.data.formats.joined import files_of_run, read_joined
+        from sdp_vs_penalty.data.formats.joined import files_of_run, joined_log
 
-        run = read_joined(path, files_of_run(path), choice)
+        run = run_of(joined_log(path, files_of_run(path)), choice)
     else:
         with reading(path) as path:
-            run = _read_by_its_format(path, choice)
-    if rate is not None:
-        run = replace(run, t=np.arange(len(run.t)) / rate)
+            run = _run_of_file(path, choice)
     if len(run.t) == 0:
         what = "there are no rows, only names"
         raise InputError(what, "record the run, or name another file", path)
@@ -410,18 +405,15 @@ def read_run(
     return without_traces(run)
 
 
-def _read_by_its_format(path: Path, choice: Choice) -> Measurements:
-    """Read the run of a file or folder by the format of its suffix, or of its content;
-    CSV where no format claims it."""
-    file_format = format_of(path) or csv
-    if file_format is csv and path.is_dir():
+def _run_of_file(path: Path, choice: Choice) -> Measurements:
+    """Read the run of a file or folder."""
+    file_format = format_of(path)
+    if file_format is None and path.is_dir():
         raise InputError("no runs in this folder", "name the file of the run", path)
-    has_topics = getattr(file_format, "HAS_TOPICS", False)
-    if choice.topic is not None and not has_topics:
+    if choice.topic is not None and not hasattr(file_format, "HAS_TOPICS"):
         what = "only ROS bags and MCAP files have topics"
         raise InputError(what, "leave --topic out", path)
-    run: Measurements = file_format.read(path, choice)
-    return run
+    return run_of(open_log(path), choice)
 
 
 def _require_joints(run: Measurements, names: Sequence[str], path: Path) -> None:
@@ -486,7 +478,7 @@ def _require_still(run: Measurements, held: Sequence[HeldJoint]) -> None:
 
 def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
     """List the robot's joints that are not among the file's."""
-    from sdp_vs_penalty.data.formats.joint_names import match_joints
+    from sdp_vs_penalty.data.words.joints import match_joints
 
     found = match_joints(names, there)
     return [name for name in names if name not in found]
@@ -514,7 +506,7 @@ def _without_silent_channels(path: str | Path, run: Measurements) -> Measurement
         del groups[name]
     if len(groups) == len(run.groups):
         return run
-    return Measurements.of(run.t, groups, run.names, run.run)
+    return run.with_channels(run.t, groups)
 
 
 def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> None:
@@ -535,7 +527,6 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
         Naming the sample and column; for faults that `convert` can repair a
         RepairableError.
     """
-    first = 2 if word == "row" else 1
     if len(m.t) < 2:
         many = formatting.count(len(m.t), "sample")
         raise InputError(f"the run has {many}", "record longer", path)
@@ -545,9 +536,15 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
             if is_bad.any():
                 row, joint = np.argwhere(is_bad)[0].tolist()
                 column = name if name == "t" else f"{name}{joint + 1}"
-                where = f"{word} {start + row + first}, column {column}"
+                where = f"{word} {_number(m, start + row, word)}, column {column}"
                 raise _no_measurement(where, float(part[row, joint]), word, path)
-    _require_advancing_clock(path, m, word, first)
+    _require_advancing_clock(path, m, word)
+
+
+def _number(m: Measurements, place: int, word: str) -> int:
+    """Return the number of a sample, from 0, in messages: of its row in the file, or, of
+    a sample, from 1."""
+    return place + 1 if word == "sample" else int(m.rows_of_file(place))
 
 
 def _no_measurement(
@@ -585,15 +582,9 @@ def is_last_row_first(steps: Array) -> bool:
     return n_backwards > _REVERSED * (n_backwards + n_forwards)
 
 
-def _require_advancing_clock(
-    path: str | Path, m: Measurements, word: str, first: int
-) -> None:
+def _require_advancing_clock(path: str | Path, m: Measurements, word: str) -> None:
     """Raise RepairableError where time repeats, or rows lie before earlier ones; a
-    clock that was set back begins another run.
-
-    ``first`` is the number of the first sample in messages, ``word`` how they call a
-    sample.
-    """
+    clock that was set back begins another run. ``word`` is how messages call a sample."""
     stays = np.concatenate(
         [a + np.flatnonzero(np.diff(x) <= 0) for a, x in iter_chunks(m.t, overlap=1)]
     )
@@ -604,7 +595,7 @@ def _require_advancing_clock(
     how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
     many = formatting.count(len(stays), f"such {word}")
     steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
-    what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
+    what = f"{word} {_number(m, row + 1, word)}, column t: time {how} ({steps})"
     remedy = "delete them, or cut the file there"
     if is_last_row_first(np.diff(m.t)):
         remedy = "turn the order of the rows round"
@@ -628,11 +619,8 @@ def save(measurements: Measurements, path: str | Path) -> None:
     """
     path = Path(path)
     file_format = format_of(path)
-    if not hasattr(file_format, "write"):
+    if file_format is None or not hasattr(file_format, "write"):
         known = ", ".join(sorted(suffixes("write")))
-        raise InputError(
-            "cannot be written: its suffix names no format",
-            f"choose one of {known}",
-            path,
-        )
-    file_format.write(measurements, path)  # type: ignore[union-attr]
+        what = "cannot be written: its suffix names no format"
+        raise InputError(what, f"choose one of {known}", path)
+    file_format.write(measurements, path)

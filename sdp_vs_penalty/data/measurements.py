@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -12,13 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.store import (
-    PART,
-    AppendableArray,
-    concatenate_chunks,
-    digest,
-    iter_chunks,
-)
+from sdp_vs_penalty.data.store import PART, concatenate_chunks, digest, iter_chunks
 from sdp_vs_penalty.data.stretches import recorded_seconds, rows_behind_pauses
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.results.record import Shown, Summary
@@ -55,6 +49,8 @@ def _as_numbers(name: str, value: Any) -> Array:
 
 #: Fields of measurements that are a number or n numbers a sample.
 _CHANNELS = ("t", "q", "tau", "dq", "temperature")
+#: Those, and what counts a sample.
+_PER_SAMPLE = (*_CHANNELS, "run", "file_rows")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -89,6 +85,11 @@ class Measurements(Shown):
         What the file calls the joints, if it does and has just been read.
     torque_unit : str
         Unit of ``tau`` where the file says that it is no torque, such as "A".
+    reading : str
+        What the columns of another program's log were taken for, one sentence; "" where
+        names were ours.
+    file_rows : (N,) array of int, optional
+        Number in its file of each sample's row; default: sample k, from 0, is row k + 2.
     """
 
     t: Array
@@ -102,6 +103,8 @@ class Measurements(Shown):
     torque_logged: bool = True
     joint_names: tuple[str, ...] = ()
     torque_unit: str = ""
+    reading: str = ""
+    file_rows: NDArray[np.int64] | None = None
     #: Recordings that these samples are windows of; none: they are a whole recording. A
     #: changed copy (``dataclasses.replace``) is a recording of its own.
     _cut_from: tuple[Measurements, ...] = field(
@@ -119,6 +122,8 @@ class Measurements(Shown):
             blocks = {name: _as_numbers(name, x) for name, x in self.commanded.items()}
             object.__setattr__(self, "commanded", blocks)
         self._check_shapes()
+        if self.file_rows is not None and len(self.file_rows) != len(self.t):
+            object.__setattr__(self, "file_rows", None)  # of other samples
         self._leave_out_masked_rows()
 
     def _leave_out_masked_rows(self) -> None:
@@ -135,14 +140,17 @@ class Measurements(Shown):
         keep = ~np.any(masks, axis=0)
         if not keep.any():
             raise InputError("every row is masked", "leave some of them unmasked")
+        kept = self._mapped(lambda values: np.ma.getdata(values)[keep])
+        for name in (*_PER_SAMPLE, "commanded"):
+            object.__setattr__(self, name, kept[name])
 
-        def of_kept_rows(values: Any) -> Any:
-            return None if values is None else np.ma.getdata(values)[keep]
-
-        for name in (*_CHANNELS, "run"):
-            object.__setattr__(self, name, of_kept_rows(getattr(self, name)))
-        commanded = {name: of_kept_rows(x) for name, x in self.commanded.items()}
-        object.__setattr__(self, "commanded", commanded)
+    def _mapped(self, change: Callable[[Any], Any]) -> dict[str, Any]:
+        """Return every field that has a value a sample, changed alike; fields that are
+        None stay so."""
+        fields = {name: getattr(self, name) for name in _PER_SAMPLE}
+        out = {name: None if x is None else change(x) for name, x in fields.items()}
+        commanded = {name: change(x) for name, x in self.commanded.items()}
+        return {**out, "commanded": commanded}
 
     def _check_shapes(self) -> None:
         """Raise InputError unless t is (N,) and every channel (N, n)."""
@@ -168,26 +176,9 @@ class Measurements(Shown):
         run: NDArray[np.int64] | None = None,
         torque_unit: str = "",
     ) -> Measurements:
-        """Make measurements of those channel groups that a file has.
-
-        Parameters
-        ----------
-        t : Array
-            (N,) instants [s].
-        groups : Mapping[str, Array]
-            (N, n) blocks by their names in RUN.csv: q, dq, tau, temp, qcmd ....
-        names : tuple[str, ...]
-            One name a run.
-        run : NDArray[np.int64] | None
-            (N,) index of the run that each sample belongs to.
-        torque_unit : str
-            Unit of tau where it is no torque, such as "A".
-
-        Returns
-        -------
-        Measurements
-            Without tau, the feed-forward torque takes its place, or zeros.
-        """
+        """Make measurements of those channel groups (N, n) that a file has, by their names
+        in RUN.csv: q, dq, tau, temp, qcmd .... Without tau, the feed-forward torque takes
+        its place, or zeros."""
         q, tau = groups["q"], groups.get("tau")
         commanded = {
             name: groups[name] for name in (*COMMANDED, *SIMULATED) if name in groups
@@ -206,6 +197,23 @@ class Measurements(Shown):
             torque_logged="tau" in groups,
             torque_unit=torque_unit,
         )
+
+    def with_channels(self, t: Array, groups: Mapping[str, Array]) -> Measurements:
+        """Return the same samples with other channels (N, n), by their names in
+        RUN.csv."""
+        other = Measurements.of(t, groups, self.names, self.run, self.torque_unit)
+        return replace(
+            other,
+            joint_names=self.joint_names,
+            reading=self.reading,
+            file_rows=self.file_rows,
+        )
+
+    def rows_of_file(self, places: Any) -> NDArray[np.int64]:
+        """Return the numbers in the file of the rows of some samples, from 0: below its
+        header, from 2, unless rows were left out."""
+        places = np.asarray(places, int)
+        return places + 2 if self.file_rows is None else self.file_rows[places]
 
     @property
     def n(self) -> int:
@@ -315,20 +323,8 @@ class Measurements(Shown):
         return replace(self, names=(name,))._as_window_of(self._cut_from)
 
     def window(self, start: float, stop: float) -> Measurements:
-        """Cut a window of time out of each run.
-
-        Parameters
-        ----------
-        start : float
-            Beginning of the window [s after the run's first sample].
-        stop : float
-            End of the window [s], excluded.
-
-        Returns
-        -------
-        Measurements
-            The samples inside.
-        """
+        """Cut a window out of each run, from ``start`` up to ``stop``, excluded [s after
+        the run's first sample]."""
         cut = []
         for run in self.runs():
             since = (part - run.t[0] for _, part in iter_chunks(run.t))
@@ -346,58 +342,22 @@ class Measurements(Shown):
         keep: NDArray[np.bool_] | NDArray[np.intp] | slice,
         name: str | None = None,
     ) -> Measurements:
-        """Take some of the samples as one run.
-
-        Parameters
-        ----------
-        keep : NDArray[np.bool_] | NDArray[np.intp] | slice
-            (N,) flags, indices, or a slice.
-        name : str | None
-            Name of the run; by default that of the first run.
-
-        Returns
-        -------
-        Measurements
-            The samples; a view where a slice is given.
-        """
-        groups = {group: block[keep] for group, block in self.groups.items()}
+        """Take some of the samples, by flags (N,), indices or a slice, as one run; a view
+        where a slice is given. Its name is by default that of the first run."""
+        fields = self._mapped(lambda values: values[keep])
         names = (name or self.names[0],)
-        return Measurements.of(self.t[keep], groups, names, None, self.torque_unit)
+        return replace(self, **{**fields, "run": None, "names": names})
 
     def copied(self) -> Measurements:
         """Return the same measurements in arrays of their own."""
-        commanded = {name: np.array(block) for name, block in self.commanded.items()}
-        copy = replace(
-            self,
-            t=np.array(self.t),
-            q=np.array(self.q),
-            tau=np.array(self.tau),
-            dq=None if self.dq is None else np.array(self.dq),
-            run=None if self.run is None else np.array(self.run),
-            temperature=(
-                None if self.temperature is None else np.array(self.temperature)
-            ),
-            commanded=commanded,
-        )
+        copy = replace(self, **self._mapped(np.array))
         return copy._as_window_of(part.copied() for part in self._cut_from)
 
     def without_joints(self, places: Sequence[int]) -> Measurements:
-        """Leave out the channels of some joints.
-
-        Parameters
-        ----------
-        places : Sequence[int]
-            Places of the joints, from 0.
-
-        Returns
-        -------
-        Measurements
-            The channels of the other joints.
-        """
+        """Leave out the channels of the joints at some places, from 0."""
         stays = [k for k in range(self.n) if k not in places]
         groups = {group: block[:, stays] for group, block in self.groups.items()}
-        others = Measurements.of(self.t, groups, self.names, self.run, self.torque_unit)
-        return others._as_window_of(
+        return self.with_channels(self.t, groups)._as_window_of(
             part.without_joints(places) for part in self._cut_from
         )
 
@@ -408,18 +368,7 @@ class Measurements(Shown):
             yield self.rows(slice(start, start + PART))
 
     def require_torque(self, what: str) -> None:
-        """Raise InputError where no torque was logged.
-
-        Parameters
-        ----------
-        what : str
-            What needs the torque, for the message.
-
-        Raises
-        ------
-        InputError
-            No torque was logged.
-        """
+        """Raise InputError where no torque was logged, which ``what`` needs."""
         if not self.torque_logged:
             remedy = (
                 "identify from it (the servo's law stands for its torque), or log"
@@ -482,78 +431,43 @@ _SMALLEST_VALUE = 1e-30
 
 
 def without_traces(measured: Measurements) -> Measurements:
-    """Replace numbers below 1e-30, such as 5e-324, by zeros.
+    """Replace numbers below 1e-30, such as 5e-324, by zeros; the same object where there
+    are none.
 
     No sensor resolves them in any unit; filters that fade out leave them. With
     :data:`LARGEST_VALUE` this keeps squares and quotients of samples within range.
-
-    Returns
-    -------
-    Measurements
-        The same object where there are no such numbers.
     """
+
+    def has_traces(block: Array) -> bool:
+        return any(
+            np.any((np.abs(part) < _SMALLEST_VALUE) & (part != 0.0))
+            for _, part in iter_chunks(block)
+        )
+
     groups = {"t": measured.t, **measured.groups}
-    with_traces = [name for name, block in groups.items() if _has_traces(block)]
-    if not with_traces:
-        return measured
-    for name in with_traces:
+    changed = {name: x for name, x in groups.items() if has_traces(x)}
+    for name, block in changed.items():
         groups[name] = concatenate_chunks(
             np.where(np.abs(part) < _SMALLEST_VALUE, 0.0, part)
-            for _, part in iter_chunks(groups[name])
+            for _, part in iter_chunks(block)
         )
-    return Measurements.of(
-        groups.pop("t"), groups, measured.names, measured.run, measured.torque_unit
-    )
+    return measured.with_channels(groups.pop("t"), groups) if changed else measured
 
 
-def _has_traces(block: Array) -> bool:
-    """Tell whether an array (N, ...) holds numbers other than zero below 1e-30."""
-    return any(
-        np.any((np.abs(part) < _SMALLEST_VALUE) & (part != 0.0))
-        for _, part in iter_chunks(block)
-    )
-
-
-def gathered(pieces: Iterable[Measurements]) -> Measurements:
-    """Join consecutive pieces to one run; large arrays go to the disk.
-
-    Parameters
-    ----------
-    pieces : Iterable[Measurements]
-        At least one piece, in order.
-
-    Returns
-    -------
-    Measurements
-        One run with the last piece's name.
-    """
-    arrays: dict[str, AppendableArray] = {}
-    for piece in pieces:
-        names = piece.names
-        for name, block in {"t": piece.t, **piece.groups}.items():
-            arrays.setdefault(name, AppendableArray()).append(block)
-    columns = {name: block.array() for name, block in arrays.items()}
-    return Measurements.of(columns["t"], columns, names)
+def columns_of(measurements: Measurements) -> dict[str, Array]:
+    """List the columns (N,) of a run in SI units by their names in RUN.csv: t, q1 ...,
+    dq1 ..., tau1 ...."""
+    m = measurements
+    out = {"t": m.t}
+    for name, block in m.groups.items():
+        out |= {f"{name}{j + 1}": block[:, j] for j in range(m.n)}
+    return out
 
 
 def concatenate(several: Sequence[Measurements]) -> Measurements:
-    """Put several measurements of one robot together, their runs kept apart.
-
-    Parameters
-    ----------
-    several : Sequence[Measurements]
-        At least one; one alone is returned as it is.
-
-    Returns
-    -------
-    Measurements
-        All runs, with the groups that every run has.
-
-    Raises
-    ------
-    InputError
-        Runs of different numbers of joints, or with and without torque.
-    """
+    """Put several measurements of one robot together, their runs kept apart, with the
+    groups that every run has; one alone is returned as it is. Raises InputError for runs
+    of different numbers of joints, or with and without torque."""
     if len(several) == 1:
         return several[0]
     runs = [run for part in several for run in part.runs()]
@@ -563,13 +477,20 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
     for group in common_groups:
         groups[group] = concatenate_chunks(run.groups[group] for run in runs)
     indices = (np.broadcast_to(k, len(run.t)) for k, run in enumerate(runs))
+    rows = None
+    if any(run.file_rows is not None for run in runs):
+        rows = concatenate_chunks(
+            run.rows_of_file(np.arange(len(run.t))) for run in runs
+        )
     together = Measurements.of(
         concatenate_chunks(run.t for run in runs),
         groups,
         names=tuple(run.names[0] for run in runs),
         run=concatenate_chunks(indices),
-        torque_unit=next(iter({run.torque_unit for run in runs})),
+        torque_unit=runs[0].torque_unit,
     )
+    sentences = dict.fromkeys(run.reading for run in runs if run.reading)
+    together = replace(together, file_rows=rows, reading=" ".join(sentences))
     if not any(part._cut_from for part in several):
         return together
     recordings = [whole for part in several for whole in part._cut_from or (part,)]

@@ -15,9 +15,9 @@ import math
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.units import LARGEST_PERCENT
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range, iter_chunks
+from sdp_vs_penalty.data.words.units import LARGEST_PERCENT
 from sdp_vs_penalty.errors import InputError, RepairableError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint

@@ -27,9 +27,8 @@ from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.gate import Gate
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
-from sdp_vs_penalty.data.formats.column_report import ColumnReport, describe_columns
-from sdp_vs_penalty.data.formats.columns import columns_of
-from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
+from sdp_vs_penalty.data.hypotheses.report import ColumnReport, describe_columns
+from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
 from sdp_vs_penalty.diagnosis.adding import add

@@ -19,7 +19,7 @@ import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import read_run, save
-from sdp_vs_penalty.data.formats.renaming import scaled
+from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import numbers, pairs
 from sdp_vs_penalty.errors import InputError, Remark, given

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.stretches import FINEST
+from sdp_vs_penalty.data.stretches.gaps import FINEST
 from sdp_vs_penalty.effects.effect import Motion, Sampling
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.effects.servo import LATEST

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, drop_pages, iter_chunks
-from sdp_vs_penalty.data.stretches import rows_behind_gaps, usual_step
+from sdp_vs_penalty.data.stretches.gaps import rows_behind_gaps, usual_step
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAME_PHASE
@@ -26,7 +26,7 @@ _HELD = 0.02
 def sample_rate(run: Measurements) -> float:
     """Return the sample rate of a run [Hz]: one over the median time step.
 
-    :func:`~sdp_vs_penalty.data.stretches.usual_step` says what counts as a step.
+    :func:`~sdp_vs_penalty.data.stretches.gaps.usual_step` says what counts as a step.
     """
     return 1.0 / usual_step(run.t)
 
@@ -203,7 +203,7 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
 def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
     """Yield the uninterrupted stretches of a run of two samples or more.
 
-    :func:`~sdp_vs_penalty.data.stretches.rows_behind_gaps` says what a gap is.
+    :func:`~sdp_vs_penalty.data.stretches.gaps.rows_behind_gaps` says what a gap is.
     """
     dt = usual_step(run.t)
     for start, stop in pairwise([0, *rows_behind_gaps(run.t), len(run.t)]):

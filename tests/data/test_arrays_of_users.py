@@ -11,7 +11,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty import load_measurements as load
-from sdp_vs_penalty.data.formats.columns import columns_of
+from sdp_vs_penalty.data import columns_of
 from sdp_vs_penalty.errors import Remark, RepairableError
 
 

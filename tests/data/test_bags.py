@@ -81,7 +81,7 @@ def test_messages_with_empty_fields_are_counted(tmp_path):
 
 def test_messages_without_a_partner_are_counted(tmp_path):
     messages = [*part("a b"), *list(part("c", 0.001))[:50]]
-    with pytest.warns(Remark, match="10 messages without the other joints"):
+    with pytest.warns(Remark, match="10 rows without all channels"):
         run = read_bag(tmp_path, messages)
     np.testing.assert_allclose(run.q, Q[:50])
 

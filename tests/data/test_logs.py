@@ -255,7 +255,7 @@ def test_more_columns_of_each_joint_than_three_are_ambiguous(tmp_path, clock):
 
 def test_the_column_that_counts_episodes_is_the_loggers(tmp_path, monkeypatch):
     """Two episodes of three rows; their clocks begin at 0 again, a second apart."""
-    from sdp_vs_penalty.data.formats import loggers
+    from sdp_vs_penalty.data.words import loggers
 
     changed = [
         {**logger, "episode": "take"} if "episode" in logger else logger
@@ -275,7 +275,7 @@ def test_torques_of_lerobot_have_any_of_its_words(word):
     recognition = recognise(columns)
     assert recognition.rename == dict(zip(("t", "q", "tau"), columns, strict=True))
     assert recognition.logger.startswith("LeRobot")
-    assert any("tau in A" in unit for unit in recognition.units) == (word == "current")
+    assert any("tau in A" in x for x in recognition.sentences()) == (word == "current")
 
 
 def test_of_several_torques_the_plain_one_is_taken_and_the_others_are_named():
@@ -283,9 +283,8 @@ def test_of_several_torques_the_plain_one_is_taken_and_the_others_are_named():
     names = [f"{word}{k}" for word in words for k in (1, 2, 3)]
     recognition = recognise(["Time", *names])
     assert recognition.rename["tau3"] == "Torque3"
-    (said,) = [unit for unit in recognition.units if "not used" in unit]
-    for word in ("TorqueSm", "TorqueCur", "Cur"):
-        assert f"{word}1 to {word}3" in said
+    labels = [f"{word}1 to {word}3" for word in ("Torque", *words[2:4], "Cur")]
+    assert sorted(recognition.torques) == sorted(labels)
 
 
 @pytest.mark.parametrize("unit", [None, "degrees", "radians"])

@@ -9,7 +9,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, Problem, compare, identify
 from sdp_vs_penalty.data import read_run
-from sdp_vs_penalty.data.merging import Interpolation
+from sdp_vs_penalty.data.stretches.merging import Interpolation
 
 
 def sparse_table(path: Path, q: Measurements, tau: Measurements) -> Measurements:

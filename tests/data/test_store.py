@@ -41,6 +41,7 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
         "formats.npz",
         "formats.parquet",
         "formats.bag",
+        "reading",
     ):
         monkeypatch.setattr(f"sdp_vs_penalty.data.{home}.PART", 77)
     pieces = load_measurements(path)

@@ -18,7 +18,7 @@ from scipy.io import savemat
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import describe_columns, read_run, save
-from sdp_vs_penalty.data.formats.units import unit_of_factor
+from sdp_vs_penalty.data.words.units import unit_of_factor
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.simulation import experiment
 

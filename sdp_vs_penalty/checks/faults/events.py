@@ -18,7 +18,7 @@ from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 from sdp_vs_penalty.checks.run_log import RunLog
-from sdp_vs_penalty.data.stretches import recorded_seconds
+from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.

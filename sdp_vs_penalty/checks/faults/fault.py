@@ -13,7 +13,7 @@ from sdp_vs_penalty.checks.constants import WIDEST
 from sdp_vs_penalty.checks.likelihood import At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.run_log import RunLog
-from sdp_vs_penalty.data.formats.units import UNITS as NAMED
+from sdp_vs_penalty.data.words.units import UNITS as NAMED
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 UNITS = {

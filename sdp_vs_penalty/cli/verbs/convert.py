@@ -38,7 +38,7 @@ def verb(
     """
     from sdp_vs_penalty import formatting
     from sdp_vs_penalty.cli.runs import problem_from_options
-    from sdp_vs_penalty.data.formats.columns import columns_of
+    from sdp_vs_penalty.data.measurements import columns_of
     from sdp_vs_penalty.problem.check_command import CheckCommand
     from sdp_vs_penalty.problem.load import convert, convert_options
     from sdp_vs_penalty.problem.problem import Problem

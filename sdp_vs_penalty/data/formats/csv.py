@@ -1,132 +1,98 @@
-"""CSV and other text tables: RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun, one
-row a sample; read piece by piece: memory for the numbers and for one piece, however
-long the file."""
+"""CSV and other text tables, one row a sample: a fast reader, and where that one gives up
+a careful one that names the row and column that is wrong. Read in pieces: memory for the
+numbers of the chosen columns and for one piece, however long the file.
 
+Texts of other forms are known by their first line: messages that `ros2 topic echo` has
+printed, JSON, and what KUKA's RSI sends.
+"""
+
+import re
 import warnings
-from collections.abc import Sequence
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import GROUPS, Choice, Header, columns_of
-from sdp_vs_penalty.data.formats.joint_order import (
-    Places,
-    in_first_order,
-    places_of_joints,
-)
-from sdp_vs_penalty.data.formats.recognition import (
-    CellTable,
-    columns_of_joint_names,
-    joints_of_texts,
-)
-from sdp_vs_penalty.data.formats.renaming import group_of
-from sdp_vs_penalty.data.formats.stamps import past_midnight
-from sdp_vs_penalty.data.formats.text_columns import (
-    EmptyCellError,
-    parse_with_gaps,
-    read_cells,
-    read_pieces,
-)
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.formats.text_file import PIECE, iter_rows
 from sdp_vs_penalty.data.formats.text_table import (
     MarkupError,
     TextTable,
     inspect_table,
+    is_comment,
+    is_number,
     plain_number,
+    split_cells,
 )
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.log import Column, Log, Values
+from sdp_vs_penalty.data.measurements import Measurements, columns_of
+from sdp_vs_penalty.data.store import AppendableArray
+from sdp_vs_penalty.data.words.stamps import seconds_of
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.files import path_or_file, writing
 from sdp_vs_penalty.robot.arrays import Array
 
-SUFFIXES = (".csv",)
-#: What messages call a sample.
+SUFFIXES: tuple[str, ...] = (".csv",)
 SAMPLE = "row"
 
+#: Rows of a table: their numbers in the file, from 1, and their texts.
+Rows = tuple[Sequence[int], Sequence[str]]
 
-def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of a text table.
 
-    Three layouts are read: a column for each channel (RUN.csv), a table without a
-    header, and the long layout with a row for each joint and instant. Read, too, are
-    messages that `ros2 topic echo` has printed, JSON, and what KUKA's RSI sends.
+class EmptyCellError(InputError):
+    """A chosen column has no number in a row."""
 
-    Parameters
-    ----------
-    choice : Choice
-        The robot's joints, the columns chosen by ``--rename``, and the rate.
 
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        Naming the row and column that cannot be used.
-    """
+def read(path: Path) -> Log:
+    """Read the columns of a text."""
     try:
         table = inspect_table(path)
     except MarkupError as error:
-        return _read_markup(path, choice, error)
-    if choice.rate is None and table.rate is not None:
-        said = f"{path}: {table.rate:g} rows a second, as the file's header says"
-        warnings.warn(said, Remark, stacklevel=2)
-        choice = replace(choice, rate=table.rate)
-    _require_equal_clocks(table)
-    names = list(table.names)
-    is_unnamed = not table.has_header and names[0] == "#1"
-    if is_unnamed and not choice.rename:
-        from sdp_vs_penalty.data.formats.headerless import names_without_header
+        from sdp_vs_penalty.data.formats import jsonl, ros_echo, rsi_xml
 
-        names = names_without_header(
-            path, len(names), choice, lambda: read_columns(path)
+        if error.what.startswith("YAML"):
+            return ros_echo.read(path)
+        return (jsonl if error.what.startswith("JSON") else rsi_xml).read_text(
+            path, error
         )
-    if not _has_channels_alone(table):
-        from sdp_vs_penalty.data.formats.long_table import find_long_form, read_long
-
-        form = find_long_form(table)
-        if form is not None:
-            return read_long(table, form, choice)
-    header = Header.of(path, names, choice, table=_cell_table(table, names))
-    chosen = sorted(names.index(name) for name in header.columns)
-    _refuse_texts(table, names, chosen)
-    is_chosen = bool(choice.rename or header.joints)
-    places = _places_of_joints(table, names, header.joints) if is_chosen else None
-    if places is None:
-        run = _run_of_columns(table, header, names, chosen)
-    else:
-        run = header.read(in_first_order(_numeric_columns(table, names), places))
-    if table.rate is not None and choice.rate == table.rate:
-        run = replace(run, t=np.arange(len(run.t)) / table.rate)
-    clock = () if choice.rate is not None else header.groups.get("t", ())
-    has_times_of_day = any(table.kinds[names.index(x)] == "stamp" for x in clock)
-    return replace(run, t=past_midnight(run.t)) if has_times_of_day else run
+    return log_of_table(table)
 
 
-def _read_markup(path: Path, choice: Choice, error: MarkupError) -> Measurements:
-    """Read the run of a text that is YAML, XML or JSON instead of a table; raise the
-    error where it holds none."""
-    if error.language == "YAML":
-        from sdp_vs_penalty.data.formats import ros_echo
+def log_of_table(table: TextTable) -> Log:
+    """Make a log of a text table."""
+    columns = dict[str, Column]()
+    for k, (name, kind) in enumerate(zip(table.names, table.kinds, strict=True)):
+        cells = table.first_cells(k)
+        if kind == "number":
+            cells = [plain_number(x, table.decimal) for x in cells]
+        columns.setdefault(name, Column(kind, cells))
+    place = {name: k for k, name in reversed([*enumerate(table.names)])}
 
-        return ros_echo.read(path, choice)
-    if error.language == "JSON":
-        from sdp_vs_penalty.data.formats import json_text
+    def read_columns(names: Sequence[str]) -> Values:
+        return _values(table, {name: place[name] for name in names})
 
-        return json_text.read(path, choice, error)
-    from sdp_vs_penalty.data.formats import rsi_xml
+    def texts(names: Sequence[str]) -> list[list[str]]:
+        chosen = [place[name] for name in names]
+        return [[row[k] for k in chosen] for _, row in _iter_cells(table)]
 
-    return rsi_xml.read(path, choice, error)
+    _require_equal_clocks(table)
+    return Log(
+        table.path,
+        columns,
+        read_columns,
+        texts,
+        rate=table.rate,
+        word="row",
+        twice=frozenset(x for x, n in Counter(table.names).items() if n > 1 and x),
+    )
 
 
 def _require_equal_clocks(table: TextTable) -> None:
     """Raise InputError where channels have columns of stamps of their own, and these
     differ."""
-    if len(table.clocks) < 2:
-        return
-    for first, *others in read_pieces(table, table.clocks):
+    for first, *others in _pieces(table, table.clocks) if len(table.clocks) > 1 else ():
         for place, other in zip(table.clocks[1:], others, strict=True):
             if not np.array_equal(first, other):
                 what = f"columns {table.clocks[0] + 1} and {place + 1} are clocks that differ"
@@ -134,129 +100,251 @@ def _require_equal_clocks(table: TextTable) -> None:
                 raise InputError(what, remedy, table.path)
 
 
-def _has_channels_alone(table: TextTable) -> bool:
-    """Return whether all columns are called as in RUN.csv (t, q1 ..., tau1 ...).
+def _values(table: TextTable, place_of: dict[str, int]) -> Values:
+    """Read chosen columns, by name and place; where cells are empty, once more with gaps.
 
-    Then no column can name the joint of a row, and the table is not in the long layout.
+    Raises InputError naming the row and column that is wrong.
     """
-    return {group_of(name) for name in table.names} <= {"t", *GROUPS}
-
-
-def _run_of_columns(
-    table: TextTable, header: Header, names: Sequence[str], chosen: Sequence[int]
-) -> Measurements:
-    """Read the run of the chosen columns.
-
-    ``chosen`` holds the columns' places from 0. Where cells are empty, the table is
-    read once more as a sparse one, whose channels have rows and stamps of their own.
-    """
-    chosen_names = [names[k] for k in chosen]
-    pieces = read_pieces(table, chosen)
+    chosen = list(place_of.values())
+    joined = [AppendableArray() for _ in chosen]
+    numbers = AppendableArray()
+    numbers.append(np.zeros(0, np.intp))
     try:
-        return header.gather(
-            header.run(dict(zip(chosen_names, piece, strict=True))) for piece in pieces
-        )
+        for piece in _pieces(table, chosen, numbers):
+            for array, values in zip(joined, piece, strict=True):
+                array.append(values)
     except EmptyCellError:
-        return header.read(_sparse_columns(table, header, chosen, chosen_names))
+        return _values_with_gaps(table, place_of)
+    columns = {name: x.array() for name, x in zip(place_of, joined, strict=True)}
+    rows = numbers.array()
+    is_usual = not len(rows) or (rows[0] == 2 and rows[-1] == len(rows) + 1)
+    return Values(columns, None if is_usual else rows)
 
 
-def read_columns(path: Path) -> dict[str, Array]:
-    """Read the columns of a text table that hold numbers, lists of numbers or time
-    stamps.
+def _values_with_gaps(table: TextTable, place_of: dict[str, int]) -> Values:
+    """Read chosen columns in which cells may be empty: NaN there, and where they are."""
+    rows = [(n, row) for n, row in _iter_cells(table)]
+    numbers = np.array([n for n, _ in rows], np.intp)
+    columns, gaps = dict[str, Array](), dict[str, Any]()
+    for name, k in place_of.items():
+        is_empty = np.array([not row[k] for _, row in rows])
+        filled = [row[k] for _, row in rows if row[k]]
+        values = _parse_column(table, k, numbers[~is_empty].tolist(), filled)
+        columns[name] = np.full((len(rows), *values.shape[1:]), np.nan)
+        columns[name][~is_empty] = values
+        if is_empty.any():
+            gaps[name] = is_empty
+    return Values(columns, numbers, gaps)
 
-    Returns
-    -------
-    dict of str to array
-        By the column's name (N,) numbers, seconds [s] of time stamps, or (N, n) numbers
-        where each cell holds a list.
 
-    Raises
-    ------
-    InputError
-        Naming the row and column that is wrong.
+def _pieces(
+    table: TextTable, chosen: Sequence[int], numbers: AppendableArray | None = None
+) -> Iterator[list[Array]]:
+    """Read the columns at some places, from 0, in pieces of bounded size: an array a
+    column, (N,) numbers, or (N, n) where cells hold lists. The first piece has no rows.
+
+    PyArrow reads fast. Where it gives up, or the table is not simple enough for it, a
+    slower parser goes on from the same row. ``numbers`` takes the rows' numbers.
     """
-    table = inspect_table(path)
-    return _numeric_columns(table, table.names)
+    from pyarrow import ArrowException
+
+    numbers = AppendableArray() if numbers is None else numbers
+    yield [_no_values(table, k) for k in chosen]
+    first = table.first
+    is_simple = (
+        not table.nested and not table.has_wrapped_cells and table.is_plain_utf_8
+    )
+    if is_simple and (table.delimiter is not None or _has_single_blanks(table)):
+        try:
+            for piece in _read_by_arrow(table, chosen):
+                yield piece
+                numbers.append(np.arange(first, first + len(piece[0])))
+                first += len(piece[0])
+        except ArrowException:
+            pass  # what it does not take, the careful reader names or reads
+        else:
+            return
+    for rows in _value_rows(table, first):
+        yield _parse_rows(table, chosen, *rows)
+        numbers.append(np.array(rows[0], np.intp))
 
 
-def _numeric_columns(table: TextTable, names: Sequence[str]) -> dict[str, Array]:
-    """Read the columns that hold numbers, lists of numbers or time stamps, by the names
-    that they go by here."""
-    numeric_kinds = ("number", "list", "stamp")
-    texts = set(_columns_of_joints(table, names))
-    chosen = [
-        k
-        for k, kind in enumerate(table.kinds)
-        if kind in numeric_kinds and k not in texts
-    ]
-    pieces = list(read_pieces(table, chosen))
-    columns = dict[str, Array]()
-    for place, k in enumerate(chosen):
-        columns[names[k]] = np.concatenate([piece[place] for piece in pieces])
-    return columns
+def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
+    """Read chosen columns by PyArrow, piece by piece.
 
-
-def _columns_of_joints(table: TextTable, names: Sequence[str]) -> list[int]:
-    """List the places, from 0, of the columns that hold joints' names, one or a list in
-    each cell."""
-    places = [names.index(name) for name in columns_of_joint_names(names)]
-    return [
-        k
-        for k in places
-        if table.kinds[k] == "text"
-        or (table.kinds[k] == "list" and joints_of_texts(table.first_cells(k)[:1]))
-    ]
-
-
-def _places_of_joints(
-    table: TextTable, names: Sequence[str], joints: Sequence[str]
-) -> Places | None:
-    """Find where each row has the joints of the first row; None where the order never
-    changes, or the table has no columns with the names of these joints."""
-    name_columns = _columns_of_joints(table, names)
-    first_joints = joints_of_texts([table.first_cells(k)[0] for k in name_columns])
-    if len(first_joints) < 2 or not set(joints) <= set(first_joints):
-        return None
-    row_numbers, cells = read_cells(table, name_columns)
-    joints_of_rows = [joints_of_texts(row) for row in zip(*cells, strict=True)]
-    return places_of_joints(table.path, joints_of_rows, row_numbers)
-
-
-def inspect(path: Path) -> CellTable:
-    """Describe the columns of a text table by its first rows, for the recogniser of
-    columns.
-
-    Returns
-    -------
-    CellTable
-        By the column's name its kind ("number", "text", ...) and its first cells.
+    Lists and time stamps come as texts and are parsed here. PyArrow raises
+    ArrowException for a cell that is no number, without naming it.
     """
-    table = inspect_table(path)
-    return _cell_table(table, table.names)
+    from pyarrow import csv as arrow
+
+    is_text = {str(k): table.kinds[k] in ("list", "stamp") for k in chosen}
+    types = {name: "string" if text else "float64" for name, text in is_text.items()}
+    rows = arrow.ReadOptions(
+        use_threads=False,
+        block_size=PIECE // 4,  # some forty blocks are read ahead
+        skip_rows=table.first - 1,
+        column_names=[str(k) for k in range(table.width)],
+    )
+    cells = arrow.ParseOptions(
+        delimiter=table.delimiter or " ",
+        quote_char='"' if table.quoted else False,
+        ignore_empty_lines=False,
+    )
+    kinds = arrow.ConvertOptions(
+        column_types=types,
+        null_values=[],
+        include_columns=list(types),
+        decimal_point=table.decimal,
+    )
+    with arrow.open_csv(path_or_file(table.path), rows, cells, kinds) as file:
+        for batch in file:
+            pairs = zip(chosen, batch.columns, strict=True)
+            yield [_of_arrow(table, k, column) for k, column in pairs]
 
 
-def _cell_table(table: TextTable, names: Sequence[str]) -> CellTable:
-    """Return the kinds and first cells of the columns, by the names that they go by
-    here; numbers with a decimal point."""
-    kinds = dict(zip(names, table.kinds, strict=True))
-    cells = {name: table.first_cells(k) for k, name in enumerate(names)}
-    for name, kind in kinds.items():
-        if kind == "number":
-            cells[name] = [plain_number(x, table.decimal) for x in cells[name]]
-    return CellTable(kinds, cells)
+def _of_arrow(table: TextTable, column: int, values: Any) -> Array:
+    """Convert a column of PyArrow's to numbers (N,), or (N, n) of lists."""
+    if table.kinds[column] == "stamp":
+        return seconds_of(values.to_pylist())
+    if table.kinds[column] == "list":
+        return _parse_lists(table, column, values.to_pylist())
+    # By to_numpy() pandas would be imported.
+    return np.asarray(np.from_dlpack(values).view(np.float64))
+
+
+def _no_values(table: TextTable, column: int) -> Array:
+    """Return a column without rows: (0,) numbers, or (0, n) where cells hold lists."""
+    if table.kinds[column] != "list" or not table.first_cells(column):
+        return np.zeros(0)
+    return _parse_lists(table, column, table.first_cells(column)[:1])[:0]
+
+
+def _has_single_blanks(table: TextTable) -> bool:
+    """Return whether the cells of the first rows are separated by exactly one blank, as
+    PyArrow needs it."""
+    number, rows = next(iter_rows(table.path))
+    lines = rows[table.first - number : table.first - number + len(table.sample)]
+    return all(len(line.rstrip("\r").split(" ")) == table.width for line in lines)
+
+
+def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
+    """Iterate over the rows of values from row ``first`` on, piece by piece.
+
+    Empty rows, comments and repeated headers are left out, and a remark counts them;
+    empty rows at the end of the file do not count.
+    """
+    left_out = Counter[str]()
+    n_trailing = 0  # empty rows since the last one that is not empty
+    for first_of_piece, lines in iter_rows(table.path):
+        numbers, texts = list[int](), list[str]()
+        for number, line in enumerate(lines, start=first_of_piece):
+            text = line.strip()
+            if number < first:
+                continue
+            if not text:
+                n_trailing += 1
+                continue
+            left_out["empty row"] += n_trailing
+            n_trailing = 0
+            if is_comment(text):
+                left_out["comment"] += 1
+            elif text == table.header_row:
+                left_out["repeated header"] += 1
+            else:
+                numbers.append(number)
+                texts.append(line)
+        if numbers:
+            yield numbers, texts
+    kinds = ("empty row", "repeated header", "comment")
+    shown = [formatting.count(left_out[x], x) for x in kinds if left_out[x]]
+    if shown:
+        said = f"{table.path}: {' and '.join(shown)} left out"
+        warnings.warn(said, Remark, stacklevel=3)
+
+
+def _iter_cells(table: TextTable) -> Iterator[tuple[int, list[str]]]:
+    """Iterate over the rows of values as cells, each with its number in the file."""
+    for numbers, lines in _value_rows(table, table.first):
+        for number, line in zip(numbers, lines, strict=True):
+            yield number, _cells_of(table, number, line)
+
+
+def _cells_of(table: TextTable, number: int, line: str) -> list[str]:
+    """Split a row into cells; raise InputError where they are more or fewer than the
+    table's."""
+    cells = split_cells(line, table.delimiter)
+    if len(cells) != table.width:
+        than = "the header has" if table.has_header else "row 1 has"
+        what = f"row {number} has {len(cells)} cells, {than} {table.width}"
+        raise InputError(what, "complete the row or delete it", table.path)
+    return cells
+
+
+def _parse_rows(
+    table: TextTable, chosen: Sequence[int], numbers: Sequence[int], rows: Sequence[str]
+) -> list[Array]:
+    """Parse the chosen columns of some rows: one array a column.
+
+    Plain numbers are parsed by NumPy at once; only where that fails are the cells parsed
+    one by one, and InputError names the wrong one by its row's number.
+    """
+    are_numbers = all(table.kinds[k] in ("number", "empty") for k in chosen)
+    if are_numbers and table.decimal == "." and not table.quoted and not table.nested:
+        mark = table.delimiter
+        widths = {len(x.split()) if mark is None else x.count(mark) + 1 for x in rows}
+        if widths == {table.width}:
+            try:
+                options: Any = {"ndmin": 2, "comments": None, "usecols": chosen}
+                values = np.loadtxt(rows, delimiter=mark, **options)
+                return list(np.ascontiguousarray(values.T))
+            except ValueError:
+                pass
+    cells = [_cells_of(table, n, line) for n, line in zip(numbers, rows, strict=True)]
+    return [_parse_column(table, k, numbers, [row[k] for row in cells]) for k in chosen]
+
+
+def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
+    """Parse N cells that hold lists such as "[0.1, 0.2]" into (N, n) numbers; raise
+    InputError where the lists have different lengths."""
+    number = r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf)"
+    words = [re.findall(number, cell) for cell in cells]
+    lengths = {len(row) for row in words}
+    if len(lengths) > 1:
+        shown = ", ".join(map(str, sorted(lengths)[:4]))
+        what = (
+            f"column {table.names[column]} holds lists of different lengths ({shown})"
+        )
+        raise InputError(what, "give each row as many values", table.path)
+    return np.array(words, float).reshape(len(cells), *lengths or (0,))
+
+
+def _parse_column(
+    table: TextTable, column: int, numbers: Sequence[int], cells: Sequence[str]
+) -> Array:
+    """Parse the cells of one column: (N,) numbers, or (N, n) of lists.
+
+    Raises InputError naming the row of the cell that is no number, EmptyCellError where
+    it is empty.
+    """
+    if table.kinds[column] == "list" and "" not in cells:
+        return _parse_lists(table, column, cells)
+    if table.kinds[column] == "stamp" and "" not in cells:
+        return seconds_of(cells)
+    unit = table.cell_units.get(column, "")
+    cells = [cell.removesuffix(unit).strip() for cell in cells] if unit else cells
+    for number, cell in zip(numbers, cells, strict=True):
+        if not cell or not is_number(cell, table.decimal):
+            kind = InputError if cell else EmptyCellError
+            what = (
+                f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
+            )
+            raise kind(what, "correct it or delete the row", table.path)
+    return np.array([plain_number(cell, table.decimal) for cell in cells], float)
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """Write one run as RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun.
-
-    The file appears when it is complete: an interruption leaves no half-written file.
-    Numbers are written so that they are read back to the last bit.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file to write.
-    """
+    """Write one run as RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun; numbers so
+    that they are read back to the last bit."""
     with writing(path) as file:
         file.write((",".join(columns_of(measurements)) + "\n").encode())
         for part in measurements.parts():
@@ -264,65 +352,3 @@ def write(measurements: Measurements, path: Path) -> None:
             # repr() writes the shortest text that gives back the same number.
             lines = [",".join(map(repr, row)) + "\n" for row in rows]
             file.write("".join(lines).encode())
-
-
-def numbers(path: Path, width: int) -> Array:
-    """Read (N, width) numbers that have no header, with commas between the columns.
-
-    Raises
-    ------
-    InputError
-        Naming the row that is wrong.
-    """
-    table = TextTable(
-        path,
-        delimiter=",",
-        decimal=".",
-        quoted=False,
-        nested=False,
-        names=tuple(f"#{k}" for k in range(1, width + 1)),
-        has_header=False,
-        first=1,
-        kinds=("number",) * width,
-        sample=(),
-    )
-    pieces = read_pieces(table, range(width))
-    columns = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
-    return columns[0][:, None] if width == 1 else np.stack(columns, axis=1)
-
-
-def _refuse_texts(
-    table: TextTable, names: Sequence[str], chosen: Sequence[int]
-) -> None:
-    """Raise InputError for a chosen column that holds texts in all rows.
-
-    One sentence names the column, where the parser would name its first row alone.
-    """
-    for k in chosen:
-        if table.kinds[k] == "text":
-            cell = table.first_cells(k)[0][:40]
-            what = f"column {names[k]} is never a number: {cell!r} is not a number"
-            remedy = "name the column that holds it with `convert --rename`"
-            raise InputError(what, remedy, table.path)
-
-
-def _sparse_columns(
-    table: TextTable, header: Header, chosen: Sequence[int], chosen_names: Sequence[str]
-) -> dict[str, Array]:
-    """Read a table in which cells are empty
-    (:func:`~sdp_vs_penalty.data.formats.sparse.merged_rows`).
-
-    Returns
-    -------
-    dict of str to array
-        (K,) or (K, n) values by the column's name, in the K merged rows.
-    """
-    from sdp_vs_penalty.data.formats.sparse import merged_rows
-
-    row_numbers, columns = read_cells(table, chosen)
-    cells_of_rows = zip(row_numbers, zip(*columns, strict=True), strict=True)
-    first_incomplete = next(row for row, cells in cells_of_rows if not all(cells))
-    values = dict[str, Array]()  # NaN where a cell is empty
-    for name, k, cells in zip(chosen_names, chosen, columns, strict=True):
-        values[name] = parse_with_gaps(table, k, row_numbers, cells)
-    return merged_rows(header, values, f"row {first_incomplete}")

@@ -1,7 +1,11 @@
-"""JSON lines: one object a sample, such as {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}."""
+"""JSON: one object a line, {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}; or a text with
+a list of samples, or a list for each channel.
+
+Of the latter are lists of objects, objects of lists, and what pandas writes by
+``to_json``: columns of values by their row, or the names beside the rows ("split").
+"""
 
 import json
-import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -9,184 +13,198 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header, table_of_arrays
-from sdp_vs_penalty.data.formats.joint_order import (
-    Places,
-    in_first_order,
-    places_of_joints,
-)
-from sdp_vs_penalty.data.formats.recognition import (
-    AmbiguousColumnsError,
-    CellTable,
-    columns_of_joint_names,
-    recognise,
-)
-from sdp_vs_penalty.data.formats.text_table import iter_rows
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.formats.text_file import iter_rows
+from sdp_vs_penalty.data.log import Log, log_of_arrays, real_numbers
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
-SUFFIXES = (".jsonl", ".ndjson")
-#: What messages call a sample.
+SUFFIXES: tuple[str, ...] = (".jsonl", ".ndjson")
 SAMPLE = "line"
+
 #: Fields that say which joint an object in a list is of.
 _LABELS = ("name", "joint", "id")
 
 
-def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of JSON lines.
-
-    Parameters
-    ----------
-    choice : Choice
-        What of the file to take: joints, columns, rate.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or a channel that is missing.
-    """
-    columns, joints = _columns_and_joints(path)
-    table = cell_table(columns, joints)
-    return Header.of(path, list(table.kinds), choice, table=table).read(columns)
-
-
-def inspect(path: Path) -> CellTable:
-    """Describe the fields of JSON lines by their kinds and first values. See
-    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
-    return cell_table(*_columns_and_joints(path))
-
-
-def cell_table(
-    columns: Mapping[str, Array], joints: Mapping[str, Sequence[str]]
-) -> CellTable:
-    """Describe fields by their kinds and first values.
-
-    Parameters
-    ----------
-    columns : Mapping[str, Array]
-        (N,) numbers or (N, n) blocks by the field's name.
-    joints : Mapping[str, Sequence[str]]
-        The joints' names by the field that holds them.
-
-    Returns
-    -------
-    CellTable
-        For the recogniser of columns.
-    """
-    numbers = table_of_arrays(columns)
-    kinds = dict.fromkeys(joints, "text")
-    cells = {name: [str(list(texts))] for name, texts in joints.items()}
-    return CellTable({**numbers.kinds, **kinds}, {**numbers.cells, **cells})
-
-
-def read_columns(path: Path) -> dict[str, Array]:
-    """Read the fields that hold a number, or a list of numbers, in every line of a text
-    with one JSON object a line.
-
-    They are (N,) numbers, or (N, n) of lists, by the field's name; "header.stamp.sec"
-    for fields of objects within objects. Raises InputError for a line that is no JSON
-    object, and for lists of different lengths.
-    """
-    return _columns_and_joints(path)[0]
-
-
-def _columns_and_joints(
-    path: Path,
-) -> tuple[dict[str, Array], dict[str, Sequence[str]]]:
-    """Read the fields of numbers, and the joints' names by the field that holds them."""
-    samples = list[dict[str, Any]]()
-    line_numbers = list[int]()
+def read(path: Path) -> Log:
+    """Read the columns of JSON lines."""
+    numbers, samples = list[int](), list[dict[str, Any]]()
     for first, lines in iter_rows(path):
         for number, line in enumerate(lines, start=first):
             if line.strip():
                 samples.append(_parse_line(path, number, line))
-                line_numbers.append(number)
-    return columns_and_joints_of(path, samples, line_numbers, SAMPLE)
+                numbers.append(number)
+    return log_of_samples(path, samples, numbers, "line")
 
 
-def columns_and_joints_of(
-    path: Path,
-    samples: Sequence[Mapping[str, Any]],
-    line_numbers: Sequence[int],
-    word: str,
-) -> tuple[dict[str, Array], dict[str, Sequence[str]]]:
+def read_text(path: Path, refused: InputError) -> Log:
+    """Read the columns of a JSON text; raise the error ``refused`` of one that holds no
+    samples."""
+    try:
+        content = json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        try:
+            return read(path)
+        except InputError:
+            raise refused from None
+    try:
+        log = _log_of_content(path, content)
+    except (TypeError, ValueError, InputError) as error:  # rows of pandas that are none
+        raise (error if isinstance(error, InputError) else refused) from None
+    if log is None or not any(
+        len(x) > 1 for x in log.read(_numeric(log)).columns.values()
+    ):
+        raise refused
+    _refuse_columns_of_other_rows(path, content)
+    return log
+
+
+def _numeric(log: Log) -> list[str]:
+    """List the columns that are no texts."""
+    return [name for name, x in log.columns.items() if x.kind != "text"]
+
+
+def _log_of_content(path: Path, content: Any) -> Log | None:
+    """Return the channels of a JSON value; None where it can hold none."""
+    if isinstance(content, list) and all(isinstance(x, Mapping) for x in content):
+        samples = [dict(leaves(sample)) for sample in content]
+        return log_of_samples(path, samples, range(1, len(samples) + 1), "object")
+    if not isinstance(content, Mapping):
+        return None
+    if {*content} == {"columns", "index", "data"}:
+        rows = zip(*content["data"], strict=True)
+        content = dict(zip(content["columns"], rows, strict=True))
+    columns, joints = dict[str, Array](), list[str]()
+    for name, values in _lists(content):
+        if _are(str, values):
+            joints = (
+                joints or list(values)
+                if name.endswith(("names", "name", "joints"))
+                else joints
+            )
+            continue
+        try:
+            columns[name] = real_numbers(path, name, np.array(values))
+        except (InputError, ValueError):
+            continue  # texts, or lists of different lengths: no channel
+    facts = {
+        x: {"joints": tuple(joints)}
+        for x, block in columns.items()
+        if joints and block.shape[1:] == (len(joints),)
+    }
+    return log_of_arrays(path, columns, facts=facts)
+
+
+def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:
+    """Iterate over the lists in nested objects, named like "log.q". An object whose keys
+    are all numbers is a list in the order of these, as pandas writes a column; a list of
+    objects is a list of each of their fields."""
+    for key, value in content.items():
+        name = f"{prefix}{key}"
+        if _is_keyed_by_rows(value):
+            yield name, [value[row] for row in sorted(value, key=int)]
+        elif isinstance(value, Mapping):
+            yield from _lists(value, f"{name}.")
+        elif (
+            isinstance(value, list | tuple) and len(value) > 1 and _are(Mapping, value)
+        ):
+            for field in value[0]:
+                yield f"{name}.{field}", [item.get(field) for item in value]
+        elif isinstance(value, list | tuple):
+            yield name, list(value)
+
+
+def _is_keyed_by_rows(value: Any) -> bool:
+    """Return whether a JSON value is a column of pandas, {"0": 1.5, "1": 2.5}."""
+    return (
+        isinstance(value, Mapping)
+        and bool(value)
+        and all(key.isascii() and key.isdigit() for key in value)
+    )
+
+
+def _refuse_columns_of_other_rows(path: Path, content: Any) -> None:
+    """Raise InputError where two columns of one object have as many rows, but not the
+    same: side by side, their numbers would be of different samples."""
+    if not isinstance(content, Mapping):
+        return
+    first_of_length = dict[int, str]()
+    for name, column in content.items():
+        if not _is_keyed_by_rows(column):
+            _refuse_columns_of_other_rows(path, column)
+            continue
+        first = first_of_length.setdefault(len(column), name)
+        if column.keys() != content[first].keys():
+            what = f"columns {first} and {name} are of different rows, by their keys"
+            raise InputError(what, "write the same rows in both", path)
+
+
+def log_of_samples(
+    path: Path, samples: Sequence[Mapping[str, Any]], numbers: Sequence[int], word: str
+) -> Log:
     """Put the fields of N samples together to columns.
 
-    Where samples name the same joints in different orders, each number goes back to its
-    joint: all lists are in the first sample's order. Objects in a list that are named by
-    numbers are in the order of these. A list whose objects change is left out.
+    Fields that hold a number, or a list of equal length, in every sample become columns.
+    Objects in a list that are named by numbers are in the order of these. A list whose
+    objects change is left out.
 
     Parameters
     ----------
-    path : Path
-        How messages call the file.
-    samples : Sequence[Mapping[str, Any]]
-        Numbers, and lists of numbers or texts, by the field's name.
-    line_numbers : Sequence[int]
+    samples : sequence of mappings
+        Numbers, and lists of numbers or texts, by the field's name (:func:`leaves`).
+    numbers : sequence of int
         Number in the file, from 1, of each sample.
     word : str
         What messages call a sample.
-
-    Returns
-    -------
-    columns : dict of str to array
-        (N,) numbers or (N, n) of lists, of fields that hold numbers in every sample.
-    joints : dict of str to sequence of str
-        The joints' names by the field that holds them.
-
-    Raises
-    ------
-    InputError
-        Lists of different lengths, or joints that change.
     """
-    columns = dict[str, Array]()
-    joints = dict[str, Sequence[str]]()
-    places = list[Places]()
-    items = dict[str, list[Sequence[str]]]()
-    for name in samples[0] if samples else ():
+    columns, texts = dict[str, Array](), dict[str, list[Sequence[str]]]()
+    items = dict[str, list[str]]()
+    for name, first in samples[0].items() if samples else ():
         values = [sample.get(name) for sample in samples]
-        if _is_list_of_texts(values[0]):
-            if name not in columns_of_joint_names([name]):
-                continue
-            rows = [_texts_of(value) for value in values]
-            of_list = name.removesuffix(".name")
-            if any(other.startswith(f"{of_list}[") for other in samples[0]):
-                items[of_list] = rows
-                continue
-            joints[name] = rows[0]
-            found = places_of_joints(path, rows, line_numbers, word)
-            places += [] if found is None else [found]
-        elif not any(value is None or _is_list_of_texts(value) for value in values):
-            columns[name] = _block(path, name, values)
-    for order in places:
-        columns = in_first_order(columns, order)
-    # An inner list stands behind the outer one, and is renamed first.
-    for of_list, rows in reversed(items.items()):
-        try:
-            places_of_joints(path, rows, line_numbers, word)
-        except InputError as error:  # perhaps no joints, but contacts that come and go
-            said = f"{path}: {error.what}: the list {of_list} is left out"
-            warnings.warn(said, Remark, stacklevel=2)
-            columns = _without_items(columns, of_list)
+        if not _are(str, first):
+            if not any(x is None or _are(str, x) for x in values):
+                columns[name] = _block(path, name, values)
             continue
-        names = _in_order(rows[0])
-        columns = _numbered_by_place(columns, of_list, names)
-        if _holds_positions(columns, of_list):
-            joints[f"{of_list}.name"] = names
-    return columns, joints
+        named = [list(map(str, x)) if isinstance(x, list) else [] for x in values]
+        of_list = name.removesuffix(".name")
+        if not any(other.startswith(f"{of_list}[") for other in samples[0]):
+            texts[name] = [*named]
+            continue
+        pairs = zip(numbers, named, strict=True)
+        number = next((n for n, x in pairs if {*x} != {*named[0]}), None)
+        if number is not None:  # perhaps contacts that come and go
+            said = f"{word} {number} names other joints than the first"
+            said = f"{path}: {said}: the list {of_list} is left out"
+            warnings.warn(said, Remark, stacklevel=2)
+        items[of_list] = named[0] if number is None else []
+    facts = dict[str, dict[str, Any]]()
+    # An inner list stands behind the outer one, and is renamed first.
+    for of_list, names in reversed(items.items()):
+        is_counted = all(x.isascii() and x.isdigit() for x in names)
+        in_order = sorted(names, key=int) if is_counted else names
+        renamed = dict[str, Array]()
+        for name, column in columns.items():
+            label, _, rest = name.removeprefix(f"{of_list}[").partition("]")
+            if not name.startswith(f"{of_list}["):
+                renamed[name] = column
+            elif label in in_order:
+                new = f"{of_list}[{in_order.index(label)}]{rest}"
+                renamed[new] = column
+                facts[new] = {} if is_counted else {"joints": (label,)}
+        by_place = sorted(renamed.items(), key=lambda item: _place(of_list, item[0]))
+        columns = dict(by_place)
+    rows = np.array(numbers, int)
+    return log_of_arrays(path, columns, texts, facts, word=word, rows=rows)
+
+
+def _place(of_list: str, name: str) -> int:
+    """Return the place of a list's item in a column's name; -1 for other columns."""
+    label = name.removeprefix(f"{of_list}[").partition("]")[0]
+    return int(label) if name.startswith(f"{of_list}[") and label.isdigit() else -1
 
 
 def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
-    """Parse the numbers, and lists of numbers or texts, of one line, by their names.
-
-    Raises InputError where the line is no JSON object.
-    """
+    """Parse the numbers, and lists of numbers or texts, of one line, by their names;
+    raise InputError where it is no JSON object."""
     remedy = "write one JSON object a line"
     try:
         content = json.loads(line)
@@ -199,22 +217,12 @@ def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
 
 
 def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Iterate over the numbers, and lists of numbers or texts, of nested objects.
+    """Iterate over the numbers, and lists of numbers or texts, of nested objects, by
+    names like "header.stamp.sec" or "actuators[0].position".
 
-    Parameters
-    ----------
-    content : Mapping[str, Any]
-        The objects, as JSON or YAML has them.
-    prefix : str
-        What the names begin with.
-
-    Yields
-    ------
-    tuple of str and Any
-        A name like "header.stamp.sec" or "actuators[0].position", and its value. Where
-        the objects of a list have names, these stand in place of the number, and are a
-        list of texts of their own: "joints[elbow].position", "joints.name". Empty lists
-        are left out.
+    Where the objects of a list have names, these stand in place of the number, and are a
+    list of texts of their own: "joints[elbow].position", "joints.name". Empty lists are
+    left out.
     """
     for key, value in content.items():
         if isinstance(value, Mapping):
@@ -228,7 +236,7 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
                     yield from leaves(item, f"{prefix}{key}[{label}].")
         elif (
             _is_number(value)
-            or _is_list_of_texts(value)
+            or _are(str, value)
             or (isinstance(value, list) and value and all(map(_is_number, value)))
         ):
             yield f"{prefix}{key}", value
@@ -246,57 +254,10 @@ def _names_of_items(items: Sequence[Any]) -> list[str]:
     return []
 
 
-def _in_order(names: Sequence[str]) -> Sequence[str]:
-    """Return names that are numbers by their size, and others as they are."""
-    are_numbers = all(name.isascii() and name.isdigit() for name in names)
-    return sorted(names, key=int) if are_numbers else names
-
-
-def _holds_positions(columns: Mapping[str, Array], of_list: str) -> bool:
-    """Return whether the joints' positions are recognised among the fields of a list's
-    items. The names of other lists, such as sensors, are no joints'."""
-    try:
-        recognition = recognise(list(columns))
-    except AmbiguousColumnsError:
-        return False
-    first = "" if recognition is None else recognition.rename.get("q1", "")
-    return re.fullmatch(rf"{re.escape(of_list)}\[[0-9]+\]\.[^\[]*", first) is not None
-
-
-def _without_items(columns: Mapping[str, Array], of_list: str) -> dict[str, Array]:
-    """Return the columns without those of a list's items."""
-    own = f"{of_list}["
-    return {name: x for name, x in columns.items() if not name.startswith(own)}
-
-
-def _numbered_by_place(
-    columns: Mapping[str, Array], of_list: str, names: Sequence[str]
-) -> dict[str, Array]:
-    """Return the columns with places, from 0, in place of the names of a list's items:
-    "joints[1].position" for "joints[elbow].position"."""
-    prefixes = {
-        f"{of_list}[{name}].": f"{of_list}[{k}]." for k, name in enumerate(names)
-    }
-    numbered = dict[str, Array]()
-    for column, values in columns.items():
-        prefix = next(filter(column.startswith, prefixes), "")
-        new = prefixes[prefix] if prefix else ""
-        numbered[new + column.removeprefix(prefix)] = values
-    return numbered
-
-
-def _texts_of(value: Any) -> Sequence[str]:
-    """Return a list of texts as it is, and no texts for any other JSON value."""
-    return list(value) if _is_list_of_texts(value) else []
-
-
-def _is_list_of_texts(value: Any) -> bool:
-    """Return whether a JSON value is a list of texts, at least one."""
-    return (
-        isinstance(value, list)
-        and len(value) > 0
-        and all(isinstance(text, str) for text in value)
-    )
+def _are(kind: type, value: Any) -> bool:
+    """Return whether a JSON value is a list of this kind, such as texts, at least one."""
+    is_list = isinstance(value, list | tuple) and len(value) > 0
+    return is_list and all(isinstance(x, kind) for x in value)
 
 
 def _is_number(value: Any) -> bool:
@@ -306,12 +267,9 @@ def _is_number(value: Any) -> bool:
 
 
 def _block(path: Path, name: str, values: list[Any]) -> Array:
-    """Convert the values of one field to (N,) numbers, or (N, n) where they are lists.
-
-    Raises InputError where lists have different lengths, or a number is too large.
-    """
-    lengths = {len(value) if isinstance(value, list) else -1 for value in values}
-    if len(lengths) > 1:
+    """Convert the values of one field to (N,) numbers, or (N, n) where they are lists;
+    raise InputError where these have different lengths, or a number is too large."""
+    if len({len(x) if isinstance(x, list) else -1 for x in values}) > 1:
         what = f"field {name} holds lists of different lengths"
         raise InputError(what, "give each line as many values", path)
     try:

@@ -8,37 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.formats.columns import Choice, table_of_arrays, understood
-from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
-from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.formats.limits import understood
+from sdp_vs_penalty.data.formats.npz import columns_of_array
+from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.robot.arrays import Array
 
-SUFFIXES = (".mat",)
+SUFFIXES: tuple[str, ...] = (".mat",)
 
 
-def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of a .mat file: its variables, or the fields of its structs. See
-    :meth:`~sdp_vs_penalty.data.formats.interface.MeasurementFormat.read`."""
-    return run_of_columns(path, read_columns(path), choice)
-
-
-def inspect(path: Path) -> CellTable:
-    """Describe the variables of a .mat file by their kinds and first rows. See
-    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
-    return table_of_arrays(read_columns(path))
-
-
-def read_columns(path: Path) -> dict[str, Array]:
-    """Read the numeric variables of a .mat file, by name: (N,) numbers or (N, n)
-    blocks.
+def read(path: Path) -> Log:
+    """Read the numeric variables of a .mat file: (N,) numbers or (N, n) blocks.
 
     Fields of structs are called "log.q". A file with one matrix, as Simulink writes it,
     gives its columns "#1", "#2" .... A process of its own parses the file: one wrong
-    byte can end it. See
-    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.read_columns`.
+    byte can end it. One of version 7.3 is HDF5; MATLAB writes a matrix (N, n) as (n, N)
+    there, which whoever makes a run of it turns.
     """
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
@@ -46,33 +33,23 @@ def read_columns(path: Path) -> dict[str, Array]:
     with understood(path, ".mat file", "save it again, as version 7 or earlier"):
         with path.open("rb") as file:
             start = file.read(128)
-        if start.startswith(b"MATLAB 7.3") or start.startswith(b"\x89HDF"):
-            return _columns_of_hdf5(path)
+        if start.startswith((b"MATLAB 7.3", b"\x89HDF")):
+            from sdp_vs_penalty.data.formats import hdf5
+
+            try:
+                return hdf5.read(path)
+            except InputError as error:
+                what = f"a version 7.3 file ({error.what})"
+                remedy = f"save it with save(..., '-v7'), or {error.remedy}"
+                raise InputError(what, remedy, path) from error
         for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
             arrays |= part
     arrays = {name: np.atleast_1d(block) for name, block in arrays.items()}
-    tables = [
-        block for block in arrays.values() if block.ndim > 1 and min(block.shape) > 1
-    ]
-    if len(arrays) == 1 and tables:
-        return columns_of_array(path, tables[0])  # as Simulink writes it to a file
-    return arrays
-
-
-def _columns_of_hdf5(path: Path) -> dict[str, Array]:
-    """Read the numeric variables of a file of version 7.3, which is HDF5.
-
-    MATLAB writes a matrix (N, n) as (n, N), which whoever makes a run of it turns.
-    Raises InputError where h5py is not installed or cannot read the file.
-    """
-    from sdp_vs_penalty.data.formats import hdf5
-
-    try:
-        return hdf5.read_columns(path)
-    except InputError as error:
-        what = f"a version 7.3 file ({error.what})"
-        remedy = f"save it with save(..., '-v7'), or {error.remedy}"
-        raise InputError(what, remedy, path) from error
+    if len(arrays) == 1:
+        (block,) = arrays.values()
+        if block.ndim > 1 and min(block.shape) > 1:
+            arrays = columns_of_array(path, block)
+    return log_of_arrays(path, arrays)
 
 
 def load_scipy() -> None:
@@ -82,15 +59,8 @@ def load_scipy() -> None:
 
 
 def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
-    """Parse the numeric variables of a .mat file, one at a time.
-
-    To be run in a process of its own: one wrong byte in the file can end it.
-
-    Yields
-    ------
-    dict[str, Array]
-        One name and its numbers (N, n).
-    """
+    """Parse the numeric variables of a .mat file, one at a time: a name and its numbers
+    (N, n). To be run in a process of its own: one wrong byte in the file can end it."""
     from scipy.io import loadmat
 
     content = loadmat(path, simplify_cells=True)
@@ -195,18 +165,9 @@ def _by_label_or_number(
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """Write one run as a .mat file with the variables t (N, 1), q, dq and tau (N, n).
-
-    The file appears when it is complete: an interruption leaves no half-written file.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file to write.
-    """
+    """Write one run as a .mat file with the variables t (N, 1), q, dq and tau (N, n)."""
     from scipy.io import savemat
 
     m = measurements
-    content = {"t": m.t[:, None], **m.groups}
     with writing(path) as file:
-        savemat(file, content, do_compression=True)
+        savemat(file, {"t": m.t[:, None], **m.groups}, do_compression=True)

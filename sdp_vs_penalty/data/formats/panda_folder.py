@@ -1,61 +1,39 @@
-"""The authors' Panda log: a folder with four text files, one number a line,
-sample-major."""
+"""The authors' Panda log: a folder with four text files, one number a line, sample-major:
+q1 ... q7 of the first sample, then of the second."""
 
 from pathlib import Path
 
-from sdp_vs_penalty.data.formats import csv
-from sdp_vs_penalty.data.formats.columns import Choice
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.formats.csv import log_of_table
+from sdp_vs_penalty.data.formats.text_table import TextTable
+from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 
-SUFFIXES = ()
+SUFFIXES: tuple[str, ...] = ()
 FOLDER = "exciting_traj_*.txt"
+
 #: How the authors' files are called, by the channel group that they hold.
 _FILES = {"t": "time", "q": "positions", "dq": "velocity", "tau": "torques"}
 
 
-def read(folder: Path, choice: Choice) -> Measurements:
-    """Read the run that the paper's authors published of the Panda: a folder with a
-    text file for each of time, positions, velocities and torques, one number a line.
-
-    The numbers of a sample's joints follow each other: q1 ... q7 of the first sample,
-    then of the second.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder that holds the files "exciting_traj_*.txt".
-    choice : Choice
-        Not used: the files name no columns.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a sample.
-
-    Raises
-    ------
-    InputError
-        A file is missing, or its count of numbers does not fit the others.
-    """
-    columns = {}
+def read(folder: Path) -> Log:
+    """Read the files "exciting_traj_*.txt" of a folder; raise InputError where one is
+    missing, or its count of numbers does not fit the others."""
+    columns = dict[str, Array]()
     for key, name in _FILES.items():
         path = folder / f"exciting_traj_{name}.txt"
         if not path.exists():
-            what = (
-                f"{path.name} is missing, and a folder is read as the authors'"
-                " Panda log"
-            )
+            what = f"{path.name} is missing, and a folder is read as the authors' Panda log"
             raise InputError(what, "name the file of the run", folder)
-        columns[key] = csv.numbers(path, 1)[:, 0]
-    t = columns.pop("t")
-    if len(t) == 0:
+        log = log_of_table(TextTable(path, names=("#1",), kinds=("number",)))
+        columns[key] = log.read(["#1"]).columns["#1"]
+    count = len(columns["t"])
+    if count == 0:
         raise InputError("the log is empty", "name a folder with samples", folder)
-    for key, values in columns.items():
-        if len(values) % len(t) or len(values) != len(columns["q"]):
-            what = f"{len(values)} numbers of {key} do not fit {len(t)} instants"
+    for key in ("q", "dq", "tau"):
+        n_numbers = len(columns[key])
+        if n_numbers % count or n_numbers != columns["q"].size:
+            what = f"{n_numbers} numbers of {key} do not fit {count} instants"
             raise InputError(what, "fetch it again", folder)
-    q = columns["q"].reshape(len(t), -1)
-    dq = columns["dq"].reshape(len(t), -1)
-    tau = columns["tau"].reshape(len(t), -1)
-    return Measurements(t=t, q=q, tau=tau, dq=dq, names=(folder.name,))
+        columns[key] = columns[key].reshape(count, -1)
+    return log_of_arrays(folder, columns)

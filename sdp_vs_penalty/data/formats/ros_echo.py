@@ -12,10 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header
-from sdp_vs_penalty.data.formats.jsonl import cell_table, columns_and_joints_of, leaves
-from sdp_vs_penalty.data.formats.text_table import iter_rows
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.formats.jsonl import leaves, log_of_samples
+from sdp_vs_penalty.data.formats.text_file import iter_rows
+from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.errors import InputError, Remark
 
 _REMEDY = "print the topic with `ros2 topic echo --csv`, or record a bag"
@@ -32,26 +31,10 @@ _NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf"}
 _Line = tuple[int, str]
 
 
-def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of printed messages.
-
-    Parameters
-    ----------
-    choice : Choice
-        The robot's joints, the fields chosen by ``--rename``, and the rate.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a message.
-
-    Raises
-    ------
-    InputError
-        A text that is no such YAML, or a channel that is missing.
-    """
-    numbers = list[int]()
-    samples = list[dict[str, Any]]()
+def read(path: Path) -> Log:
+    """Read the fields of printed messages; raise InputError for a text that is no such
+    YAML."""
+    numbers, samples = list[int](), list[dict[str, Any]]()
     for number, lines, is_whole in _documents(path):
         if samples and not is_whole:
             said = f"{path}: the last message ends early and is left out"
@@ -64,11 +47,11 @@ def read(path: Path, choice: Choice) -> Measurements:
             raise InputError(what, _REMEDY, path) from error
         samples.append(dict(leaves(content)))
         numbers.append(number)
-    columns, joints = columns_and_joints_of(path, samples, numbers, "line")
+    log = log_of_samples(path, samples, numbers, "line")
+    columns = [name for name, x in log.columns.items() if x.kind != "text"]
     if all(name.startswith("header.") for name in columns):
         raise InputError("YAML text without the joints' states", _REMEDY, path)
-    table = cell_table(columns, joints)
-    return Header.of(path, list(table.kinds), choice, table=table).read(columns)
+    return log
 
 
 def _documents(path: Path) -> Iterator[tuple[int, list[_Line], bool]]:

@@ -4,10 +4,9 @@
 import re
 from pathlib import Path
 
-from sdp_vs_penalty.data.formats import jsonl
-from sdp_vs_penalty.data.formats.columns import Choice, Header
-from sdp_vs_penalty.data.formats.text_table import iter_rows
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.formats.jsonl import log_of_samples
+from sdp_vs_penalty.data.formats.text_file import iter_rows
+from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.errors import InputError
 
 #: One cycle, a tag with its attributes, one attribute, and a tag with a number.
@@ -17,34 +16,14 @@ _ATTRIBUTE = re.compile(r"""(\w+)\s*=\s*["']([^"']*)["']""")
 _NUMBER = re.compile(r"<(\w+)>\s*([-+.\deE]+)\s*</\1>")
 
 
-def read(path: Path, choice: Choice, refused: InputError) -> Measurements:
-    """Read the run of cycles that RSI has sent.
-
-    Parameters
-    ----------
-    choice : Choice
-        The robot's joints, the fields chosen by ``--rename``, and the rate.
-    refused : InputError
-        The error of another XML text.
-
-    Returns
-    -------
-    Measurements
-        The run in SI units, one row a cycle. Fields are called "AIPos.A1" and "IPOC".
-
-    Raises
-    ------
-    InputError
-        Another XML text, or a channel that is missing.
-    """
+def read_text(path: Path, refused: InputError) -> Log:
+    """Read the columns, such as "AIPos.A1" and "IPOC", of cycles that RSI has sent; raise
+    the error ``refused`` of another XML text."""
     text = "\n".join(row for _, rows in iter_rows(path) for row in rows)
     samples = [_fields_of(cycle[1]) for cycle in _CYCLE.finditer(text)]
     if len(samples) < 2:
         raise refused
-    numbers = range(1, len(samples) + 1)
-    columns, joints = jsonl.columns_and_joints_of(path, samples, numbers, "cycle")
-    table = jsonl.cell_table(columns, joints)
-    return Header.of(path, list(table.kinds), choice, table=table).read(columns)
+    return log_of_samples(path, samples, range(1, len(samples) + 1), "cycle")
 
 
 def _fields_of(cycle: str) -> dict[str, float]:

@@ -9,7 +9,7 @@ import lzma
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
@@ -17,7 +17,11 @@ from typing import IO, Any
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import memory_for
 
-FORMATS = "give measurements as CSV text or .npz"
+#: Characters that are worked on at a time; a file with a longer line is no table.
+PIECE = 1 << 20
+#: A quoted cell has at most so many lines.
+_LONGEST_CELL = 40
+_REMEDY = "give measurements as CSV text or .npz"
 #: How files of one packed text begin, and what opens them.
 _UNPACKERS: dict[bytes, Callable[..., IO[Any]]] = {
     b"\x1f\x8b": gzip.open,
@@ -59,24 +63,12 @@ _OTHER_LETTERS = ("gb18030", "cp949", "cp932", "cp1251")
 
 @contextmanager
 def open_text(path: Path) -> Iterator[IO[str]]:
-    """Open a text file, unpacked and decoded.
+    """Open a text file, unpacked and decoded: UTF-8, UTF-16, UTF-32 with a byte-order
+    mark, or an encoding of Windows or of East Asia; packed by gzip, bzip2 or xz. Of an
+    Excel workbook its longest sheet, with tabs between the cells.
 
-    Parameters
-    ----------
-    path : Path
-        Path of a text in UTF-8, UTF-16, UTF-32 with a byte-order mark, or in an encoding
-        of Windows or of East Asia; it may be packed by gzip, bzip2 or xz. Of an Excel
-        workbook its longest sheet, with tabs between the cells.
-
-    Yields
-    ------
-    IO of str
-        Its characters; line ends are one newline character.
-
-    Raises
-    ------
-    InputError
-        The file's first bytes show that it is no text (a workbook, HDF5, a pickle ...).
+    Raises InputError where the file's first bytes show that it is no text (HDF5, a pickle
+    ...).
     """
     if is_workbook(path):
         from sdp_vs_penalty.data.formats.workbook import text_of_workbook
@@ -95,13 +87,7 @@ def open_text(path: Path) -> Iterator[IO[str]]:
 
 
 def is_workbook(path: Path) -> bool:
-    """Return whether a file is an Excel workbook (.xlsx).
-
-    Returns
-    -------
-    bool
-        Decided by the file's content, not by its name.
-    """
+    """Return whether a file is an Excel workbook (.xlsx), by its content."""
     with path.open("rb") as file:
         if file.read(4) != b"PK\x03\x04":
             return False
@@ -113,41 +99,17 @@ def is_workbook(path: Path) -> bool:
 
 
 def is_packed(path: Path) -> bool:
-    """Return whether a file is packed by gzip, bzip2 or xz, or is a workbook.
-
-    Returns
-    -------
-    bool
-        Decided by the file's first bytes, not by its name.
-    """
+    """Return whether a file is packed by gzip, bzip2 or xz, or is a workbook, by its
+    content."""
     return _unpacker_of(path) is not None or is_workbook(path)
 
 
 def is_plain_utf_8(path: Path) -> bool:
-    """Return whether other libraries can read a file directly: UTF-8, and not packed.
-
-    Returns
-    -------
-    bool
-        Decided by the first million bytes.
-    """
+    """Return whether other libraries can read a file directly: UTF-8, and not packed, by
+    its first million bytes."""
     with path.open("rb") as file:
         head = file.read(_HEAD)
     return not is_packed(path) and _encoding_of(head) == "utf-8-sig"
-
-
-def largest_text(path: Path) -> int:
-    """Return the largest number of characters that a file may have when it is unpacked.
-
-    A small packed file could otherwise fill the memory.
-
-    Returns
-    -------
-    int
-        Characters; for a file that is not packed, one more than its bytes.
-    """
-    size = path.stat().st_size
-    return memory_for(size) if is_packed(path) else size + 1
 
 
 def _unpacker_of(path: Path) -> Callable[..., IO[Any]] | None:
@@ -155,10 +117,7 @@ def _unpacker_of(path: Path) -> Callable[..., IO[Any]] | None:
     file's first bytes; None for one that is not packed."""
     with path.open("rb") as file:
         start = file.read(8)
-    for mark, unpack in _UNPACKERS.items():
-        if start.startswith(mark):
-            return unpack
-    return None
+    return next((x for mark, x in _UNPACKERS.items() if start.startswith(mark)), None)
 
 
 def _encoding_of(head: bytes) -> str:
@@ -190,7 +149,8 @@ def _encoding_of(head: bytes) -> str:
 def _letters_of(head: bytes) -> str:
     """Return the first encoding of another script in which a word of the first line is
     known; cp1252 where none is."""
-    from sdp_vs_penalty.data.formats.column_names import WORDS, split_tokens
+    from sdp_vs_penalty.data.words.names import WORDS
+    from sdp_vs_penalty.data.words.tokens import split_tokens
 
     first_line = head.split(b"\n", 1)[0]
     known = {word for words in WORDS.values() for word in words if not word.isascii()}
@@ -202,3 +162,74 @@ def _letters_of(head: bytes) -> str:
         if known & set(words):
             return encoding
     return "cp1252"
+
+
+def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Iterate over the rows of a text file, in pieces of about a million characters: the
+    number of the piece's first row, from 1, and its rows without line ends.
+
+    Raises InputError where the file is no text, has a row too long for a table, or
+    unpacks to far more than its size allows.
+    """
+    row = 1
+    # A small packed file could otherwise fill the memory.
+    size = path.stat().st_size
+    n_characters_left = memory_for(size) if is_packed(path) else size + 1
+    try:
+        with open_text(path) as file:
+            while text := file.read(PIECE):
+                text += file.readline(PIECE)
+                # With an odd number of quotes the piece may end within a quoted cell:
+                # its next lines belong to it.
+                for _ in range(_LONGEST_CELL if text.count('"') % 2 else 0):
+                    text += file.readline(PIECE)
+                n_characters_left -= len(text)
+                if n_characters_left < 0:
+                    what = "unpacks to more than a file of its size does"
+                    raise InputError(what, "unpack it yourself, or split it", path)
+                rows = _rows_of(path, text, row)
+                yield row, rows
+                row += len(rows)
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text (near row {row})", _REMEDY, path) from error
+    except BROKEN as error:
+        what = f"a packed file that is broken or ends early ({str(error)[:80]})"
+        raise InputError(what, "copy it again, or unpack it", path) from error
+
+
+def _rows_of(path: Path, text: str, first: int) -> list[str]:
+    """Split a piece of text into rows; ``first`` is the number of its first row, for
+    messages.
+
+    Raises InputError for binary content, and for a row too long for a table.
+    """
+    lines = text.removesuffix("\n").split("\n")
+    rows = join_wrapped(lines) if '"' in text else lines
+    if "\0" in text:
+        raise InputError("a binary file", _REMEDY, path)
+    for k, line in enumerate(rows, start=first):
+        if len(line) >= PIECE:
+            raise InputError(f"row {k} is too long for a table", _REMEDY, path)
+    return rows
+
+
+def join_wrapped(lines: Sequence[str]) -> list[str]:
+    """Join lines to rows where a quoted cell contains line ends.
+
+    A quote that is not closed within 40 lines is a stray mark: then the line is a row
+    by itself.
+    """
+    rows = list[str]()
+    k = 0
+    while k < len(lines):
+        row = lines[k]
+        n_lines = 1
+        while (
+            row.count('"') % 2 and n_lines < _LONGEST_CELL and k + n_lines < len(lines)
+        ):
+            row += "\n" + lines[k + n_lines]
+            n_lines += 1
+        is_closed = row.count('"') % 2 == 0
+        rows.append(row if is_closed else lines[k])
+        k += n_lines if is_closed else 1
+    return rows

@@ -1,36 +1,31 @@
 """What a text file of measurements is made of, read off its first rows.
 
 A cheap first pass finds the separator, the decimal mark, the header and what each
-column holds: numbers, texts, lists, stamps or nothing. Only the columns that are chosen
-by their names are parsed afterwards.
+column holds: numbers, texts, lists, stamps or nothing.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 from sdp_vs_penalty.data.formats.program_header import find_program_header
-from sdp_vs_penalty.data.formats.stamps import is_stamp
 from sdp_vs_penalty.data.formats.text_file import (
     BROKEN,
-    FORMATS,
+    PIECE,
     is_plain_utf_8,
-    largest_text,
+    iter_rows,
+    join_wrapped,
     open_text,
 )
-from sdp_vs_penalty.data.formats.units import UNITS_IN_NAMES
+from sdp_vs_penalty.data.words.stamps import is_stamp
+from sdp_vs_penalty.data.words.units import units_in_names
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import refuse_stand_in
 
-#: Characters that are worked on at a time; a file with a longer line is no table.
-PIECE = 1 << 20
 #: The separators that are tried, in this order; None: any number of blanks.
 DELIMITERS = (";", "\t", "|", ",", None, "^", ":")
-#: A quoted cell has at most so many lines.
-_LONGEST_CELL = 40
 #: How the first line of a text begins that is no table, what it is, and what to do.
 _MARKUPS = {
     r"(---|[A-Za-z_]+:)$": (
@@ -47,7 +42,8 @@ _MARKUPS = {
 #: How leading lines begin that are comments; and a title has at most so many lines.
 _COMMENTS = ("#", "//", "% ", "%%")
 _LONGEST_TITLE = 40
-
+#: A header has at most so many rows.
+_MOST_HEAD_ROWS = 4
 #: Blanks and apostrophes between thousands: "1 007,5", "1'007.5".
 _GROUP_MARKS = " \u00a0\u2009\u202f'\u2019"
 _MARKED_GROUPS = re.compile(
@@ -65,25 +61,16 @@ _COMMA_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?([eE][-+]?\d+)?")
 #: A number and its unit in one cell, "0.005 sec".
 _WITH_UNIT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([A-Za-z°µ%/]{1,6})")
 _LIST = re.compile(r"(array\s*)?[\[(].*[\])]", re.DOTALL)
-
-
-#: A header has at most so many rows.
-_MOST_HEAD_ROWS = 4
 #: A name and the unit in brackets that it ends with.
 _BRACKETS_AT_THE_END = re.compile(r"(.*?)\s*([\[(][^\[\]()]*[\])])\s*")
-#: Units of all quantities, and the mark of a number without one.
-_KNOWN_UNITS = frozenset(
-    {"-", *(unit.casefold() for units in UNITS_IN_NAMES.values() for unit in units)}
-)
+
+#: Tells whether a cell is a number.
+IsNumber = Callable[[str], bool]
+Cells = Sequence[Sequence[str]]
 
 
 class MarkupError(InputError):
-    """A text is no table, but YAML, XML or JSON."""
-
-    @property
-    def language(self) -> str:
-        """What the text is: "YAML", "XML" or "JSON"."""
-        return self.what.split()[0]
+    """A text is no table, but YAML, XML or JSON, the first word of ``what``."""
 
 
 @dataclass(frozen=True)
@@ -95,23 +82,23 @@ class TextTable:
     #: Path of the file.
     path: Path
     #: Separator between cells; None for any number of blanks.
-    delimiter: str | None
+    delimiter: str | None = ","
     #: Decimal mark, "." or ",".
-    decimal: str
+    decimal: str = "."
     #: Whether cells stand in quotes.
-    quoted: bool
+    quoted: bool = False
     #: Whether lists in cells hold the separator, without quotes around the list.
-    nested: bool
+    nested: bool = False
     #: Names of the columns; "#1", "#2" ... without a header.
-    names: tuple[str, ...]
+    names: tuple[str, ...] = ()
     #: Whether a row names the columns.
-    has_header: bool
+    has_header: bool = False
     #: Number of the first row of values, from 1.
-    first: int
+    first: int = 1
     #: "number", "text", "list", "stamp" or "empty", one a column.
-    kinds: tuple[str, ...]
+    kinds: tuple[str, ...] = ()
     #: Cells of the first rows.
-    sample: tuple[tuple[str, ...], ...]
+    sample: tuple[tuple[str, ...], ...] = ()
     #: Whether a quoted cell goes on in the next line.
     has_wrapped_cells: bool = False
     #: The row of names as the file writes it.
@@ -131,114 +118,17 @@ class TextTable:
         return len(self.names)
 
     def first_cells(self, column: int) -> list[str]:
-        """List the cells of a column in the first rows that are not empty.
-
-        Parameters
-        ----------
-        column : int
-            Place of the column, from 0.
-
-        Returns
-        -------
-        list[str]
-            Texts as the file writes them.
-        """
+        """List the cells of a column, from 0, in the first rows that are not empty."""
         cells = (row[column] for row in self.sample if len(row) > column)
         return [cell for cell in cells if cell]
 
 
-def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Iterate over the rows of a text file, in pieces of about a million characters.
-
-    Parameters
-    ----------
-    path : Path
-        Path of a text file; it may be packed, or in UTF-16.
-
-    Yields
-    ------
-    tuple of int and list of str
-        Number of the piece's first row, from 1, and its rows without line ends.
-
-    Raises
-    ------
-    InputError
-        The file is no text, has a row too long for a table, or unpacks to far more than
-        its size allows.
-    """
-    row = 1
-    n_characters_left = largest_text(path)
-    try:
-        with open_text(path) as file:
-            while text := file.read(PIECE):
-                text += file.readline(PIECE)
-                # With an odd number of quotes the piece may end within a quoted cell:
-                # its next lines belong to it.
-                for _ in range(_LONGEST_CELL if text.count('"') % 2 else 0):
-                    text += file.readline(PIECE)
-                n_characters_left -= len(text)
-                if n_characters_left < 0:
-                    what = "unpacks to more than a file of its size does"
-                    raise InputError(what, "unpack it yourself, or split it", path)
-                rows = _rows_of(path, text, row)
-                yield row, rows
-                row += len(rows)
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text (near row {row})", FORMATS, path) from error
-    except BROKEN as error:
-        what = f"a packed file that is broken or ends early ({str(error)[:80]})"
-        raise InputError(what, "copy it again, or unpack it", path) from error
-
-
-def _rows_of(path: Path, text: str, first: int) -> list[str]:
-    """Split a piece of text into rows; ``first`` is the number of its first row, for
-    messages.
-
-    Raises InputError for binary content, and for a row too long for a table.
-    """
-    lines = text.removesuffix("\n").split("\n")
-    rows = _join_wrapped(lines) if '"' in text else lines
-    if "\0" in text:
-        raise InputError("a binary file", FORMATS, path)
-    for k, line in enumerate(rows, start=first):
-        if len(line) >= PIECE:
-            raise InputError(f"row {k} is too long for a table", FORMATS, path)
-    return rows
-
-
-def _join_wrapped(lines: Sequence[str]) -> list[str]:
-    """Join lines to rows where a quoted cell contains line ends.
-
-    A quote that is not closed within 40 lines is a stray mark: then the line is a row
-    by itself.
-    """
-    rows = list[str]()
-    k = 0
-    while k < len(lines):
-        row = lines[k]
-        n_lines = 1
-        while (
-            row.count('"') % 2 and n_lines < _LONGEST_CELL and k + n_lines < len(lines)
-        ):
-            row += "\n" + lines[k + n_lines]
-            n_lines += 1
-        is_closed = row.count('"') % 2 == 0
-        rows.append(row if is_closed else lines[k])
-        k += n_lines if is_closed else 1
-    return rows
-
-
 def plain_number(text: str, decimal: str = ".") -> str:
     """Write a number with a decimal point, without separators of thousands, and with the
-    minus sign and the exponent of computers.
+    minus sign and the exponent of computers; another text as it is.
 
     >>> plain_number("1.007,5", decimal=","), plain_number("1,007.5")
     ('1007.5', '1007.5')
-
-    Returns
-    -------
-    str
-        The number; the text as it is where it holds no separators.
     """
     text = text.replace(_MINUS, "-")
     if match := _FORTRAN.fullmatch(text):
@@ -253,14 +143,7 @@ def plain_number(text: str, decimal: str = ".") -> str:
 
 def is_number(text: str, decimal: str = ".") -> bool:
     """Return whether a cell holds a number that NumPy can read, separators of thousands
-    aside.
-
-    Returns
-    -------
-    bool
-        False also for 1_000 and for digits of other scripts, which Python's float
-        accepts.
-    """
+    aside: not 1_000 and digits of other scripts, which Python's float accepts."""
     plain = plain_number(text, decimal)
     try:
         float(plain)
@@ -270,74 +153,50 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
-    """Split a row into cells; separators within quotes or brackets do not count.
-
-    Parameters
-    ----------
-    line : str
-        The row without its line end.
-    delimiter : str | None
-        Separator; None for any number of blanks.
-
-    Returns
-    -------
-    list[str]
-        The cells without quotes and blanks around them.
-    """
-    if '"' not in line and "[" not in line and "(" not in line:
-        return [cell.strip() for cell in line.split(delimiter)]
-    cells = _split_outside_brackets(line, delimiter)
-    if delimiter is None:
-        cells = [cell for cell in cells if cell.strip()]
-    return [cell.strip().strip('"').strip() for cell in cells]
-
-
-def _split_outside_brackets(line: str, delimiter: str | None) -> list[str]:
-    """Split a row at separators that stand outside of quotes and brackets.
+    """Split a row into cells without quotes and blanks around them; separators within
+    quotes or brackets do not count. ``delimiter`` None stands for any number of blanks.
 
     Where a bracket or quote is never closed it is a stray mark in a name: then the row is
-    split at every separator. ``delimiter`` None stands for any blank.
+    split at every separator.
     """
-    cells = list[str]()
-    cell = ""
-    n_open_brackets = 0
-    in_quotes = False
+    if not {'"', "[", "("} & {*line}:
+        return [cell.strip() for cell in line.split(delimiter)]
+    cells, cell, depth, in_quotes = list[str](), "", 0, False
     for character in line:
         if character == '"':
             in_quotes = not in_quotes
         elif not in_quotes:
-            n_open_brackets += (character in "[(") - (character in "])")
-        is_blank = character.isspace()
-        is_separator = is_blank if delimiter is None else character == delimiter
-        if is_separator and not in_quotes and n_open_brackets <= 0:
+            depth += (character in "[(") - (character in "])")
+        is_separator = (
+            character.isspace() if delimiter is None else character == delimiter
+        )
+        if is_separator and not in_quotes and depth <= 0:
             cells.append(cell)
             cell = ""
         else:
             cell += character
-    cells.append(cell)
-    is_unbalanced = in_quotes or n_open_brackets != 0
-    return line.split(delimiter) if is_unbalanced else cells
+    cells = line.split(delimiter) if in_quotes or depth else [*cells, cell]
+    if delimiter is None:
+        cells = [x for x in cells if x.strip()]
+    return [x.strip().strip('"').strip() for x in cells]
 
 
 def inspect_table(path: Path) -> TextTable:
     """Find the layout of a text file from its first hundred rows.
 
-    Returns
-    -------
-    TextTable
-        Separator, decimal mark, names and kinds of the columns.
-
-    Raises
-    ------
-    InputError
-        The first rows are empty, or the file is no text or no table (YAML, XML, JSON).
+    Raises InputError where the first rows are empty, or the file is no text; MarkupError
+    where it is YAML, XML or JSON.
     """
     numbered = _first_rows(path)
     if not numbered:
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
     # What stands above the table: a program's header, or comments and lines of a title.
     program = find_program_header(path, numbered)
-    comments, rows = _split_comments(numbered)
+    n_comments = 0
+    while n_comments < len(numbered) and is_comment(numbered[n_comments][1].lstrip()):
+        n_comments += 1
+    comments = [x.lstrip().lstrip("#/%").strip() for _, x in numbered[:n_comments]]
+    rows = [(n, line) for n, line in numbered[n_comments:] if line.strip()]
     if program is not None:
         rows = program.rows
     else:
@@ -345,77 +204,48 @@ def inspect_table(path: Path) -> TextTable:
         rows = _without_titles(rows)
     lines = [line for _, line in rows]
     # The marks between and within the numbers.
-    delimiter = _find_delimiter(lines or comments[-1:])
-    if program is not None:
-        delimiter = program.delimiter
+    delimiter = (
+        program.delimiter if program else _find_delimiter(lines or comments[-1:])
+    )
     cells = [split_cells(line, delimiter) for line in lines]
-    decimal = _find_decimal(cells)
+    flat = [cell for row in cells[:20] for cell in row]
+    n_commas = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for cell in flat)
+    n_points = sum("." in cell and is_number(cell) for cell in flat)
+    decimal = "," if n_commas > n_points else "."
     number = partial(is_number, decimal=decimal)
     # The header, which can stand in the last comment, and the columns.
     comment = split_cells(comments[-1], delimiter) if comments else []
-    head, n_head_rows = _find_header(comment, cells, number)
-    columns = _columns_of(head, cells, n_head_rows, number)
-    body_lines = lines[n_head_rows:]
-    is_quoted = any('"' in line for line in body_lines)
-    has_lists = "list" in columns.kinds
+    names, n_head = _find_header(comment, cells, number)
+    has_header, body = bool(names), cells[n_head:]
+    if has_header:
+        names = names + [""] * _n_separators_at_the_end(body, len(names))
+    width = len(names) if has_header else len(cells[0])
+    sample = tuple(tuple(row) for row in body if any(row))
+    full = [row for row in sample if len(row) == width]
+    kinds = [_kind_of([row[k] for row in full if row[k]], number) for k in range(width)]
+    cell_units = _units_in_cells(sample, kinds, number)
+    kinds = ["number" if k in cell_units else kind for k, kind in enumerate(kinds)]
+    names = names if has_header else _unnamed(kinds)
+    is_quoted = any('"' in line for line in lines[n_head:])
+    first = rows[n_head][0] if len(rows) > n_head else rows[-1][0] + 1 if rows else 2
     return TextTable(
         path,
         delimiter=delimiter,
         decimal=decimal,
         quoted=is_quoted,
-        nested=has_lists and not is_quoted and delimiter in (",", None),
-        names=tuple(columns.names),
-        has_header=bool(head),
-        first=_first_row_of_values(rows, n_head_rows),
-        kinds=columns.kinds,
-        sample=columns.sample,
-        has_wrapped_cells=any("\n" in line for line in body_lines),
-        header_row=lines[0].strip() if n_head_rows else "",
+        nested="list" in kinds and not is_quoted and delimiter in (",", None),
+        names=tuple(_with_unit(x, cell_units.get(k, "")) for k, x in enumerate(names)),
+        has_header=has_header,
+        first=first,
+        kinds=tuple(kinds),
+        sample=sample,
+        has_wrapped_cells=any("\n" in line for line in lines[n_head:]),
+        header_row=lines[0].strip() if n_head else "",
         is_plain_utf_8=is_plain_utf_8(path),
-        cell_units=columns.cell_units,
-        clocks=() if program is None else program.clocks,
-        rate=None if program is None else program.rate,
+        cell_units=cell_units,
+        clocks=program.clocks if program else (),
+        rate=program.rate if program else None,
     )
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """What a table's columns hold."""
-
-    #: Names of the columns.
-    names: Sequence[str]
-    #: "number", "text", "list", "stamp" or "empty", one a column.
-    kinds: tuple[str, ...]
-    #: Cells of the first rows.
-    sample: tuple[tuple[str, ...], ...]
-    #: Unit that follows the numbers in the cells, by the column's place.
-    cell_units: Mapping[int, str]
-
-
-def _columns_of(
-    head: Sequence[str],
-    cells: Sequence[Sequence[str]],
-    n_head_rows: int,
-    number: partial[bool],
-) -> _Columns:
-    """Name the columns of a table, and find what each holds.
-
-    ``cells`` are the first rows, of which ``n_head_rows`` hold the header with the
-    names ``head``. ``number`` tells whether a cell is a number.
-    """
-    body = cells[n_head_rows:]
-    names = list(head)
-    if names:
-        names += [""] * _n_separators_at_the_end(body, len(names))
-    width = len(names) if names else len(cells[0])
-    sample = tuple(tuple(row) for row in body if any(row))
-    kinds = _kinds(sample, width, number)
-    cell_units = _units_in_cells(sample, kinds, number)
-    kinds = tuple("number" if k in cell_units else x for k, x in enumerate(kinds))
-    if not names:
-        names = _unnamed(kinds)
-    names = [_with_unit(name, cell_units.get(k, "")) for k, name in enumerate(names)]
-    return _Columns(names, kinds, sample, cell_units)
 
 
 def _refuse_markup(path: Path, line: str) -> None:
@@ -428,27 +258,32 @@ def _refuse_markup(path: Path, line: str) -> None:
 
 
 def _find_header(
-    comment: list[str], cells: Sequence[list[str]], number: partial[bool]
+    comment: list[str], cells: Cells, number: IsNumber
 ) -> tuple[list[str], int]:
     """Find the columns' names, and count the rows that they take.
 
     The names stand in the last comment (no row), in the first row (1), or in up to four
     rows: names, units, and names in two levels, as pandas and spreadsheets write them.
-    No names where the first row holds values.
+    No names where the first row holds values: it has numbers, and no text where the
+    second row has one.
     """
     if not cells:
         return comment, 0
-    if len(comment) == len(cells[0]) and any(map(number, cells[0])):
+    head, following = cells[0], cells[1] if len(cells) > 1 else []
+    has_numbers = any(map(number, filter(None, head)))
+    if len(comment) == len(head) and has_numbers:
         return comment, 0
-    if not _is_header(cells, number):
+    pairs = zip(head, following, strict=False)
+    has_names = len(following) == len(head) and any(
+        a and not number(a) and number(b) for a, b in pairs
+    )
+    if has_numbers and not has_names:
         return [], 0
     n_rows = _n_head_rows(cells, number)
-    heads = [list(row) for row in cells[:n_rows]]
-    names = _names_of_rows(heads)
-    return names, n_rows
+    return _names_of_rows(cells[:n_rows]), n_rows
 
 
-def _n_head_rows(cells: Sequence[Sequence[str]], number: partial[bool]) -> int:
+def _n_head_rows(cells: Cells, number: IsNumber) -> int:
     """Count the rows of the header: those above the first row that is mostly numbers.
 
     A row of whole numbers belongs to the header where these tell apart names that repeat
@@ -459,8 +294,12 @@ def _n_head_rows(cells: Sequence[Sequence[str]], number: partial[bool]) -> int:
         row = cells[n_rows]
         if len(row) != width:
             return 1
-        is_last = n_rows + 1 >= len(cells)
-        if _is_level(cells[:n_rows], row, number) and not is_last:
+        n_names, n_with_row = (
+            len({*_names_of_rows(cells[:n])}) for n in (n_rows, n_rows + 1)
+        )
+        has_no_values = all(x.isdigit() or not number(x) for x in row if x)
+        is_level = has_no_values and n_names < n_with_row == width
+        if is_level and n_rows + 1 < len(cells):
             continue
         if 2 * sum(map(number, row)) > width:
             return n_rows
@@ -469,18 +308,7 @@ def _n_head_rows(cells: Sequence[Sequence[str]], number: partial[bool]) -> int:
     return 1
 
 
-def _is_level(
-    above: Sequence[Sequence[str]], row: Sequence[str], number: partial[bool]
-) -> bool:
-    """Return whether a row of whole numbers, texts and empty cells tells apart names that
-    repeat in the rows above it."""
-    names = _names_of_rows([list(x) for x in above])
-    filled = _names_of_rows([list(x) for x in (*above, row)])
-    has_no_measurements = all(x.isdigit() or not number(x) for x in row if x)
-    return has_no_measurements and len(set(names)) < len(set(filled)) == len(row)
-
-
-def _names_of_rows(rows: Sequence[list[str]]) -> list[str]:
+def _names_of_rows(rows: Cells) -> list[str]:
     """Put the names of columns together from the rows of a header.
 
     Cells with a unit become the unit of the name; others are joined, "q" above "1" to
@@ -488,56 +316,36 @@ def _names_of_rows(rows: Sequence[list[str]]) -> list[str]:
     spreadsheet leaves cells that it has merged. A row of other words below names that
     differ holds units that nobody knows.
     """
-    rows = [
-        _filled(row, rows[k + 1 :]) if k + 1 < len(rows) else row
-        for k, row in enumerate(rows)
-    ]
-    names = [""] * len(rows[0])
-    for row in rows:
-        known = [_is_known_unit(cell) for cell in row]
-        is_units = all(known[k] or not cell for k, cell in enumerate(row))
+    filled = [list(row) for row in rows]
+    for n, row in enumerate(filled[:-1], start=1):
+        for k in range(1, len(row)):
+            if not row[k] and any(x[k] and not _is_unit(x[k]) for x in filled[n:]):
+                row[k] = row[k - 1]
+    names = [""] * len(filled[0])
+    for row in filled:
+        is_units = all(_is_unit(cell) or not cell for cell in row)
         are_names = all(name and not name.startswith(" [") for name in names)
-        has_names = are_names and len(set(names)) == len(names)
+        has_names = are_names and len({*names}) == len(names)
         for k, cell in enumerate(row):
-            if is_units or has_names or (known[k] and names[k]):
+            if is_units or has_names or (_is_unit(cell) and names[k]):
                 names[k] = _with_unit(names[k], cell)
-            else:
-                names[k] = _joined(names[k], cell)
+            else:  # two levels of a name; a unit in brackets stays at the end
+                match = _BRACKETS_AT_THE_END.fullmatch(names[k])
+                stem, unit = (match[1], f" {match[2]}") if match else (names[k], "")
+                names[k] = "_".join(filter(None, (stem.strip(), cell))) + unit
     return [name.strip() for name in names]
 
 
-def _filled(row: Sequence[str], below: Sequence[Sequence[str]]) -> list[str]:
-    """Write the cell before it into each empty cell of a row above which stands no name,
-    and below which one does."""
-    out = list(row)
-    for k in range(1, len(row)):
-        has_name_below = any(x[k] and not _is_known_unit(x[k]) for x in below)
-        if not row[k] and has_name_below:
-            out[k] = out[k - 1]
-    return out
-
-
-def _joined(name: str, cell: str) -> str:
-    """Join two levels of a name; a unit in brackets stays at the end."""
-    match = _BRACKETS_AT_THE_END.fullmatch(name)
-    head, unit = (match[1], match[2]) if match else (name, "")
-    return "_".join(filter(None, (head.strip(), cell))) + (f" {unit}" if unit else "")
-
-
-def _is_known_unit(cell: str) -> bool:
-    """Return whether a cell of a header holds a unit alone, "[deg]"."""
+def _is_unit(cell: str) -> bool:
+    """Return whether a cell of a header holds a unit alone, "[deg]", or the mark of a
+    number without one."""
     bare = cell.strip("[](){} ").casefold()
-    return bare in _KNOWN_UNITS
+    return bare == "-" or any(
+        bare == unit.casefold() for units in units_in_names().values() for unit in units
+    )
 
 
-def _first_row_of_values(rows: Sequence[tuple[int, str]], n_head_rows: int) -> int:
-    """Return the number in the file, from 1, of the first row behind the header."""
-    if len(rows) > n_head_rows:
-        return rows[n_head_rows][0]
-    return rows[-1][0] + 1 if rows else 2
-
-
-def _n_separators_at_the_end(body: Sequence[Sequence[str]], width: int) -> int:
+def _n_separators_at_the_end(body: Cells, width: int) -> int:
     """Count the empty cells that every row has behind the header's last name, because
     each row ends with separators."""
     widths = {len(row) for row in body}
@@ -546,28 +354,11 @@ def _n_separators_at_the_end(body: Sequence[Sequence[str]], width: int) -> int:
     return max(widths.pop() - width, 0)
 
 
-def _kinds(
-    sample: Sequence[tuple[str, ...]], width: int, number: partial[bool]
-) -> tuple[str, ...]:
-    """Find what each of the columns holds: "number", "text", "list", "stamp" or
-    "empty".
-
-    ``sample`` are rows of cells, of which only those with ``width`` cells count;
-    ``number`` tells whether a cell is a number.
-    """
-    full_rows = [row for row in sample if len(row) == width]
-    columns = [[row[k] for row in full_rows if row[k]] for k in range(width)]
-    return tuple(_kind_of(cells, number) for cells in columns)
-
-
 def _units_in_cells(
-    sample: Sequence[tuple[str, ...]], kinds: Sequence[str], number: partial[bool]
+    sample: Cells, kinds: Sequence[str], number: IsNumber
 ) -> dict[int, str]:
-    """Find units that stand behind the numbers in the cells, "0.005 sec".
-
-    Returns the unit by the column's place, for columns in which all cells have the same
-    unit.
-    """
+    """Find units that stand behind the numbers in the cells, "0.005 sec", by the place
+    of columns in which all cells have the same unit."""
     units = dict[int, str]()
     for k, kind in enumerate(kinds):
         cells = [row[k] for row in sample if len(row) > k and row[k]]
@@ -580,63 +371,34 @@ def _units_in_cells(
 
 def _first_rows(path: Path) -> list[tuple[int, str]]:
     """Read the first hundred rows of a text with their numbers, without line ends and
-    without empty rows at the beginning and the end."""
-    out = list[tuple[int, str]]()
-    for number, rows in islice(_small_pieces(path), 1):
-        out += enumerate(rows[:100], start=number)
-    filled = [k for k, (_, row) in enumerate(out) if row.strip()]
-    return out[filled[0] : filled[-1] + 1] if filled else []
-
-
-def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Read the beginning of a text: 64 thousand characters up to the end of a line.
+    without empty rows at the beginning and the end.
 
     A text that cannot be read so, or has an overlong line, goes through
     :func:`iter_rows`, whose errors say what is wrong. JSON is known by its first line:
     programs write a whole run on one, which no table does.
     """
-    size = PIECE // 16
     text = ""
     try:
         with open_text(path) as file:
-            text = file.read(size)
+            text = file.read(PIECE // 16)
             text += file.readline(PIECE)
         is_readable = "\0" not in text and len(text) < PIECE
     except (UnicodeDecodeError, *BROKEN):
         is_readable = False
+    lines = text.removesuffix("\n").split("\n")
     if not is_readable:
         if "\0" not in text:
             _refuse_markup(path, text.lstrip().split("\n", 1)[0])
-        yield from iter_rows(path)
-    elif text:
-        lines = text.removesuffix("\n").split("\n")
-        first_row = 1
-        yield first_row, _join_wrapped(lines) if '"' in text else lines
-
-
-def _split_comments(
-    rows: Sequence[tuple[int, str]],
-) -> tuple[list[str], list[tuple[int, str]]]:
-    """Split the leading comment lines from the rows.
-
-    Returns the comments without their marks, and the numbered rows that are not empty.
-    """
-    k = 0
-    while k < len(rows) and is_comment(rows[k][1].lstrip()):
-        k += 1
-    comments = [line.lstrip().lstrip("#/%").strip() for _, line in rows[:k]]
-    return comments, [(n, line) for n, line in rows[k:] if line.strip()]
+        _, lines = next(iter_rows(path), (1, []))
+    rows = join_wrapped(lines) if '"' in text and is_readable else lines
+    numbered = list(enumerate(rows[:100], start=1))
+    filled = [k for k, (_, row) in enumerate(numbered) if row.strip()]
+    return numbered[filled[0] : filled[-1] + 1] if filled else []
 
 
 def is_comment(line: str) -> bool:
-    """Return whether a line is a comment, or "sep=;", by which a spreadsheet names its
-    separator, or TwinCAT's mark of the end, "EOF".
-
-    Parameters
-    ----------
-    line : str
-        Line of a text, without blanks before it.
-    """
+    """Return whether a line without blanks before it is a comment, or "sep=;", by which
+    a spreadsheet names its separator, or TwinCAT's mark of the end, "EOF"."""
     is_mark = line.lower().startswith("sep=") or line.strip() == "EOF"
     return is_mark or line.startswith(_COMMENTS)
 
@@ -668,62 +430,32 @@ def _n_filled(cells: Sequence[str]) -> int:
 def _is_padded_title(lines: Sequence[str], delimiter: str | None) -> bool:
     """Return whether the first of some lines is a title that a spreadsheet has filled up
     with separators: cells on the left alone, and below it a row without empty cells."""
-    if delimiter is None:
-        return False
     first = split_cells(lines[0], delimiter)
     n_filled = _n_filled(first)
-    is_full = any(all(split_cells(line, delimiter)) for line in lines[1:_LONGEST_TITLE])
+    below = lines[1:_LONGEST_TITLE] if delimiter else ()
+    is_full = any(all(split_cells(line, delimiter)) for line in below)
     return is_full and all(first[:n_filled]) and 2 * n_filled <= len(first)
 
 
 def _share_of_width(lines: Sequence[str], delimiter: str | None, width: int) -> float:
     """Return the fraction of the lines behind the first that split into ``width``
     cells, or into one more, as rows with a separator at the end do."""
-    following = lines[1:]
-    widths = [len(split_cells(line, delimiter)) for line in following]
-    return sum(w in (width, width + 1) for w in widths) / max(len(following), 1)
+    widths = [len(split_cells(line, delimiter)) for line in lines[1:]]
+    return sum(w in (width, width + 1) for w in widths) / max(len(widths), 1)
 
 
 def _find_delimiter(lines: Sequence[str]) -> str | None:
     """Find the separator by which the first row has as many cells as half of the
-    others.
-
-    Without one, the first separator that splits the row at all; a comma if none does.
-    None stands for any number of blanks.
-    """
-    head = lines[0]
-    several = list[str | None]()
-    for delimiter in DELIMITERS:
-        width = len(split_cells(head, delimiter))
-        if width < 2:
-            continue
-        several.append(delimiter)
-        if _share_of_width(lines, delimiter, width) >= 0.5 or len(lines) == 1:
-            return delimiter
-    return several[0] if several else ","
-
-
-def _find_decimal(cells: Sequence[Sequence[str]]) -> str:
-    """Find the decimal mark: a comma where more cells hold numbers like "1,5" than like
-    "1.5"."""
-    flat = [cell for row in cells[:20] for cell in row]
-    commas = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for cell in flat)
-    points = sum("." in cell and is_number(cell) for cell in flat)
-    return "," if commas > points else "."
-
-
-def _is_header(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
-    """Return whether the first row names the columns: it has no numbers, or texts where
-    the second row has numbers."""
-    head = cells[0]
-    if not any(number(cell) for cell in head if cell):
-        # Rows of a log without a header can hold texts and empty cells only by chance.
-        return True
-    following = cells[1] if len(cells) > 1 else []
-    if len(following) != len(head):
-        return False
-    pairs = zip(head, following, strict=True)
-    return any(a and not number(a) and number(b) for a, b in pairs)
+    others; without one, the first that splits the row at all; a comma if none does. None
+    stands for any number of blanks."""
+    widths = {x: len(split_cells(lines[0], x)) for x in DELIMITERS}
+    several = [x for x in DELIMITERS if widths[x] > 1]
+    good = (
+        x
+        for x in several
+        if len(lines) == 1 or _share_of_width(lines, x, widths[x]) >= 0.5
+    )
+    return next(good, several[0] if several else ",")
 
 
 def _with_unit(name: str, unit: str) -> str:
@@ -732,7 +464,7 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{bare}]" if bare else name
 
 
-def _kind_of(cells: Sequence[str], number: partial[bool]) -> str:
+def _kind_of(cells: Sequence[str], number: IsNumber) -> str:
     """Find what the cells of a column hold: "number" where half of them are numbers,
     else "list", "stamp" or "text"; "empty" without cells."""
     if not cells:
@@ -741,9 +473,7 @@ def _kind_of(cells: Sequence[str], number: partial[bool]) -> str:
         return "number"
     if all(_LIST.fullmatch(cell) for cell in cells[:20]):
         return "list"
-    if all(map(is_stamp, cells[:20])):
-        return "stamp"
-    return "text"
+    return "stamp" if all(map(is_stamp, cells[:20])) else "text"
 
 
 def _unnamed(kinds: Sequence[str]) -> list[str]:
@@ -755,14 +485,9 @@ def _unnamed(kinds: Sequence[str]) -> list[str]:
     """
     header = ["header.stamp.sec", "header.stamp.nanosec", "frame_id"]
     fields = ("name", "position", "velocity", "effort")
-    n_header = len(header)
-    place_of_frame = 2
-    texts = [k for k, kind in enumerate(kinds) if kind == "text"]
-    joint_names = [k for k in texts if k != place_of_frame]
+    joint_names = [k for k, kind in enumerate(kinds) if kind == "text" and k != 2]
     n = len(joint_names)
-    are_names_in_place = joint_names == list(range(n_header, n_header + n))
-    has_stamp = kinds[:2] == ("number", "number")
-    has_all_fields = len(kinds) == n_header + len(fields) * n
-    if n > 0 and are_names_in_place and has_stamp and has_all_fields:
+    is_echo = joint_names == list(range(3, 3 + n)) and len(kinds) == 3 + 4 * n
+    if n > 0 and is_echo and [*kinds[:2]] == ["number", "number"]:
         return header + [f"{field}{k}" for field in fields for k in range(n)]
     return [f"#{k}" for k in range(1, len(kinds) + 1)]

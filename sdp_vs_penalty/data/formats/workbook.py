@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
-from sdp_vs_penalty.data.formats.columns import understood
+from sdp_vs_penalty.data.formats.limits import understood
 from sdp_vs_penalty.errors import InputError, Remark, missing_extra
 from sdp_vs_penalty.files import memory_for
 

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,8 +56,7 @@ def unwrapped(
     places = formatting.count(n_cuts, "place")
     warning = f"{path}: angles are cut at a full turn in {places}: they go on there"
     warnings.warn(warning, Remark, stacklevel=2)
-    mended = Measurements.of(run.t, blocks, run.names, run.run)
-    return replace(mended, joint_names=run.joint_names)
+    return run.with_channels(run.t, blocks)
 
 
 def _turns(angles: Array) -> Array:

@@ -6,13 +6,14 @@ other channels are interpolated to its stamps: a position that is two millisecon
 makes an error of two milliseconds of speed.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.store import concatenate_chunks, iter_chunks
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Neighbours that are farther apart than so many usual steps have lost a sample between
@@ -133,108 +134,89 @@ def _lagrange(x: Array, nodes: Array) -> Array:
     return weights
 
 
-def interpolation_remark(distances: Sequence[Array]) -> str:
-    """Return the sentence that channels were interpolated, and how far; "" where all
-    had samples at the torque's stamps.
-
-    Parameters
-    ----------
-    distances : sequence of (K,) arrays
-        Of each channel, the times to the nearest sample [s].
-    """
-    moved = [x for x in distances if len(x) and x.max() > 1e-9]
-    if not moved:
-        return ""
-    typical = 1e3 * max(float(np.median(x)) for x in moved)
-    largest = 1e3 * max(float(x.max()) for x in moved)
-    return (
-        "channels with stamps of their own are interpolated to the torque's stamps,"
-        f" from samples {typical:.3g} ms away (at most {largest:.3g} ms)"
-    )
-
-
 def half_period(clock: Array) -> float:
     """Return half of the median step of a clock (N,) [s], and a little more so that
-    rounded stamps match.
-
-    Returns
-    -------
-    float
-        Half of the median step [s]; 0 without steps.
-    """
+    rounded stamps match; 0 without steps."""
     steps = np.diff(clock)
     steps = steps[steps > 0.0]
     return 0.5001 * float(np.median(steps)) if len(steps) else 0.0
 
 
 @dataclass(frozen=True)
-class MergedColumns:
-    """Columns at common stamps."""
+class Samples:
+    """A channel with stamps of its own."""
 
-    #: (K,) rows whose stamps they have, in the order of time.
+    #: (M,) stamps, in any order [s].
+    t: Array
+    #: (M,) or (M, n) values.
+    values: Array
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """Channels at common stamps."""
+
+    #: (K,) stamps [s].
+    t: Array
+    #: (K,) places of the leading channel's samples whose stamps they have.
     rows: NDArray[np.intp]
     #: (K,) or (K, n) values by name.
     columns: dict[str, Array]
-    #: What was interpolated and how far, without a full stop; "" where nothing was.
+    #: Samples, of the leading channel or of another, that are in no row.
+    n_lost: int
+    #: What was interpolated and how far; "" where nothing was.
     remark: str
 
 
-def merge_columns(
-    clock: Array,
-    columns: Mapping[str, Array],
-    leading: str,
-    discrete: Collection[str | None] = (),
-) -> MergedColumns:
-    """Merge columns that have values in different rows.
+def align(
+    channels: Mapping[str, Samples], leading: str, discrete: Collection[str | None] = ()
+) -> Aligned:
+    """Bring channels with stamps of their own to those of the leading one: a torque,
+    where there is one.
 
-    The leading column gives the rows. Every other column is interpolated to their
-    stamps; rows for which it has no samples around are left out.
-
-    Parameters
-    ----------
-    clock : array
-        (N,) stamps of all rows [s].
-    columns : mapping of str to array
-        (N,) or (N, n) values by name, NaN where a row has none.
-    leading : str
-        Column whose rows stay: a torque, where there is one.
-    discrete : collection of str
-        Columns, such as a counter, that take the nearest value.
+    Every other channel is interpolated; those named in ``discrete``, such as a counter,
+    take the nearest value. Instants for which one has no samples around are left out; a
+    channel that never changes has its value at any time.
     """
-    base = _rows_with_value(clock, columns[leading])
-    within = half_period(clock[base])
+    base = channels[leading].t
+    within = half_period(base)
     is_kept = np.ones(len(base), bool)
-    # By the rows in which a column has values; columns of one message share them.
-    places = dict[bytes, tuple[NDArray[np.intp], Interpolation]]()
-    keys = dict[str, bytes]()
-    for name, values in columns.items():
-        rows = _rows_with_value(clock, values)
-        # A column that is never a number: whoever reads it says so.
-        if len(rows) == 0 or np.array_equal(rows, base):
+    found = dict[int, Interpolation]()  # channels of one message share their stamps
+    n_lost = 0
+    for channel in channels.values():
+        # Of a column that is never a number whoever reads it says so.
+        if len(channel.t) == 0 or np.array_equal(channel.t, base):
             continue
-        keys[name] = rows.tobytes()
-        if keys[name] not in places:
-            found = Interpolation(clock[base], clock[rows], within)
-            places[keys[name]] = rows, found
-            is_kept &= found.is_known
-    kept = np.flatnonzero(is_kept)
-    merged = dict[str, Array]()
-    for name, values in columns.items():
-        if name not in keys:
-            merged[name] = values[base[kept]]
-            continue
-        rows, found = places[keys[name]]
-        if name in discrete:
-            merged[name] = values[rows[found.nearest[kept]]]
+        key = id(channel.t)
+        if key not in found:
+            found[key] = Interpolation(base, channel.t, within)
+            back = Interpolation(channel.t, base, within)
+            n_lost = max(n_lost, int(np.sum(~back.is_known)))
+        if np.ptp(channel.values) != 0.0:
+            is_kept &= found[key].is_known
+    rows = np.flatnonzero(is_kept)
+    columns = dict[str, Array]()
+    for name, channel in channels.items():
+        way, values = found.get(id(channel.t)), channel.values
+        if len(channel.t) == 0:
+            columns[name] = np.full((len(rows), *values.shape[1:]), np.nan)
+        elif way is None:
+            columns[name] = values[rows]
+        elif name in discrete:
+            columns[name] = values[way.nearest[rows]]
         else:
-            merged[name] = found.values(values[rows], kept)
-    distances = [found.distances[kept] for _, found in places.values()]
-    return MergedColumns(base[kept], merged, interpolation_remark(distances))
-
-
-def _rows_with_value(clock: Array, values: Array) -> NDArray[np.intp]:
-    """Return the rows (M,) in which a column (N,) or (N, n) has a value, in the order
-    of time."""
-    first_values = values if values.ndim == 1 else values[:, 0]
-    rows = np.flatnonzero(~np.isnan(first_values) & np.isfinite(clock))
-    return rows[np.argsort(clock[rows], kind="stable")]
+            parts = (way.values(values, part) for _, part in iter_chunks(rows))
+            columns[name] = concatenate_chunks([values[:0], *parts])
+    moved = [x.distances[rows] for x in found.values()]
+    moved = [x for x in moved if len(x) and x.max() > 1e-9]
+    remark = ""
+    if moved:
+        typical = 1e3 * max(float(np.median(x)) for x in moved)
+        largest = 1e3 * max(float(x.max()) for x in moved)
+        remark = (
+            "channels with stamps of their own are interpolated to the torque's stamps,"
+            f" from samples {typical:.3g} ms away (at most {largest:.3g} ms)"
+        )
+    return Aligned(
+        base[rows], rows, columns, max(n_lost, len(base) - len(rows)), remark
+    )

@@ -1,0 +1,87 @@
+"""Which column of a log is which channel: the answer that all ways of finding it give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from sdp_vs_penalty.data.words.tokens import group_of
+from sdp_vs_penalty.data.words.units import UNITS
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.data.hypotheses.weighing import Hypothesis
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Which column of a log is which channel, in which unit and why."""
+
+    #: The file's names by ours (t, q1 ..., or q for a block); that of t is "sec+nanosec"
+    #: where a stamp is in two parts, "hour+minute+second" for a time of day.
+    rename: dict[str, str]
+    #: Factors to SI by our names, where they are not 1.
+    scale: dict[str, float] = field(default_factory=dict)
+    #: The program that writes such files, or how the columns were recognised, in words.
+    logger: str = "by their words"
+    #: Unit of channel groups, with the reason.
+    units: Mapping[str, Hypothesis] = field(default_factory=dict)
+    #: Other sentences: of motors, of currents, of what is not used.
+    said: tuple[str, ...] = ()
+    #: ANGLE, SERVO or CLOCK by channel group, of units that the values show.
+    inferred: Mapping[str, str] = field(default_factory=dict)
+    #: Columns by our names of the sets of torques that compete, by their first and last.
+    torques: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    #: Names of the joints, where the file says them.
+    joints: tuple[str, ...] = ()
+    #: Places of the robot's joints within a block, where the orders differ.
+    order: tuple[int, ...] | None = None
+    #: Name of the column that counts runs.
+    episode: str | None = None
+    #: Whether the robot's joints have other names than the file's.
+    has_other_joints: bool = False
+    #: "A" where the torques are motor currents, by their words.
+    torque_unit: str = ""
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether all columns have our names, or the file says what they are, so that
+        nothing was guessed."""
+        return not self.logger or all(x == y for x, y in self.rename.items())
+
+    def with_unit(self, group: str, unit: Hypothesis) -> Recognition:
+        """Return the recognition with another unit of a channel group."""
+        scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
+        factor = UNITS.get(unit.answer.lower(), 1.0)
+        if factor != 1.0:
+            scale |= {k: factor for k in self.rename if group_of(k) == group}
+        return replace(self, scale=scale, units={**self.units, group: unit})
+
+    def sentences(self) -> list[str]:
+        """List what is said of units, and of what is not used."""
+        units = (f"{group} in {x.answer}, {x.why}" for group, x in self.units.items())
+        return [*units, *self.said]
+
+
+def has_our_names(names: Sequence[str]) -> bool:
+    """Return whether a file has the names of RUN.csv, so that nothing needs to be
+    recognised: t, positions (q or q1 ...) and torques or commands, for the same number of
+    joints, counted from 1."""
+    known = {*names}
+    counts = {
+        group: sum(x.startswith(group) and x[len(group) :].isdigit() for x in known)
+        for group in ("q", "tau", "qcmd")
+    }
+    n_torques = counts["tau"] or counts["qcmd"]
+    return (
+        "t" in known
+        and not known.isdisjoint({"q", "q1"})
+        and not known.isdisjoint({"tau", "tau1", "qcmd", "qcmd1"})
+        and (not counts["q"] or not n_torques or counts["q"] == n_torques)
+        and not counted_from_zero(names)
+    )
+
+
+def counted_from_zero(names: Sequence[str]) -> bool:
+    """Return whether columns with our names count the joints from 0 (q0, tau0)."""
+    return not {"q0", "dq0", "tau0", "qcmd0"}.isdisjoint(names)

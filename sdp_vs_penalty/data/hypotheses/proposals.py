@@ -1,0 +1,233 @@
+"""The command that names columns which nothing recognises: by their words as far as they
+go, else by their order."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.catalogue import fetch_remedy
+from sdp_vs_penalty.data.hypotheses.recognition import find_clock
+from sdp_vs_penalty.data.hypotheses.renaming import parts_of, scale_words
+from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
+from sdp_vs_penalty.data.log import Log
+from sdp_vs_penalty.data.words.names import is_no_measurement, quantity_of, read_name
+from sdp_vs_penalty.data.words.tokens import brief_names, families, group_of
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
+
+#: What research code writes of each joint, the commonest first.
+_GROUPS = (("q", "dq", "tau"), ("q", "tau"))
+_HEADER = (
+    "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too, and"
+    " qmot1..qmotn, motors' positions where q are the links'; without tau:"
+    " qcmd1..qcmdn, the commanded positions)"
+)
+
+
+def lacking(
+    log: Log, problem: str, missing: Sequence[str], joints: Sequence[str] | None
+) -> InputError:
+    """Return the error of a log that lacks columns for channel groups (``missing``, among
+    t, q and tau), with the command that names them; ``joints`` are the robot's."""
+    n_joints = None if joints is None else len(joints)
+    how = log.remedy or fetch_remedy(log.path) or _rename_remedy(log, missing, n_joints)
+    return InputError(f"{problem} (columns: {brief_names(log.names)})", how, log.path)
+
+
+def _rename_remedy(log: Log, missing: Sequence[str], n_joints: int | None) -> str:
+    """Format the remedy for missing columns: a `convert` command that names them, by the
+    file's names where some fit."""
+    names = log.names
+    if not names:
+        return "write numbers, a column or an array a channel (t, q, tau)"
+    pairs = {}
+    if {"q", "tau"} <= {*missing} and {*map(quantity_of, names)} <= {None, "t"}:
+        pairs = _in_order(names, n_joints)
+    pairs = pairs or _by_words(names, missing)
+    words = ["--rename", ",".join(f"{group}={name}" for group, name in pairs.items())]
+    scale = dict[str, float]()
+    for ours, pattern in pairs.items():
+        column = families(names).get(pattern, [pattern])[0]
+        said = read_name(column) if len(parts_of(pattern, names)) == 1 else None
+        if said is not None and said.factor != 1.0 and pattern != "NAME":
+            scale[ours.rstrip("*")] = said.factor
+    if scale:
+        words += ["--scale", scale_words(scale, dict.fromkeys(scale, ""))]
+    how = f"name them with `{formatting.convert_command(log.path, *words)}`"
+    if "NAME" in pairs.values():
+        how += f" (columns of joints as '{missing[-1]}*=NAME_*')"
+    elif {*pairs} - {"t"}:
+        how += ", if they are that"
+    if "tau" in missing and "q" not in missing:
+        joined = formatting.convert_command(f"{log.path}+TORQUES.csv")
+        how += f"; or join the file that holds torques with `{joined}`"
+    return how
+
+
+def _in_order(names: Sequence[str], n_joints: int | None) -> dict[str, str]:
+    """Propose columns by their order alone: t, q, dq and tau, or t, q and tau; empty
+    where they are not as many as these groups have.
+
+    For tables in which no name says more than a number, as MATLAB writes them: "Var1"
+    and the blocks "Var2_1", "Var2_2" ..., or "Var1", "Var2" ... of all channels.
+    """
+    blocks = {pattern: x for pattern, x in families(list(names)).items() if len(x) > 1}
+    in_blocks = {name for columns in blocks.values() for name in columns}
+    single = [name for name in names if name not in in_blocks]
+    if len(single) > 1 or not blocks:
+        return {}
+    if len(blocks) == 1:
+        clock, *channels = [*single, *next(iter(blocks.values()))]
+        layout = layout_of(len(channels), n_joints, has_clock=False)
+        fits = layout and n_joints in (
+            None,
+            len(channels) // len({*map(group_of, layout)}),
+        )
+        return {"t": clock, **dict(zip(layout, channels, strict=True))} if fits else {}
+    groups = {3: ("q*", "dq*", "tau*"), 2: ("q*", "tau*")}.get(len(blocks), ())
+    if not groups or not single or len({*map(len, blocks.values())}) > 1:
+        return {}
+    return {"t": single[0], **dict(zip(groups, blocks, strict=True))}
+
+
+def layout_of(
+    width: int, n_joints: int | None, *, has_clock: bool | None = None
+) -> list[str]:
+    """Return our names for columns that have none: q, dq and tau, or q and tau, of n
+    joints, with or without a clock in front; empty where no layout fits.
+
+    The layout with the robot's number of joints is taken, else the first with q, dq and
+    tau, else, where it is known whether there is a clock, with q and tau.
+    """
+    layouts = [
+        (n_clocks, n, groups)
+        for n_clocks in (0, 1)
+        if has_clock in (None, bool(n_clocks))
+        for groups in _GROUPS
+        for n, n_left in [divmod(width - n_clocks, len(groups))]
+        if n > 0 and n_left == 0
+    ]
+    of_robot = [x for x in layouts if x[1] == n_joints]
+    usual = [x for x in layouts if x[2] == _GROUPS[0] or has_clock is not None]
+    for n_clocks, n, groups in of_robot or usual:
+        return ["t"] * n_clocks + [f"{x}{k}" for x in groups for k in range(1, n + 1)]
+    return []
+
+
+def _by_words(names: Sequence[str], missing: Sequence[str]) -> dict[str, str]:
+    """Propose columns by the words in their names, "NAME" where none fits; "q*" has a
+    pattern with a star for the number.
+
+    Families without such words are proposed only where exactly as many are left as
+    groups: the first for positions, the next for torques, as most files have them.
+    """
+    alike = {p: x for p, x in families(list(names)).items() if len(x) > 1}
+    quantities = {pattern: quantity_of(x[0]) for pattern, x in alike.items()}
+    unknown = [
+        p
+        for p, x in quantities.items()
+        if x in (None, "t") and not is_no_measurement(p)
+    ]
+    n_open = len({*missing} - {"t", *quantities.values()})
+    is_one_to_one = len(unknown) == n_open and len(alike) > 1
+    is_one_to_one &= len({*map(len, alike.values())}) == 1
+    pairs = dict[str, str]()
+    for group in missing:
+        patterns = [p for p, quantity in quantities.items() if quantity == group]
+        said = {x: read_name(x) for x in names}
+        blocks = [
+            x for x, m in said.items() if m and m.quantity == group and m.number is None
+        ]
+        if group == "t":
+            pairs["t"] = find_clock(names) or "NAME"
+        elif patterns or is_one_to_one:
+            pairs[f"{group}*"] = patterns[0] if patterns else unknown.pop(0)
+        else:
+            pairs[group] = blocks[0] if len(blocks) == 1 else "NAME"
+    return pairs
+
+
+def names_without_header(
+    log: Log, n_joints: int | None, rate: float | None
+) -> dict[str, str]:
+    """Name the columns of a table without a header, by ours: q1..qn, dq1..dqn,
+    tau1..taun, as research code writes them, with t in front where one column more is
+    there.
+
+    Raises InputError where no rate is given (a rate shows that the user knows what the
+    columns are), where the number of columns is not a multiple of the channel groups, or
+    each of the robot's joints has more columns than three.
+    """
+    width = len(log.names)
+    layout = layout_of(width, n_joints)
+    problem = "row 1 holds numbers instead of a header"
+    n_groups, n_clocks = divmod(width, n_joints or width)
+    if n_joints and n_joints > 1 and n_clocks <= 1 and n_groups > len(_GROUPS[0]):
+        layout = ["t"] * n_clocks + layout_of(3 * n_joints, n_joints, has_clock=False)
+        command = _naming_command(log, layout, rate)
+        a_clock = "a clock and " if n_clocks else ""
+        raise InputError(
+            f"{problem}, and {width} columns may be {a_clock}{n_groups} columns of each of"
+            f" {n_joints} joints",
+            "say which of them are q, dq and tau: where they come first, in this order,"
+            f" `{command}`",
+            log.path,
+        )
+    if rate is not None:
+        if layout:
+            return dict(zip(layout, log.names, strict=True))
+        remedy = "keep q, dq and tau of each joint, or name columns by --rename q1=#2"
+        raise InputError(f"{width} columns are not three a joint", remedy, log.path)
+    remedy = f"put {_HEADER} above them, or "
+    if layout:
+        groups = list(dict.fromkeys(map(group_of, layout)))
+        shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
+        remedy += (
+            f"where its columns are {shown}, `{_naming_command(log, layout, None)}`"
+        )
+    else:
+        remedy += "name columns by their numbers with `convert --rename t=#1,q1=#2`"
+    raise InputError(problem, fetch_remedy(log.path) or remedy, log.path)
+
+
+def _naming_command(log: Log, layout: Sequence[str], rate: float | None) -> str:
+    """Format the `convert` command that names columns as a layout does; without a clock
+    also the rate [Hz], estimated from the velocities where it is not known."""
+    pairs = ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))
+    words = ["--rename", pairs]
+    if layout[0] != "t":
+        named = dict(zip(layout, log.names, strict=False))
+        columns = log.read(list(named.values())).columns
+        found = rate or rate_of({ours: columns[x] for ours, x in named.items()})
+        words += ["--rate", "HZ" if found is None else f"{found:g}"]
+    return formatting.convert_command(log.path, *words)
+
+
+def rate_of(columns: Mapping[str, Array]) -> float | None:
+    """Estimate the sampling rate [Hz] at which dq is the derivative of q, of columns (N,)
+    or blocks (N, n) by our names; None where there are no velocities, or none fits."""
+    blocks = dict[str, Array]()
+    for group in ("q", "dq"):
+        parts = [x for name, x in columns.items() if group_of(name) == group]
+        if not parts or len({*map(len, parts)}) > 1:
+            return None
+        blocks[group] = np.column_stack([np.reshape(x, (len(x), -1)) for x in parts])
+    is_alike = blocks["q"].shape == blocks["dq"].shape
+    return rate_from_velocities(blocks["q"], blocks["dq"]) if is_alike else None
+
+
+def no_clock(log: Log, columns: Mapping[str, Array]) -> InputError:
+    """Return the error of a log without a clock, with the `convert` command that states
+    the rate at which dq is the derivative of q, where the velocities show one."""
+    what = f"no column t (columns: {brief_names(log.names)})"
+    if log.remedy:
+        return InputError(what, log.remedy, log.path)
+    rate = rate_of(columns)
+    why = "HZ being its samples a second"
+    if rate is not None:
+        why = "dq is the derivative of q at this rate"
+    word = "HZ" if rate is None else f"{rate:g}"
+    command = formatting.convert_command(log.path, "--rate", word)
+    remedy = f"give its rate with `{command}` ({why}), or name its clock with --rename t=NAME"
+    return InputError(what, remedy, log.path)

@@ -1,0 +1,564 @@
+"""Which columns of another program's log are t, q, dq, tau and so on.
+
+What metadata say ends the question. Then come the loggers of loggers.toml, then the words
+and numbers in the names (words.toml): ``actual_q_0``, ``joint_states.position[3]``,
+``/joint_states/elbow_joint/effort``. Words that say nothing about a quantity (actual,
+joint, field) do not count. Columns that are named alike make a set, one column a joint.
+Of several sets of torques the hypotheses are weighed when their values are read. Where
+two sets of positions are as good, nobody guesses.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.hypotheses.channels import Recognition
+from sdp_vs_penalty.data.hypotheses.renaming import by_group, parts_of, rename_words
+from sdp_vs_penalty.data.hypotheses.sets import SetChoice, choose_sets
+from sdp_vs_penalty.data.hypotheses.weighing import (
+    ANGLE,
+    CLOCK,
+    SERVO,
+    Hypothesis,
+    unit_of_dates,
+)
+from sdp_vs_penalty.data.log import Column
+from sdp_vs_penalty.data.words.joints import JointNames, in_order_of
+from sdp_vs_penalty.data.words.loggers import (
+    LOGGERS,
+    as_list,
+    columns_of_logger,
+    columns_of_pattern,
+    episode_of,
+)
+from sdp_vs_penalty.data.words.names import (
+    AMPERES,
+    Meaning,
+    read_bare_joint,
+    read_name,
+    read_time_by_unit,
+)
+from sdp_vs_penalty.data.words.stamps import (
+    find_time_of_day,
+    find_two_parts,
+    fraction_column,
+    has_fraction,
+)
+from sdp_vs_penalty.data.words.units import SHARES, UNITS
+from sdp_vs_penalty.errors import InputError
+
+#: Columns of names, of a log that says in each row which joint is which.
+_JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
+#: What tables call an index that has no name.
+_NAMES_OF_INDICES = ("", "index", "unnamed: 0", "__index_level_0__", "row")
+#: A unit, or what else stands in brackets at the end of a name.
+_IN_BRACKETS = re.compile(r"[\[(]\s*([^\W\d][^\[\]()]{0,11})[\])]\s*$")
+#: The part of a controller's state that it puts out, and those that it measures.
+_OUTPUT = re.compile(r"\boutput\b")
+_FEEDBACK = ("feedback", "actual")
+#: Words of torques that are currents.
+_CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
+#: What the channel groups are called in a sentence.
+_WORDS_OF_GROUPS = {"q": "positions", "dq": "velocities", "tau": "torques"}
+
+Columns = Mapping[str, Column]
+
+
+class AmbiguousColumnsError(InputError):
+    """Two sets of columns are equally good as positions, such as those of two arms.
+
+    ``words`` holds the value of ``convert --rename`` that takes the first set.
+    """
+
+    def __init__(self, what: str, words: str) -> None:
+        """Make the error; ``what`` names the sets."""
+        super().__init__(what, f"choose with `convert --rename {words}`")
+        self.words = words
+
+
+def columns_called(names: Sequence[str]) -> dict[str, Column]:
+    """Return columns of which only the names are known."""
+    return {name: Column("") for name in names}
+
+
+def recognise(
+    columns: Columns | Sequence[str], joints: Sequence[str] | None = None
+) -> Recognition | None:
+    """Recognise which column of a log is which channel, and in which unit.
+
+    Columns of text are never channels.
+
+    Parameters
+    ----------
+    columns : mapping of str to Column, or sequence of str
+        The file's columns in order, or their names alone.
+    joints : sequence of str, optional
+        Names of the robot's joints in order: columns can be called by them.
+
+    Returns
+    -------
+    Recognition or None
+        None where positions, or both torques and commands, are not among the columns.
+
+    Raises
+    ------
+    AmbiguousColumnsError
+        Two sets of columns are equally good as positions, such as those of two arms.
+    """
+    if not isinstance(columns, Mapping):
+        columns = columns_called(columns)
+    usable = [name for name, x in columns.items() if x.kind != "text"]
+    found = _by_logger(usable, columns, joints)
+    if found is None:
+        # What a controller puts out counts where it has no feedback beside it.
+        known = {*usable}
+        outputs = [
+            x
+            for x in usable
+            if _OUTPUT.search(x)
+            and any(_OUTPUT.sub(word, x) in known for word in _FEEDBACK)
+        ]
+        found = _by_words([x for x in usable if x not in outputs], columns, joints)
+        if found is not None and outputs:
+            said = f"what the controller puts out as {_shortened(outputs)} is not used"
+            found = replace(found, said=(*found.said, said))
+    return None if found is None else _with_unit_of_clock(found, columns)
+
+
+def recognised(
+    names: Sequence[str], joints: Sequence[str] | None = None
+) -> tuple[dict[str, str], dict[str, float]] | None:
+    """Recognise columns by their names alone: the file's names, and factors to SI, by
+    ours; None where positions, torques or the clock are not recognised."""
+    found = recognise(names, joints)
+    return (
+        None
+        if found is None or "t" not in found.rename
+        else (found.rename, found.scale)
+    )
+
+
+def _shortened(names: Sequence[str]) -> str:
+    """List columns for a message: of those that differ by their numbers alone, the first
+    and the last."""
+    alike = dict[str, list[str]]()
+    for name in names:
+        alike.setdefault(re.sub("[0-9]+", "*", name), []).append(name)
+    shown = (x[0] if len(x) == 1 else f"{x[0]} .. {x[-1]}" for x in alike.values())
+    return ", ".join(shown)
+
+
+def find_clock(columns: Columns | Sequence[str]) -> str | None:
+    """Find the column that holds a file's time stamps: "sec+nanosec" for a stamp in two
+    columns, "hour+minute+second" for a time of day; None without a clock.
+
+    Among several, the best word wins ("time" before "tick"), then the name with the
+    fewest other words. Where no name says it, the only column of stamps is the clock, or
+    else an index without a name that rises in fractions, or else the only column of
+    unknown words that ends with a unit of time and rises ("run_minutes").
+    """
+    if not isinstance(columns, Mapping):
+        columns = columns_called(columns)
+    names = list(columns)
+    time_of_day = find_time_of_day(names)
+    # The first cells of hours and minutes are whole; a clock in minutes rises in fractions.
+    heads = [columns[x].head for x in time_of_day[:2]]
+    if time_of_day and all(np.all(x == np.round(x)) for x in heads):
+        # Another clock goes first, for its stamps may be finer; a date is none.
+        others = {x: c for x, c in columns.items() if x not in time_of_day}
+        other = find_clock(others) or ""
+        is_number = other in others and others[other].kind == "number"
+        head = others[other].head if is_number else np.zeros(0)
+        stands_still = len(head) > 0 and bool(np.all(head == head[0]))
+        return other if other and not stands_still else "+".join(time_of_day)
+    if pair := find_two_parts(names):
+        return "+".join(pair)
+    said = {name: read_name(name) for name in names}
+    clocks = [
+        (x.rank, len(x.other_words), name)
+        for name, x in said.items()
+        if x is not None and x.quantity == "t" and x.number is None
+    ]
+    clock = min(clocks)[2] if clocks else None
+    if clock is None:
+        stamps = [name for name in names if columns[name].kind == "stamp"]
+        indices = [
+            name
+            for name in names
+            if name.lower() in _NAMES_OF_INDICES
+            and _rises(columns[name])
+            and np.any(columns[name].head % 1.0)
+        ]
+        by_unit = [
+            name
+            for name in names
+            if said[name] is None and read_time_by_unit(name) and _rises(columns[name])
+        ]
+        for found in (stamps, indices[:1], by_unit):
+            clock = found[0] if clock is None and len(found) == 1 else clock
+    if clock is None or columns[clock].kind != "stamp":
+        return clock
+    is_whole = not any(map(has_fraction, columns[clock].cells))
+    fraction = (
+        fraction_column([name for name in names if name != clock]) if is_whole else None
+    )
+    return f"{clock}+{fraction}" if fraction is not None else clock
+
+
+def _rises(column: Column) -> bool:
+    """Return whether the first numbers of a column, three or more, rise."""
+    head = column.head if column.kind == "number" else np.zeros(0)
+    return len(head) > 2 and bool(np.all(np.diff(head) > 0.0))
+
+
+def _our_name(group: str, key: Hashable, number: int) -> str:
+    """Return our name of a joint's column, "q3"; the key "" marks a column that holds all
+    joints, whose name is the group's, "q"."""
+    return group if key == "" else f"{group}{number}"
+
+
+def _by_logger(
+    usable: Sequence[str], columns: Columns, joints: Sequence[str] | None
+) -> Recognition | None:
+    """Recognise a file by the loggers that are known; None where none wrote it."""
+    found = [(logger, columns_of_logger(logger, usable)) for logger in LOGGERS]
+    # A logger whose torques are there goes before one of which only positions and
+    # their commands are: two loggers may differ in the name of the torques alone.
+    found.sort(key=lambda entry: "tau" not in entry[1])
+    for logger, groups in found:
+        clock = next(
+            (x for x in as_list(logger["t"]) if {*parts_of(x, usable)} <= {*usable}),
+            None,
+        )
+        if clock is None or not groups:
+            continue
+        keys = list(groups["q"])
+        texts = columns_of_pattern(logger.get("names"), list(columns))
+        if keys != [""] and all(isinstance(key, str) for key in keys):
+            in_file = [str(key) for key in keys]
+        elif texts.keys() >= {*keys}:
+            in_file = [next(iter(columns[texts[key]].cells), "") for key in keys]
+        else:
+            in_file = [x for name in groups["q"].values() for x in columns[name].joints]
+        order = None
+        is_named = len({*in_file}) == len(in_file) > 0
+        in_order, is_known = in_order_of(joints, in_file if is_named else [])
+        if is_named and keys == [""]:
+            order = tuple(in_file.index(x) for x in in_order)
+            order = None if order == tuple(range(len(order))) else order
+        elif is_named and len(in_file) == len(keys):
+            key_of = dict(zip(in_file, keys, strict=True))
+            keys = [key_of[name] for name in in_order]
+        rename = {"t": clock} | {
+            _our_name(group, key, k): names[key]
+            for group, names in groups.items()
+            for k, key in enumerate(keys, start=1)
+        }
+        return _with_units_of_logger(
+            Recognition(
+                rename,
+                logger=str(logger["name"]),
+                joints=tuple(in_order),
+                order=order,
+                episode=next(
+                    (x for x in as_list(logger.get("episode")) if x in columns), None
+                ),
+                has_other_joints=not is_known,
+            ),
+            logger,
+            columns,
+        )
+    return None
+
+
+def _with_units_of_logger(
+    found: Recognition, logger: Mapping[str, Any], columns: Columns
+) -> Recognition:
+    """Add the units of a known logger's columns: those that the file's metadata say, else
+    the entry's; "angle", "servo" and "clock" show in the values."""
+    stated = _stated_units(found.rename, columns)
+    for group, unit in {**logger.get("units", {}), **stated}.items():
+        if group not in by_group(found.rename):
+            continue
+        if unit in SHARES:
+            found = replace(found, said=(*found.said, _share_sentence(group, unit)))
+        elif unit in (ANGLE, CLOCK, SERVO):
+            found = replace(found, inferred={**found.inferred, group: unit})
+        elif unit.lower() in UNITS:
+            why = (
+                "as the file's metadata say"
+                if group in stated
+                else f"as {logger['name']} writes it"
+            )
+            found = found.with_unit(
+                group, Hypothesis(f"unit of {group}", unit, 1.0, why)
+            )
+            if group == "tau" and unit.lower() in AMPERES:
+                found = replace(found, torque_unit="A")
+    return found
+
+
+def _stated_units(rename: Mapping[str, str], columns: Columns) -> dict[str, str]:
+    """Return the units of channel groups that the file's metadata say."""
+    out = dict[str, str]()
+    for group, pairs in by_group(rename).items():
+        units = {columns[x].unit.lower() for x in pairs.values() if x in columns}
+        if len(units) == 1 and (unit := units.pop()) in {*UNITS, *SHARES}:
+            out[group] = unit
+    return out
+
+
+def _by_words(
+    usable: Sequence[str], columns: Columns, joints: Sequence[str] | None
+) -> Recognition | None:
+    """Recognise a file by the words in its columns' names; None where they say no
+    positions, or neither torques nor commands."""
+    said, choice = _read_and_choose(usable, columns, joints)
+    if choice is None:
+        return None
+    clock = find_clock({name: columns[name] for name in usable})
+    if clock is not None and clock in usable and clock not in said:
+        by_unit = read_time_by_unit(clock)
+        said = said if by_unit is None else {**said, clock: by_unit}
+    positions = choice.sets["q"]
+    if choice.rivals:
+        pairs = {} if clock is None else {"t": clock}
+        for quantity, x in choice.sets.items():
+            for k, (key, name) in enumerate(x.columns.items(), start=1):
+                pairs[_our_name(quantity, key, k)] = name
+        shown = " or ".join(x.first_to_last for x in (positions, *choice.rivals))
+        words = rename_words(pairs, list(pairs.values()))
+        raise AmbiguousColumnsError(f"q could be {shown}", words)
+    joint_names, keys, order, is_known = _joints_of_words(choice, columns, joints)
+
+    def by_our_names(quantity: str, names: Mapping[Hashable, str]) -> dict[str, str]:
+        return {
+            _our_name(quantity, key, k): names[key] for k, key in enumerate(keys, 1)
+        }
+
+    rename = {} if clock is None else {"t": clock}
+    for quantity, column_set in choice.sets.items():
+        rename |= by_our_names(quantity, column_set.columns)
+    torques = (
+        [choice.sets["tau"], *choice.other_torques] if choice.other_torques else []
+    )
+    found = Recognition(
+        rename,
+        torques={x.first_to_last: by_our_names("tau", x.columns) for x in torques},
+        joints=joint_names,
+        order=order,
+        episode=episode_of(list(columns)),
+        has_other_joints=not is_known,
+        inferred={"q": ANGLE} if positions.is_bare else {},
+        said=tuple(
+            f"{x} are the links' {_WORDS_OF_GROUPS[x]}, the motors' ({sets.first_to_last}) are not used"
+            for x, sets in choice.left_out.items()
+            if x in _WORDS_OF_GROUPS
+        ),
+    )
+    found = with_units_of_names(found, said)
+    for group, unit in _stated_units(rename, columns).items():
+        why = "as the file's metadata say"
+        if unit in UNITS:
+            found = found.with_unit(
+                group, Hypothesis(f"unit of {group}", unit, 1.0, why)
+            )
+    return found
+
+
+def _read_and_choose(
+    usable: Sequence[str], columns: Columns, joints: Sequence[str] | None
+) -> tuple[dict[str, Meaning], SetChoice | None]:
+    """Read the columns' names, and choose the sets of columns that hold q, tau and so on.
+
+    The names are read twice: with the robot's joint names as words that they can hold,
+    and without. The second reading is taken where only it gives as many columns as the
+    robot has joints. Names that say nothing but a joint are positions where nothing else
+    is.
+    """
+    n_joints = len(joints) if joints else None
+
+    def meanings(read: Any, *more: Any) -> dict[str, Meaning]:
+        found = {name: read(name, *more) for name in usable}
+        return {name: x for name, x in found.items() if x is not None}
+
+    plain = meanings(read_name)
+    without = choose_sets(plain, n_joints)
+    if without is None and (bare := meanings(read_bare_joint)):
+        plain |= bare
+        return plain, choose_sets(plain, n_joints)
+    if joints:
+        said = meanings(read_name, JointNames(joints))
+        choice = choose_sets(said, n_joints)
+        fits = [
+            x is not None and len(x.sets["q"].columns) == n_joints
+            for x in (choice, without)
+        ]
+        return (plain, without) if fits == [False, True] else (said, choice)
+    # Of "A angle" to "F angle" the word "A" says nothing, so that "A angle" looks like a
+    # block with all joints, but holds single numbers.
+    name = next(iter(without.sets["q"].columns.values())) if without else ""
+    if (
+        without
+        and without.sets["q"].style == "block"
+        and columns[name].kind == "number"
+    ):
+        other = choose_sets(plain, None, has_blocks=False)
+        if other is not None and name in other.sets["q"].columns.values():
+            return plain, other
+    return plain, without
+
+
+def _joints_of_words(
+    choice: SetChoice, columns: Columns, joints: Sequence[str] | None
+) -> tuple[tuple[str, ...], list[Hashable], tuple[int, ...] | None, bool]:
+    """Find the joints' names in a file that was recognised by words, and put the joints
+    in the robot's order.
+
+    Returns
+    -------
+    joint_names : tuple of str
+        Empty where the file does not name its joints.
+    keys : list
+        What tells the joints' columns apart, in the order of ``joint_names``.
+    order : tuple of int, or None
+        Where one column holds all joints: the place, in its lists, of each joint.
+    is_known : bool
+        False where robot and file both name joints, and the names do not match.
+    """
+    positions = choice.sets["q"]
+    keys = list(positions.columns)
+    if positions.style == "joint" and joints is not None:
+        return tuple(joints[int(str(key))] for key in keys), keys, None, True
+    if positions.style == "name" and joints is not None:
+        parts = [key if isinstance(key, tuple) else (key,) for key in keys]
+        in_file = [" ".join(x for x in map(str, part) if x != "None") for part in parts]
+    else:
+        named = [x for name in positions.columns.values() for x in columns[name].joints]
+        in_file = named or joints_in_cells(columns)
+    in_order, is_known = in_order_of(joints, in_file)
+    if in_file and positions.style == "block":
+        return (
+            tuple(in_order),
+            keys,
+            tuple(in_file.index(x) for x in in_order),
+            is_known,
+        )
+    if len(in_file) != len(keys):
+        return (), keys, None, True
+    key_by_name = dict(zip(in_file, keys, strict=True))
+    return tuple(in_order), [key_by_name[x] for x in in_order], None, is_known
+
+
+def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Recognition:
+    """Add what the columns' names say about units: units other than SI, per cent of a
+    rating, unknown units, positions of motors, and torques that are motor currents."""
+    scale, units, more = {**found.scale}, dict[str, Hypothesis](), list[str]()
+    for group, pairs in sorted(by_group(found.rename).items()):
+        meanings = {x: said[x] for x in pairs.values() if x in said}
+        for ours, name in pairs.items():
+            if name in meanings and meanings[name].factor != 1.0:
+                scale[ours] = meanings[name].factor
+                why = "the unit that its name ends with"
+                units[group] = Hypothesis(
+                    f"unit of {group}", meanings[name].unit, 1.0, why
+                )
+        shares = [x.unit for x in meanings.values() if x.unit in SHARES]
+        if shares and group not in units:
+            more.append(_share_sentence(group, shares[0]))
+        in_brackets = {
+            match[1].strip()
+            if not x.unit and (match := _IN_BRACKETS.search(name))
+            else ""
+            for name, x in meanings.items()
+        }
+        if len(in_brackets) == 1 and "" not in in_brackets:
+            more.append(
+                f"the unit {in_brackets.pop()!r} of {group} is not known: --scale"
+                f" {group}=... makes SI units of it"
+            )
+    groups = by_group(found.rename)
+    has_motors = {
+        x: any("motor" in y.lower() for y in groups.get(x, {}).values())
+        for x in ("q", "tau")
+    }
+    if has_motors["q"]:
+        more.append(
+            "q are the motors' positions: behind a gear, --motors makes the joints' of them"
+        )
+    elif has_motors["tau"]:
+        more.append(
+            "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"
+            " of them"
+        )
+    torques = [said[x] for x in groups.get("tau", {}).values() if x in said]
+    is_current = any(
+        not _CURRENTS.isdisjoint(x.words) or x.unit in AMPERES for x in torques
+    )
+    if is_current:
+        more.append("tau is a current in A: --scale tau=... makes torques of it")
+    return replace(
+        found,
+        scale=scale,
+        units={**found.units, **units},
+        said=(*more, *found.said),
+        torque_unit="A" if is_current else "",
+    )
+
+
+def _share_sentence(group: str, unit: str) -> str:
+    """Format the remark on values in per cent of a rating: only the user knows the
+    factor to SI."""
+    what = f"{group} is in {unit} of a rating that the file does not say"
+    return f"{what}: --scale {group}=... makes SI units of it"
+
+
+def joints_in_cells(columns: Columns) -> list[str]:
+    """Find the joints' names in columns of text, in the order of the columns' numbers;
+    empty where there are none, or names repeat."""
+    cells = [
+        next(iter(columns[x].cells), "") for x in columns_of_joint_names(list(columns))
+    ]
+    texts = joints_of_texts(cells)
+    return texts if len({*texts}) == len(texts) and all(texts) else []
+
+
+def columns_of_joint_names(names: Sequence[str]) -> list[str]:
+    """Find the columns that hold joints' names: "name0", "name1" ..., one joint each, by
+    their numbers; or "name", with a list of all names in each cell."""
+    matches = [(_JOINT_NAMES.fullmatch(name.lower()), name) for name in names]
+    numbered = {int(m[1] or -1): name for m, name in matches if m}
+    return [numbered[number] for number in sorted(numbered)]
+
+
+def joints_of_texts(texts: Sequence[str]) -> list[str]:
+    """Read the joints' names of one row, from its cells in the columns of
+    :func:`columns_of_joint_names`: one name a cell, or the names of a list in the only
+    cell; none for a list of fewer than two names."""
+    if len(texts) != 1:
+        return list(texts)
+    words = [x for x in re.findall(r"[A-Za-z_][\w/.-]*", texts[0]) if x != "array"]
+    return words if len(words) > 1 else []
+
+
+def _with_unit_of_clock(found: Recognition, columns: Columns) -> Recognition:
+    """Add the unit of a clock whose stamps are dates in that unit, and say of a time of
+    day in several columns that the date is not read."""
+    clock = found.rename.get("t", "")
+    if clock not in columns and clock.count("+") > 1:
+        said = (
+            "t is the time of day, of hours, minutes and seconds; the date is not read"
+        )
+        return replace(found, said=(*found.said, said))
+    is_open = (
+        clock in columns and "t" not in found.scale and columns[clock].kind == "number"
+    )
+    dated = unit_of_dates(columns[clock].head) if is_open else None
+    if dated is None:
+        return found
+    return found.with_unit("t", replace(dated, why=f"for {dated.why}"))

@@ -1,0 +1,169 @@
+"""What ``convert --rename`` and ``--scale`` say: names and units of columns as words of
+a command, and back."""
+
+import fnmatch
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.hypotheses.wrapping import POSITIONS, unwrapped
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.words.tokens import group_of, starred
+from sdp_vs_penalty.data.words.units import UNITS, unit_of_factor
+from sdp_vs_penalty.errors import InputError, require_known
+
+
+def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
+    """List the columns that a name of ``--rename`` stands for: one, or those of a stamp,
+    "sec+nanosec" or "hour+minute+second"."""
+    if their_name in names or "+" not in their_name:
+        return (their_name,)
+    return tuple(part.strip() for part in their_name.split("+"))
+
+
+def by_group(pairs: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Collect pairs by the channel group of our name."""
+    groups = dict[str, dict[str, Any]]()
+    for our_name, value in pairs.items():
+        groups.setdefault(group_of(our_name), {})[our_name] = value
+    return groups
+
+
+def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
+    """Format the file's column names by ours as the value of ``--rename``.
+
+    A channel group is written as one pattern where that means the same. A column whose
+    name holds commas or the like is written as its number, "#3".
+
+    >>> rename_words({"t": "time", "q1": "p_0", "q2": "p_1"}, ["time", "p_0", "p_1"])
+    't=time,q*=p_*'
+    """
+    words = list[str]()
+    for group, pairs in by_group(rename).items():
+        pattern = starred(next(iter(pairs.values())))
+        if _stands_for(pattern, group, pairs, names):
+            words.append(f"{group}*={pattern}")
+        else:
+            words += [f"{ours}={_writable(x, names)}" for ours, x in pairs.items()]
+    return ",".join(words)
+
+
+def _stands_for(
+    pattern: str, group: str, pairs: Mapping[str, str], names: Sequence[str]
+) -> bool:
+    """Return whether a pattern, "p_*", means exactly the columns of a channel group in
+    their order."""
+    if len(pairs) < 2 or pattern.count("*") != 1 or set(",=#+") & set(pattern):
+        return False
+    try:
+        return expanded({f"{group}*": pattern}, names) == dict(pairs)
+    except InputError:
+        return False
+
+
+def _writable(name: str, names: Sequence[str]) -> str:
+    """Return a column's name, or "#3" (its number) where the option's own marks are in
+    the name."""
+    is_plain = bool(name) and name == name.strip() and not set(",=*+") & set(name)
+    is_plain = is_plain or name not in names
+    return name if is_plain else f"#{list(names).index(name) + 1}"
+
+
+def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
+    """Format factors to SI by our names as the value of ``--scale``, "q=deg,tau1=0.5":
+    units by name where one has the factor, a group as one where all of its columns, of
+    which ``rename`` has all, have one factor."""
+    words = list[str]()
+    n_columns = {group: len(pairs) for group, pairs in by_group(rename).items()}
+    for group, factors in by_group(scale).items():
+        if len({*factors.values()}) == 1 and n_columns.get(group, 0) == len(factors):
+            factors = {group: next(iter(factors.values()))}
+        words += [
+            f"{ours}={unit_of_factor(factor, group) or f'{factor:.12g}'}"
+            for ours, factor in factors.items()
+        ]
+    return ",".join(words)
+
+
+def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
+    """Replace patterns of ``--rename``, such as ``q*=actual_q_*``, by one pair for each
+    joint, and "#3" by the name of the column with this number; raise InputError where no
+    column fits a pattern."""
+    out = dict[str, str]()
+    for our_name, their_name in rename.items():
+        number = re.fullmatch("#([1-9][0-9]*)", their_name)
+        if number and their_name not in names and int(number[1]) <= len(names):
+            their_name = names[int(number[1]) - 1]
+        if "*" not in their_name or their_name in names:
+            out[our_name] = their_name
+            continue
+        text = re.escape(their_name).replace(r"\*", "([0-9]+)")
+        matches = [(m, name) for name in names if (m := re.fullmatch(text, name))]
+        columns = sorted((int(match[1]), name) for match, name in matches)
+        if not columns:
+            near = fnmatch.filter(names, their_name)[:4]
+            shown = ", ".join(near) or "none that is numbered"
+            remedy = "give --rename a pattern of the file's names"
+            raise InputError(f"no column {their_name!r} ({shown})", remedy)
+        for k, (_, name) in enumerate(columns, start=1):
+            out[f"{our_name.rstrip('*')}{k}"] = name
+    return out
+
+
+def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
+    """Convert a run to SI units; angles in degrees that jump by a full turn go on.
+
+    Parameters
+    ----------
+    factors : mapping of str to str
+        By our names (t, q, q1 ...): a unit, a number, or one number a joint separated
+        by colons, as ``--scale q=deg,tau=10:10.7:8.5`` has them. InputError names a word
+        that is neither, and a column that the run does not have.
+    """
+    groups = {"t": run.t[:, None], **run.groups}
+    for our_name, word in factors.items():
+        group = group_of(our_name)
+        require_known("channel", group, groups, "scale")
+        groups[group] = groups[group] * _factors(our_name, word, groups[group].shape[1])
+    clock = groups.pop("t")[:, 0]
+    in_si = run.with_channels(clock, groups)
+    degrees = [
+        x
+        for x in POSITIONS
+        if factors.get(x, "").lower() in ("deg", "degree", "degrees")
+    ]
+    return unwrapped(in_si, run.names[0], degrees)
+
+
+def _factors(our_name: str, word: str, n_columns: int) -> np.ndarray:
+    """Return the factors (n,) of a group's columns that one entry of ``--scale`` means,
+    or (1,) where all joints have the same; for one joint's name, "tau2", the others get
+    1."""
+    values = [UNITS.get(x.lower()) or _number(our_name, x) for x in word.split(":")]
+    number = our_name.removeprefix(group_of(our_name))  # "2" of "tau2", "" of "tau"
+    joint = int(number or 1)
+    if not 1 <= joint <= n_columns:
+        what = f"--scale {our_name}: the run has no such column"
+        raise InputError(what, "name t, q, dq or tau")
+    if number:
+        return np.where(np.arange(n_columns) == joint - 1, values[0], 1.0)
+    if len(values) not in (1, n_columns):
+        what = f"--scale {our_name}={word}: {len(values)} factors"
+        raise InputError(what, f"give one, or {n_columns}")
+    return np.array(values)
+
+
+def _number(our_name: str, word: str) -> float:
+    """Parse a factor; raise InputError for a word that is no number, for zero and
+    infinity."""
+    try:
+        value = float(word)
+    except ValueError:
+        value = 0.0
+    if not value or not np.isfinite(value):
+        known = ", ".join(sorted(UNITS))
+        remedy = f"give a number other than 0, or a unit: {known}"
+        raise InputError(f"--scale {our_name}={word}", remedy)
+    return value

@@ -1,0 +1,278 @@
+"""Columns of one quantity that belong together: one a joint, named alike."""
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from sdp_vs_penalty.data.words.names import WORDS, Meaning
+from sdp_vs_penalty.data.words.tokens import split_tokens, starred
+
+#: How columns can be told apart, the surest first.
+_STYLES = ("joint", "number", "block", "name")
+#: Words of what is measured at the motor, before the gear, and of what is at the link.
+_MOTOR_WORDS = frozenset({"motor", "motors", "mot", "actuator", "drive", "rotor"})
+_LINK_WORDS = frozenset({"link", "joint", "arm", "load", "l", "j"})
+#: Symbols that mean the motor only beside columns with a link's symbol, or without one:
+#: q_m beside q_l. Alone, q_m is what was measured.
+_MOTOR_SYMBOLS = {"qm": "q", "m": ""}
+_LINK_SYMBOLS = {"ql": "q", **dict.fromkeys(_LINK_WORDS, "")}
+
+
+@dataclass(frozen=True)
+class ColumnSet:
+    """Columns of one quantity that belong together, one for each joint."""
+
+    #: Quantity: "q", "dq", "tau", "temp" or "qcmd".
+    quantity: str
+    #: Place of the set's word in the list of the quantity's words, 0 for the best.
+    rank: int
+    #: What tells the joints apart: "joint" (the robot's joint names), "number", "block"
+    #: (one column holds all joints), "name" (other words).
+    style: str
+    #: Further words that all its names share.
+    other_words: tuple[str, ...]
+    #: The file's names by joint, number or words, in the order of the joints.
+    columns: dict[Hashable, str]
+    #: Words of its names that say the quantity.
+    n_words: int = 1
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether the names say nothing but the joints' numbers, "j1"."""
+        return self.rank > len(WORDS[self.quantity])
+
+    @property
+    def preference(self) -> tuple[int, int, int, int]:
+        """Sort key among the sets of one quantity, of which the smallest wins: the rank
+        of its word, how many further words there are, style, and minus the size."""
+        n_further = len(self.other_words) + max(self.n_words, 1) - 1
+        style = _STYLES.index(self.style)
+        return self.rank, n_further, style, -len(self.columns)
+
+    @property
+    def first_to_last(self) -> str:
+        """Its first and last name, for messages."""
+        names = list(self.columns.values())
+        return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+
+
+def column_sets(quantity: str, said: Mapping[str, Meaning]) -> list[ColumnSet]:
+    """Collect the columns of one quantity into sets with one column for each joint, the
+    best first.
+
+    A column can stand in several sets, of different styles. Motors and links have two
+    columns for each joint (motor_pos_1 and link_pos_1): they are split by these words,
+    and position columns with other ways of numbering by their names.
+    """
+    groups = dict[tuple[str, int, tuple[str, ...], int], list[str]]()
+    for name, meaning in said.items():
+        if meaning.quantity == quantity:
+            for style, others in _styles_of(meaning):
+                key = style, meaning.rank, others, len(meaning.words)
+                groups.setdefault(key, []).append(name)
+    sets = list[ColumnSet]()
+    for (style, rank, others, n_words), names in groups.items():
+        parts = [names]
+        if not _columns_by_joint(style, names, said):
+            parts = _split(names, lambda x: frozenset(_SIDES & {*split_tokens(x)}))
+            if (
+                quantity == "q"
+                and style == "number"
+                and not any(_columns_by_joint(style, part, said) for part in parts)
+            ):
+                parts = _split(names, starred)
+        for part in parts:
+            if columns := _columns_by_joint(style, part, said):
+                sets.append(ColumnSet(quantity, rank, style, others, columns, n_words))
+    return sorted(sets, key=lambda column_set: column_set.preference)
+
+
+_SIDES = {*_MOTOR_WORDS, *_LINK_WORDS, *_MOTOR_SYMBOLS}
+
+
+def _split(names: Sequence[str], key: Any) -> list[list[str]]:
+    """Split names into lists with equal keys; no lists where all have the same."""
+    groups = dict[Hashable, list[str]]()
+    for name in names:
+        groups.setdefault(key(name), []).append(name)
+    return list(groups.values()) if len(groups) > 1 else []
+
+
+def _styles_of(meaning: Meaning) -> list[tuple[str, tuple[str, ...]]]:
+    """List the styles of the sets to which a column can belong, each with the further
+    words that all columns of the set share: [("name", ()), ("number", ("left",))] for
+    "left_q_1"."""
+    if meaning.joint is not None:
+        return [("joint", meaning.other_words)]
+    style = "block" if meaning.number is None else "number"
+    return [("name", ()), (style, meaning.other_words)]
+
+
+def _columns_by_joint(
+    style: str, names: Sequence[str], said: Mapping[str, Meaning]
+) -> dict[Hashable, str]:
+    """Order the columns of one set by what tells their joints apart.
+
+    By style that is the robot's joint ("joint"), a number from 0 ("number"), the further
+    words of the name ("name"), or "" for one column that holds all joints ("block").
+    Empty if the columns are no set: two columns of one joint, numbers with a gap,
+    several blocks, or a single "name".
+    """
+    if style == "block":
+        return {"": names[0]} if len(names) == 1 else {}
+    if style == "name":
+        columns: dict[Hashable, str] = {
+            (*said[x].other_words, str(said[x].number)): x for x in names
+        }
+        is_numbered = all(said[x].number is not None for x in names)
+        is_set = len(columns) == len(names) > 1 and not is_numbered
+        return columns if is_set else {}
+    places = {getattr(said[x], style): x for x in names}
+    in_order = {key: places[key] for key in sorted(places)}
+    if len(in_order) != len(names) or style == "joint":
+        return in_order if len(in_order) == len(names) else {}
+    first = next(iter(in_order))
+    is_whole = first < 2 and list(in_order) == list(range(first, first + len(names)))
+    return dict(enumerate(in_order.values())) if is_whole else {}
+
+
+def _is_of_motors(columns: ColumnSet, others: Sequence[ColumnSet]) -> bool:
+    """Return whether a set was measured at the motors, where another set of the same
+    joints was measured at the links: by a word in the names, or by the symbol m beside
+    l, j or no symbol."""
+
+    def words_of(columns: ColumnSet) -> list[str]:
+        return [
+            x for x in split_tokens(next(iter(columns.columns.values()))) if x.isalpha()
+        ]
+
+    def bare(words: Sequence[str], symbols: Mapping[str, str]) -> list[str]:
+        return [x for word in words if (x := symbols.get(word, word))]
+
+    words = words_of(columns)
+    beside = [
+        words_of(x)
+        for x in others
+        if x.columns.keys() == columns.columns.keys() and x.columns != columns.columns
+    ]
+    if not _MOTOR_WORDS.isdisjoint(words):
+        return any(_MOTOR_WORDS.isdisjoint(x) for x in beside)
+    stem = bare(words, _MOTOR_SYMBOLS)
+    return not _MOTOR_SYMBOLS.keys().isdisjoint(words) and any(
+        bare(x, _LINK_SYMBOLS) == stem and x != words for x in beside
+    )
+
+
+@dataclass(frozen=True)
+class SetChoice:
+    """The chosen set of each quantity."""
+
+    #: The chosen sets by quantity.
+    sets: dict[str, ColumnSet]
+    #: Other sets of positions that are equally good; the user has to choose among them.
+    rivals: tuple[ColumnSet, ...] = ()
+    #: Sets of the motors, by quantity, in whose place those of the links are taken.
+    left_out: Mapping[str, ColumnSet] = field(default_factory=dict)
+    #: Further sets of torques of the same joints.
+    other_torques: tuple[ColumnSet, ...] = ()
+
+
+def choose_sets(
+    said: Mapping[str, Meaning], n_joints: int | None, *, has_blocks: bool = True
+) -> SetChoice | None:
+    """Choose the set of position columns, and the sets of torques, velocities and so on
+    that have the same joints; None where there is none.
+
+    Positions without torques or commands for the same joints are no candidates. Among
+    the candidates the preference of the positions decides. Sets of the motors are taken
+    only where the links have none.
+
+    Parameters
+    ----------
+    said : mapping of str to Meaning
+        What each column's name says.
+    n_joints : int or None
+        Number of the robot's joints. Columns that are called by its joints have to name
+        two of them.
+    has_blocks : bool
+        Whether one column may hold all joints, a list in each cell.
+    """
+    every = {x: column_sets(x, said) for x in WORDS if x != "t"}
+    motors = {
+        x: [s for s in sets if _is_of_motors(s, sets)] for x, sets in every.items()
+    }
+    links = {x: [s for s in sets if s not in motors[x]] for x, sets in every.items()}
+    candidates = list[dict[str, ColumnSet]]()
+    for positions in links["q"]:
+        positions = _driven(positions, links["tau"])
+        n_named = min(2, n_joints or 0) if positions.style == "joint" else 0
+        if len(positions.columns) < n_named or (
+            positions.style == "block" and not has_blocks
+        ):
+            continue
+        partners = {x: _partner_of(positions, links[x]) for x in links if x != "q"}
+        candidate = {"q": positions, **{x: s for x, s in partners.items() if s}}
+        if candidate.keys() & {"tau", "qcmd"}:
+            candidates.append(candidate)
+    # One column with all joints gives way to a column for each joint of the robot.
+    if candidates and candidates[0]["q"].style == "block" and n_joints != 1:
+        is_robot = [
+            x["q"].style == "name" and len(x["q"].columns) == n_joints
+            for x in candidates
+        ]
+        candidates = [
+            x for x, fits in zip(candidates, is_robot, strict=True) if fits
+        ] or candidates
+    if not candidates:
+        return None
+    best, *others = candidates
+    seen = {*best["tau"].columns.values()} if "tau" in best else set()
+    torques = list[ColumnSet]()
+    for columns in links["tau"] if seen else ():
+        has_joints = columns.columns.keys() >= best["tau"].columns.keys()
+        if has_joints and seen.isdisjoint(columns.columns.values()):
+            torques.append(columns)
+            seen |= {*columns.columns.values()}
+    return SetChoice(
+        best,
+        tuple(x["q"] for x in others if x["q"].preference == best["q"].preference),
+        {
+            x: columns
+            for x, sets in motors.items()
+            for columns in sets
+            if x in best and columns.columns.keys() >= best[x].columns.keys()
+        },
+        tuple(torques),
+    )
+
+
+def _driven(positions: ColumnSet, torques: Sequence[ColumnSet]) -> ColumnSet:
+    """Leave joints without a torque column, such as a gripper's, out of positions that
+    are called by the robot's joints, where more than half of them have a torque."""
+    if positions.style != "joint":
+        return positions
+    joints = positions.columns.keys()
+    driven = [x.columns.keys() for x in torques if x.style == "joint"]
+    most = [x for x in driven if x < joints and 2 * len(x) > len(joints)]
+    if joints in driven or not most:
+        return positions
+    columns = {key: x for key, x in positions.columns.items() if key in most[0]}
+    return replace(positions, columns=columns)
+
+
+def _partner_of(positions: ColumnSet, others: Sequence[ColumnSet]) -> ColumnSet | None:
+    """Return the best set of another quantity that has the same joints as the positions,
+    in their order; one that shares their further words ("left arm") is preferred."""
+    joints = positions.columns.keys()
+    partners = [
+        x
+        for x in others
+        if x.columns.keys() == joints
+        or (x.style == positions.style == "joint" and x.columns.keys() > joints)
+    ]
+    if not partners:
+        return None
+    best = min(
+        partners, key=lambda x: (x.other_words != positions.other_words, x.preference)
+    )
+    return replace(best, columns={key: best.columns[key] for key in positions.columns})

@@ -1,0 +1,209 @@
+"""What a column is, as hypotheses: each has a prior from names, units and metadata, and
+evidence from the values; one function weighs them.
+
+A unit of angles, a unit of time, which of several torques: where the file does not say it,
+there are several answers. Whoever knows the arm can weigh the same hypotheses by its
+torques.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty.data.words.units import LARGEST_PERCENT, UNITS
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Words of loggers.toml for units that the values show: of angles, of a clock, and of
+#: servos, whose drivers write degrees or per cent of each joint's range.
+ANGLE, CLOCK, SERVO = "angle", "clock", "servo"
+#: The unit of positions that may be either.
+DEGREES_OR_PERCENT = "degrees or per cent of each joint's range"
+#: Rows from which the units and the rate of a long file are judged.
+ROWS_JUDGED = 100_000
+#: Angles beyond two turns are in degrees [rad].
+_TWO_TURNS = 4.0 * np.pi
+#: Steps of a clock that are longer count milliseconds [s].
+_SLOWEST_STEP = 0.1
+#: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
+_EARLIEST_STAMP, _LATEST_STAMP = 1e9, 5e9
+#: Units of clocks that count from a date, the stamp of 1970 in that unit, and since when
+#: they count: Unix, Windows and .NET, spreadsheets, MATLAB, astronomers, Matplotlib.
+_EPOCHS = (
+    ("ms", 0.0, "1970"),
+    ("us", 0.0, "1970"),
+    ("ns", 0.0, "1970"),
+    ("100ns", 116_444_736_000_000_000.0, "1601"),
+    ("100ns", 621_355_968_000_000_000.0, "the year 1"),
+    ("day", 25_569.0, "1900"),
+    ("day", 719_529.0, "the year 0"),
+    ("day", 2_440_587.5, "4713 BC"),
+    ("day", 0.0, "1970"),
+)
+#: Steps of a clock in seconds are longer: no arm is logged at 50 kHz [s].
+_SHORTEST_STEP = 2e-5
+#: A measured torque carries noise; less than this share of its scatter is a model's.
+_LEAST_NOISE = 1e-4
+#: No robot measures a larger number, and its square would overflow.
+_LARGEST_SQUARABLE = 1e100
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One answer to what a column is."""
+
+    #: What is asked: "unit of q", "unit of t", "tau" (which columns).
+    about: str
+    #: The answer: a unit, or the first and last column.
+    answer: str
+    #: Share of logs with such names of which it is true; 1 where the file says it.
+    prior: float
+    #: The reason, as a phrase.
+    why: str = ""
+    #: How much more likely the values are under it than under another answer.
+    evidence: float = 1.0
+
+    @property
+    def weight(self) -> float:
+        """Its odds, but for a factor that all answers share."""
+        return self.prior * self.evidence
+
+
+def weigh(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+    """Return the most probable of several answers to one question, the first of equals.
+    A fact ends the question."""
+    fact = next((x for x in hypotheses if x.prior == 1.0), None)
+    return fact or max(hypotheses, key=lambda x: x.weight)
+
+
+def unit_of_angles(values: Array, kind: str = ANGLE) -> Hypothesis:
+    """Return the unit of angles: degrees beyond two turns (4 pi), else radians.
+
+    Those of a servo up to 100 may be degrees or per cent of each joint's range, and are
+    taken as they are.
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    is_large = largest > _TWO_TURNS
+    why = f"it reaches {largest:.3g}"
+    answers = [
+        Hypothesis("unit of q", "deg", 0.5, why, 1e3 if is_large else 1.0),
+        Hypothesis("unit of q", "rad", 0.5, why, 1.0 if is_large else 1e3),
+    ]
+    if kind == SERVO and _TWO_TURNS < largest <= LARGEST_PERCENT:
+        why = (
+            "which the file does not say: `check` weighs them by the torques, `convert"
+            " --units q=deg` takes degrees"
+        )
+        answers.append(Hypothesis("unit of q", DEGREES_OR_PERCENT, 0.5, why, 1e6))
+    return weigh(answers)
+
+
+def unit_of_clock(stamps: Array, rate: float | None = None) -> Hypothesis:
+    """Return the unit of a clock with stamps (N,): "ms" or "s".
+
+    Where velocities tell the rate [Hz], it is the unit in which the steps fit it.
+    Otherwise a median step of 0.1 or more counts milliseconds: no arm is logged at only
+    10 Hz. A clock that does not move counts milliseconds, in which libfranka writes it.
+    """
+    steps = np.diff(stamps)
+    steps = steps[steps > 0.0]
+    if not len(steps):
+        return Hypothesis("unit of t", "ms", 0.5, "as libfranka writes it")
+    step = float(np.median(steps))
+    why, expected = f"its steps are {step:.3g}", _SLOWEST_STEP
+    if rate is not None:
+        why = f"dq is the derivative of q at {rate:g} Hz"
+        expected = 1000.0**0.5 / rate  # between a step in milliseconds and in seconds
+    return weigh(
+        [
+            Hypothesis("unit of t", "ms", 0.5, why, step / expected),
+            Hypothesis("unit of t", "s", 0.5, why, expected / step),
+        ]
+    )
+
+
+def unit_of_dates(stamps: Array) -> Hypothesis | None:
+    """Return the unit of a clock whose stamps (N,) are dates in it, else None.
+
+    The first stamp is a day between 2001 and 2128 in one of the units in which programs
+    count, from the day from which they do. Days are taken only where seconds would be
+    tens of thousands of rows a second.
+    """
+    if len(stamps) == 0 or not np.isfinite(stamps[0]):
+        return None
+    steps = np.diff(stamps)
+    steps = steps[steps > 0.0]
+    may_be_days = len(steps) > 0 and float(np.median(steps)) < _SHORTEST_STEP
+    for unit, stamp_of_1970, since in _EPOCHS:
+        seconds = UNITS[unit] * (float(stamps[0]) - stamp_of_1970)
+        is_dated = _EARLIEST_STAMP < seconds < _LATEST_STAMP
+        if is_dated and (unit != "day" or may_be_days):
+            return Hypothesis("unit of t", unit, 1.0, f"it counts since {since}")
+    return None
+
+
+def which_torque(
+    channels: dict[str, Array], priors: dict[str, float]
+) -> list[Hypothesis]:
+    """Return the hypotheses that each of several channels (N, n) is the joints' torque.
+
+    A measured torque carries noise. Where some channels do and one does not, a model has
+    made that one. A channel that is another one times a constant is a conversion of it.
+    """
+    noise = {name: _noise(x) for name, x in channels.items()}
+    has_noise = max(noise.values(), default=0.0) > _LEAST_NOISE
+    out = list[Hypothesis]()
+    for name, values in channels.items():
+        is_model = has_noise and noise[name] < _LEAST_NOISE
+        why = "a model's: smooth" if is_model else ""
+        for other, x in channels.items():
+            ratio = _ratio(values, x)
+            if other != name and ratio > 1.0:
+                why = f"{ratio:.3g} times {other.split(' to ')[0]}"
+        evidence = 1e-3 if is_model else 1.0
+        out.append(Hypothesis("tau", name, priors[name], why, evidence))
+    return out
+
+
+def _noise(values: Array) -> float:
+    """Return the largest share of noise in the scatter of channels (N, n), by the median
+    size of fourth differences."""
+    fourth = (
+        np.median(np.abs(np.diff(values, 4, axis=0)), axis=0)
+        if len(values) > 4
+        else 0.0
+    )
+    scatter = np.std(values, axis=0)
+    # Fourth differences of white noise have sqrt(70) times its deviation.
+    shares = fourth / (0.6745 * 70.0**0.5) / np.where(scatter > 0.0, scatter, np.inf)
+    return float(np.max(shares, initial=0.0))
+
+
+def _ratio(values: Array, other: Array) -> float:
+    """Return the size of the first of channels (N, n) over that of another one where
+    each is the other times a constant, else 0."""
+    if values.shape != other.shape:
+        return 0.0
+    product = np.sum(values * other, axis=0)
+    norms = np.sum(values**2, axis=0), np.sum(other**2, axis=0)
+    is_same = np.all(product**2 >= (1.0 - 1e-6) * norms[0] * norms[1])
+    return float(product[0] / norms[1][0]) if is_same and norms[1][0] > 0.0 else 0.0
+
+
+def rate_from_velocities(q: Array, dq: Array) -> float | None:
+    """Estimate the sampling rate to three digits [Hz] at which velocities (N, n) are the
+    derivative of positions (N, n): by least squares, step = mean dq / rate.
+
+    None where steps and velocities have a squared correlation below 0.9.
+    """
+    steps, velocities = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
+    usable = np.all(np.isfinite(steps) & np.isfinite(velocities), axis=1)
+    steps, velocities = steps[usable], velocities[usable]
+    largest = max(np.abs(x).max(initial=0.0) for x in (steps, velocities))
+    if largest > _LARGEST_SQUARABLE:
+        return None
+    vv, ss = float(np.sum(velocities**2)), float(np.sum(steps**2))
+    sv = float(np.sum(steps * velocities))
+    if not vv * ss > 0.0 or sv <= 0.0 or sv**2 < 0.9 * vv * ss:
+        return None
+    return float(f"{vv / sv:.3g}")

@@ -1,0 +1,147 @@
+"""Which joint of a robot is which joint of a file, where both name them, perhaps with
+other words around the names."""
+
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
+
+from sdp_vs_penalty.data.words.tokens import split_tokens
+
+Tokens: TypeAlias = tuple[str, ...]
+#: What stands around a joint's name: before and behind it in the robot, then in the file.
+Frame: TypeAlias = tuple[Tokens, Tokens, Tokens, Tokens]
+
+
+class JointNames:
+    """Finder of the robot's joint names within the names of columns.
+
+    Names are compared as tokens (words and numbers in small letters). What all joints
+    begin or end with may be missing: "elbow" for "left_elbow_joint" beside
+    "left_wrist_joint".
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Prepare the joints' names, and their short forms where these are words that
+        differ."""
+        full = [tuple(split_tokens(name)) for name in names]
+        without_begin = _without_common_begin(full)
+        turned = [tokens[::-1] for tokens in without_begin]
+        cores = [tokens[::-1] for tokens in _without_common_begin(turned)]
+        self._joint_by_tokens = {tokens: k for k, tokens in enumerate(full)}
+        for short in (without_begin, cores):
+            # Numbers alone are no names: any column can hold them.
+            have_letters = all(any(x.isalpha() for x in name) for name in short)
+            if have_letters and len(set(short)) == len(names):
+                for k, tokens in enumerate(short):
+                    self._joint_by_tokens.setdefault(tokens, k)
+
+    def find(self, tokens: Sequence[str]) -> tuple[int, list[str]] | None:
+        """Find the joint, from 0, whose name a column's tokens hold, the longest first,
+        and the tokens without its name; None without a joint."""
+        for name in sorted(self._joint_by_tokens, key=len, reverse=True):
+            for start in range(len(tokens) - len(name) + 1 if name else 0):
+                end = start + len(name)
+                if tuple(tokens[start:end]) == name:
+                    return self._joint_by_tokens[name], [*tokens[:start], *tokens[end:]]
+        return None
+
+
+def _without_common_begin(names: Sequence[Tokens]) -> list[Tokens]:
+    """Leave out the first tokens that all names share; at least one token of each name
+    stays, and a single name stays as it is."""
+    n_shared = 0
+    shortest = min(map(len, names), default=0) if len(names) > 1 else 0
+    while n_shared < shortest - 1 and len({name[n_shared] for name in names}) == 1:
+        n_shared += 1
+    return [tokens[n_shared:] for tokens in names]
+
+
+def match_joints(
+    joints: Sequence[str], names_in_file: Sequence[str], *, by_numbers: bool = False
+) -> dict[str, str]:
+    """Find the file's name of each of the robot's joints that match.
+
+    Names are compared without marks and capital letters. All names of the robot may have
+    the same words around them, and so may all names of the file:
+    "ur_elbow_joint" is "left/elbow" where "ur_wrist_joint" is "left/wrist". The words that
+    match most joints are taken, of these the fewest. With ``by_numbers`` a number is name
+    enough: "axis 2" for "joint_2". Empty where different words match as many joints, as
+    those of two arms do.
+
+    >>> match_joints(["turn_joint", "tilt_joint"], ["arm/tilt", "arm/turn"])
+    {'turn_joint': 'arm/turn', 'tilt_joint': 'arm/tilt'}
+    """
+    by_letters = {"".join(_tokens(name)): name for name in names_in_file}
+    as_they_are = {
+        joint: by_letters[letters]
+        for joint in joints
+        if (letters := "".join(_tokens(joint))) in by_letters
+    }
+    if as_they_are:
+        return as_they_are
+    in_file = {_tokens(name): name for name in names_in_file}
+    in_robot = {joint: _tokens(joint) for joint in joints}
+    frames = {
+        frame
+        for tokens in in_robot.values()
+        for other in in_file
+        for frame in _frames(tokens, other, by_numbers)
+    }
+    best, best_rank, is_clear = dict[str, str](), (0, 0), True
+    for frame in frames:
+        matches = {
+            joint: in_file[framed]
+            for joint, tokens in in_robot.items()
+            if (framed := _reframed(tokens, frame)) in in_file
+        }
+        rank = (len(matches), -sum(map(len, frame)))
+        if rank > best_rank:
+            best, best_rank, is_clear = matches, rank, True
+        elif rank == best_rank and matches != best:
+            is_clear = False
+    return best if is_clear else {}
+
+
+def in_order_of(
+    joints: Sequence[str] | None, names_in_file: Sequence[str]
+) -> tuple[list[str], bool]:
+    """Put the file's names of joints in the robot's order, and tell whether they match.
+
+    They match where all joints of the robot, or all of the file, are among the others;
+    otherwise the order of the file stays.
+    """
+    found = match_joints(joints or (), names_in_file, by_numbers=True)
+    if found and len(found) in (len(joints or ()), len(names_in_file)):
+        return list(found.values()), True
+    return list(names_in_file), not (joints and names_in_file)
+
+
+def _tokens(name: str) -> Tokens:
+    """Split a name into words and numbers, "01" as "1"."""
+    return tuple(
+        str(int(x)) if x.isdecimal() and x.isascii() else x for x in split_tokens(name)
+    )
+
+
+def _frames(tokens: Tokens, other: Tokens, by_numbers: bool) -> Iterator[Frame]:
+    """Yield what stands around each run of tokens that a robot's and a file's name
+    share, and that is not a part of a longer one. A run holds a word, unless numbers are
+    name enough."""
+    for k in range(len(tokens)):
+        for j in range(len(other)):
+            if tokens[k] != other[j] or (k and j and tokens[k - 1] == other[j - 1]):
+                continue
+            n = 1
+            while tokens[k + n : k + n + 1] == other[j + n : j + n + 1] != ():
+                n += 1
+            if by_numbers or any(token.isalpha() for token in tokens[k : k + n]):
+                yield tokens[:k], tokens[k + n :], other[:j], other[j + n :]
+
+
+def _reframed(tokens: Tokens, frame: Frame) -> Tokens | None:
+    """Put a joint's tokens into the file's frame; None where they are not in the
+    robot's."""
+    before, behind, file_before, file_behind = frame
+    end = len(tokens) - len(behind)
+    core = tokens[len(before) : end]
+    is_framed = tokens[: len(before)] == before and tokens[end:] == behind
+    return (*file_before, *core, *file_behind) if is_framed and core else None

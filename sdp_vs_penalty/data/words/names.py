@@ -1,0 +1,212 @@
+"""What the name of a column says: a quantity, a joint or its number, a unit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from sdp_vs_penalty.data.words import table
+from sdp_vs_penalty.data.words.joints import JointNames
+from sdp_vs_penalty.data.words.tokens import split_tokens
+from sdp_vs_penalty.data.words.units import NamedUnit, telling_units, units_of_name
+
+#: The words of each quantity, the best first.
+WORDS: dict[str, list[str]] = table()["quantities"]
+#: Words that say nothing about a quantity; those of them that say "joint"; those of
+#: clocks whose names say the unit, and of counters otherwise; those of columns that are
+#: something else than was measured.
+_FILLERS, _JOINTS, _COUNTERS, _OTHERS = (
+    frozenset(table()[name]) for name in ("fillers", "joints", "counters", "others")
+)
+#: Symbols of units have at most so many letters; longer ones are words.
+_LONGEST_SYMBOL = 3
+#: Units by which a torque is a current.
+AMPERES = ("a", "amps", "ma")
+#: Two words that mean one.
+_COMPOUNDS = {tuple(text.split()): word for text, word in table()["compounds"].items()}
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What the name of a column says."""
+
+    #: Quantity: "t", "q", "dq", "tau", "temp" or "qcmd".
+    quantity: str
+    #: Place of the name's word in the list of the quantity's words, 0 for the best.
+    rank: int
+    #: Place of the robot's joint that the name holds, from 0; None without.
+    joint: int | None = None
+    #: The last number in the name; None without.
+    number: int | None = None
+    #: Further words in the name, such as "left".
+    other_words: tuple[str, ...] = ()
+    #: The unit at the end of the name, "" without.
+    unit: str = ""
+    #: Factor to SI.
+    factor: float = 1.0
+    #: The words that say the quantity.
+    words: tuple[str, ...] = ()
+
+
+def is_no_measurement(name: str) -> bool:
+    """Return whether a column holds something that was not measured, such as a target,
+    a limit or an error."""
+    return not _OTHERS.isdisjoint(split_tokens(name))
+
+
+def is_word_for_joint(words: Sequence[str]) -> bool:
+    """Return whether words mean a joint: "joint", "arm axis"."""
+    return not _JOINTS.isdisjoint(words) and _FILLERS.issuperset(words)
+
+
+def read_name(name: str, joints: JointNames | None = None) -> Meaning | None:
+    """Read quantity, joint and unit off a column's name, which can hold one of the
+    robot's joint names; None where it says no quantity, or one that was not measured.
+
+    A unit at the name's end is split off first; it counts where it is a unit of the
+    quantity that the remaining words say.
+    """
+    for unit in units_of_name(name):
+        said = _read_tokens(split_tokens(unit.remainder), joints)
+        if said is not None and said.quantity == unit.quantity:
+            return replace(said, unit=unit.text, factor=unit.factor)
+        by_unit = _read_by_unit(unit, joints)
+        if by_unit is not None:
+            return by_unit
+    return _read_tokens(split_tokens(name), joints)
+
+
+def quantity_of(name: str) -> str | None:
+    """Return the quantity that a name says; None where it says none."""
+    said = read_name(name)
+    return None if said is None else said.quantity
+
+
+def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Meaning | None:
+    """Read a name in which only the unit says the quantity; None for other names.
+
+    Such names are a joint and a unit of one quantity, "J1 [deg]", or a counter and a
+    unit of time, "Tick (ms)". They rank behind all names with a word of the quantity.
+    """
+    joint, others = None, split_tokens(unit.remainder)
+    if joints is not None and (match := joints.find(others)):
+        joint, others = match
+    words = {token for token in others if token.isalpha()}
+    numbers = [token for token in others if token.isdigit()]
+    if joint is not None or (words & _JOINTS and numbers):
+        is_read = words <= _FILLERS and unit.text in telling_units(unit.quantity)
+    else:
+        is_read = unit.quantity == "t" and bool(words & _COUNTERS) and not numbers
+    if not is_read or words & _OTHERS:
+        return None
+    return Meaning(
+        unit.quantity,
+        rank=len(WORDS[unit.quantity]),
+        joint=joint,
+        number=int(numbers[-1]) if numbers else None,
+        other_words=tuple(numbers[:-1]),
+        unit=unit.text,
+        factor=unit.factor,
+        words=("current",) if unit.text in AMPERES else (),
+    )
+
+
+def read_time_by_unit(name: str) -> Meaning | None:
+    """Read a name of unknown words that ends with a unit of time, "run_minutes", as a
+    clock; None for names with numbers, or with a word for what was not measured.
+
+    Durations end so too ("delay_ms"): a clock's values rise, which whoever asks has to
+    see.
+    """
+    for unit in units_of_name(name):
+        tokens = split_tokens(unit.remainder)
+        # Alone "s" may be a length, and "min" a minimum; "minutes" are a time.
+        is_clock = bool(tokens) or len(unit.text) > _LONGEST_SYMBOL
+        is_clock = (
+            is_clock and unit.quantity == "t" and not any(map(str.isdigit, tokens))
+        )
+        # "q_min" is a limit of positions, "error_min" an error.
+        if is_clock and _quantity(tokens) in (None, "t") and _OTHERS.isdisjoint(tokens):
+            rank = len(WORDS["t"]) + 1
+            return Meaning("t", rank, None, None, tuple(tokens), unit.text, unit.factor)
+    return None
+
+
+def read_bare_joint(name: str) -> Meaning | None:
+    """Read a name that says nothing but a joint's number, "j1" or "AxisAct_A1", as a
+    position that ranks behind all names with a word; None for other names."""
+    tokens = split_tokens(name)
+    numbers = [token for token in tokens if token.isdigit()]
+    if len(numbers) != 1 or not is_word_for_joint([x for x in tokens if x.isalpha()]):
+        return None
+    return Meaning("q", len(WORDS["q"]) + 1, number=int(numbers[0]))
+
+
+def _read_tokens(tokens: list[str], joints: JointNames | None) -> Meaning | None:
+    """Read the quantity that the tokens of a name say, "q" for "elbow", "position".
+
+    The robot's joint name is taken out first. If the other tokens say no quantity, all
+    tokens are read: the joint's name may have the word that says it ("torque_motor").
+    """
+    match = joints.find(tokens) if joints is not None else None
+    said = None if match is None else _read_words(match[1], match[0])
+    return _read_words(tokens, None) if said is None else said
+
+
+def _read_words(tokens: list[str], joint: int | None) -> Meaning | None:
+    """Read the quantity that tokens say, with their last number and their further words;
+    ``joint`` is the place of the robot's joint that was in the name."""
+    tokens = _without_port(_join_compounds(tokens))
+    words = [token for token in tokens if token.isalpha()]
+    numbers = [token for token in tokens if token.isdigit()]
+    quantity = _quantity(words) if _OTHERS.isdisjoint(words) else None
+    if quantity is None:
+        return None
+    known = WORDS[quantity]
+    its_words = tuple(word for word in words if word in known)
+    says_nothing = {*known, *_FILLERS, "q"}
+    others = [word for word in words if word not in says_nothing]
+    return Meaning(
+        quantity,
+        rank=min(known.index(word) for word in its_words),
+        joint=joint,
+        number=int(numbers[-1]) if numbers else None,
+        other_words=(*others, *numbers[:-1]),
+        words=its_words,
+    )
+
+
+def _without_port(tokens: list[str]) -> list[str]:
+    """Leave out the port of a block at a name's end, "q2/Out1", by which Simulink and
+    dSPACE call signals, where the name has another number."""
+    is_port = len(tokens) > 2 and tokens[-2] in ("out", "in") and tokens[-1].isdigit()
+    has_number = any(token.isdigit() for token in tokens[:-2])
+    return tokens[:-2] if is_port and has_number else tokens
+
+
+def _quantity(words: Sequence[str]) -> str | None:
+    """Return the one quantity that words say; None where they say none, or several.
+
+    A single letter beside a word names a joint or is a symbol: "q1_torque" is the
+    torque of joint q1, and "Torque_T" a torque, although q alone means positions and T
+    a temperature.
+    """
+    by_quantity = {x: [w for w in words if w in known] for x, known in WORDS.items()}
+    said = [x for x, its_words in by_quantity.items() if its_words]
+    if len(said) != 1:
+        said = [
+            x
+            for x, its_words in by_quantity.items()
+            if max(map(len, its_words), default=0) > 1
+        ]
+    return said[0] if len(said) == 1 else None
+
+
+def _join_compounds(tokens: Sequence[str]) -> list[str]:
+    """Join pairs of tokens that mean one word: "theta", "dot" are a velocity."""
+    joined = list[str]()
+    for token in tokens:
+        pair = (*joined[-1:], token)
+        if pair in _COMPOUNDS:
+            joined[-1] = _COMPOUNDS[pair]
+        else:
+            joined.append(token)
+    return joined

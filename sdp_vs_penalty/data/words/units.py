@@ -1,0 +1,93 @@
+"""Units that the names of columns end with, or that ``--units`` asks for."""
+
+import re
+from dataclasses import dataclass
+from functools import cache
+
+from sdp_vs_penalty.data.words import table
+
+#: Units that can be asked for, by what a value has to be multiplied by.
+UNITS: dict[str, float] = table()["asked"]
+#: Positions in per cent of a joint's range go a little beyond its ends.
+LARGEST_PERCENT = 101.0
+#: Units that are shares of a rating.
+SHARES = ("%", "percent", "pct", "permil", "permille", "promille", "‰")
+_PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
+_BETWEEN = ("", " ", "_", ".", "*", "·", "-")
+
+
+@cache
+def units_in_names() -> dict[str, dict[str, float]]:
+    """Return the factors to SI of the units that names end with, by quantity."""
+    units = {
+        quantity: {x: factor for text, factor in row.items() for x in text.split()}
+        for quantity, row in table()["units"].items()
+    }
+    units["dq"] |= units["q"]
+    for unit, factor in units["q"].items():
+        units["dq"] |= dict.fromkeys((x.format(unit) for x in _PER_SECOND), factor)
+    for text, factor in table()["torques"].items():
+        units["tau"] |= dict.fromkeys((x.join(text.split()) for x in _BETWEEN), factor)
+    return {**units, "qcmd": units["q"]}
+
+
+@cache
+def telling_units(quantity: str) -> frozenset[str]:
+    """Return the units of one quantity alone: by them a column that is called by its
+    joint is known, "J1 [deg]". A length in "m" can be anything."""
+    units = units_in_names()
+    others = {"q": {"m", "mm", "cm"}, "dq": {*units["q"]}, "tau": {"n", *SHARES}}
+    return frozenset(units[quantity]) - others.get(quantity, {*units[quantity]})
+
+
+def unit_of_factor(factor: float, quantity: str) -> str | None:
+    """Return the unit of UNITS with this factor to SI, one of the quantity ("t", "q",
+    "tau" ...) before others; None where none has it."""
+    units = [unit for unit, value in UNITS.items() if value == factor]
+    known = units_in_names().get(quantity, ())
+    return next(iter(sorted(units, key=lambda unit: unit not in known)), None)
+
+
+@dataclass(frozen=True)
+class NamedUnit:
+    """A unit at the end of a column's name."""
+
+    #: Quantity that has this unit.
+    quantity: str
+    #: The unit as the table of units writes it.
+    text: str
+    #: Factor to SI.
+    factor: float
+    #: The column's name without the unit.
+    remainder: str
+
+
+def units_of_name(name: str) -> list[NamedUnit]:
+    """List the units with which a column's name can end, the longest first; a joint's
+    number may follow the unit, "pos_deg_3"."""
+    text = name.strip()
+    folded = text.casefold()
+    candidates = list[NamedUnit]()
+    for quantity, units in units_in_names().items():
+        for unit, factor in units.items():
+            if unit.casefold() not in folded:
+                continue  # two hundred patterns take longer to compile than to read a run
+            match = _pattern(unit).search(text)
+            if match is not None:
+                remainder = f"{text[: match.start()]} {match['number']}"
+                candidates.append(NamedUnit(quantity, unit, factor, remainder))
+    return sorted(candidates, key=lambda unit: len(unit.text), reverse=True)
+
+
+@cache
+def _pattern(unit: str) -> re.Pattern[str]:
+    """Compile the pattern of a unit at the end of a name, where a number may follow.
+
+    The unit stands behind a mark or blank ("pos_deg"), or begins with a capital letter
+    ("posDeg"). It is no part of a longer word.
+    """
+    behind_a_mark = r"(?<![^\W\d_])(?<![°/·*])"  # and not behind a letter of any script
+    at_a_capital = r"(?<=[a-z])(?=[A-Z][a-z]{2})"
+    number_and_marks = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
+    begin = f"(?:{behind_a_mark}|{at_a_capital})"
+    return re.compile(f"{begin}(?i:{re.escape(unit)}){number_and_marks}")
