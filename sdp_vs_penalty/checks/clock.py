@@ -273,12 +273,15 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     yield Issue(
         kind="time runs backwards",
         severity=severity,
-        where=rows_text(bad + 3),
+        where=rows_text(glance.run, bad + 1),
         what=f"the clock is set back {formatting.times(len(bad))}, by up to {seconds:.3g} s: {how}.",
         certainty=READ,
         remedy=remedy,
         repair=repair,
-        figures={"rows": (bad + 3)[:100].tolist(), "seconds": seconds},
+        figures={
+            "rows": glance.run.rows_of_file(bad[:100] + 1).tolist(),
+            "seconds": seconds,
+        },
     )
 
 
@@ -421,16 +424,17 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
         steady = np.all(np.abs(ratios[a:b] - ratio) < 0.1 * ratio)
         if b - a < _SHORTEST_CHANGE_OF_RATE or not steady:
             continue
+        first, last = glance.run.rows_of_file([a, b]).tolist()
         yield Issue(
             kind="change of rate",
             severity="warning",
-            where=f"rows {a + 2} to {b + 2}",
-            what=f"rows {a + 2} to {b + 2} are {ratio:.3g} times as far apart as the"
+            where=f"rows {first} to {last}",
+            what=f"rows {first} to {last} are {ratio:.3g} times as far apart as the"
             f" others ({ratio * usual:.3g} s instead of {usual:.3g} s): the logger"
             " changed its rate.",
             certainty=READ,
             remedy="log at one rate; the run is split there",
-            figures={"rows": [int(a) + 2, int(b) + 2], "times": ratio},
+            figures={"rows": [first, last], "times": ratio},
         )
 
 
@@ -568,16 +572,15 @@ def _gap(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
 
 
 def _place(glance: RunSummary, rows: NDArray[np.intp]) -> str:
-    """The instant of the first long step and the rows behind all of them, in words.
-
-    Row numbers are those of a file: one more for its header, one for the row behind the
-    step, and they count from 1.
-    """
-    return f"t = {glance.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
+    """The instant of the first long step and the rows behind all of them, in words."""
+    return f"t = {glance.run.t[rows[0]]:.4g} s, {rows_text(glance.run, rows + 1)}"
 
 
 def _rows_and_seconds(glance: RunSummary, rows: NDArray[np.intp]) -> dict[str, object]:
     """Figures of an issue about long steps: the rows behind them, as a file numbers
     them (a hundred at most), and the longest step [s]."""
     seconds = float(glance.steps[rows].max())
-    return {"rows": (rows + 3)[:100].tolist(), "seconds": seconds}
+    return {
+        "rows": glance.run.rows_of_file(rows[:100] + 1).tolist(),
+        "seconds": seconds,
+    }

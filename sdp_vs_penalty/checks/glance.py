@@ -202,7 +202,7 @@ class RunSummary:
             "named": named,
             "joints": sorted({int(name.lstrip("qtau")) for name in channels if name}),
         }
-        rows = rows_text(np.flatnonzero(gone) + 2)  # below a file's header, from 1
+        rows = rows_text(self.run, np.flatnonzero(gone))
         where = f"{named}, {rows}" if named else rows
         refuses = unusable or self._lost_share(channels, gone) > c.MOST_LOST
         yield Issue(

@@ -188,9 +188,11 @@ def joints_text(joints: Any) -> str:
     return formatting.joints([int(j) + 1 for j in joints])
 
 
-def rows_text(rows: Any) -> str:
-    """Name rows by ascending numbers: the first that follow each other, and how many
-    more there are ("row 12", "rows 12 to 14 and 3 more")."""
+def rows_text(run: Measurements, places: Any) -> str:
+    """Name the rows of ascending samples, from 0, by their numbers in the file: the first
+    that follow each other, and how many more there are ("row 12", "rows 12 to 14 and 3
+    more")."""
+    rows = run.rows_of_file(places)
     n_consecutive = 1
     while n_consecutive < len(rows) and rows[n_consecutive] == rows[0] + n_consecutive:
         n_consecutive += 1

@@ -118,7 +118,7 @@ def log_of_arrays(
     texts = texts or {}
     columns = {name: Column("text", [str(x[0])]) for name, x in texts.items() if len(x)}
     for name, array in arrays.items():
-        is_block = min(array.shape, default=1) > 1
+        is_block = array.ndim > 1 and min(array.shape) > 1
         is_upright = array.ndim < 2 or array.shape[0] >= array.shape[1]
         head = (array if is_upright else array.T)[:ROWS_DESCRIBED]
         cells = [" ".join(f"{x:.15g}" for x in np.ravel(row)) for row in head]

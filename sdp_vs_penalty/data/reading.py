@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -116,13 +117,12 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     values = _in_one_order(log, values, found, choice)
     t, columns, rows = _aligned(log, groups, values, found, choice.rate)
     run, found = _in_si(log, found, groups, t, columns, rows, choice)
-    degrees = [
-        x for x, unit in found.units.items() if unit.answer in ("deg", "degrees")
-    ]
-    if degrees:
+    if found.scale:
         from sdp_vs_penalty.data.hypotheses.wrapping import POSITIONS, unwrapped
+        from sdp_vs_penalty.data.words.units import UNITS
 
-        run = unwrapped(run, log.path, [x for x in POSITIONS if x in degrees])
+        in_degrees = {group_of(x) for x, y in found.scale.items() if y == UNITS["deg"]}
+        run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
     if found.is_identity:
         return run
     sentence = reading_sentence(log, found)
@@ -214,10 +214,16 @@ def _as_chosen(log: Log, choice: Choice) -> Recognition:
                 raise InputError(what, "give --rename a name of the file", log.path)
     ours = {x: x for x in names if group_of(x) in ("t", *GROUPS)}
     # A group that is chosen as a whole is not also a column a joint.
-    rename = {x: y for x, y in ours.items() if group_of(x) not in chosen} | chosen
+    taken = {*chosen, *chosen.values()}
+    rename = {x: x for x in ours if not {x, group_of(x)} & taken} | chosen
     clock = rename.get("t") or find_clock(log.columns)
     rename = {**({"t": clock} if clock else {}), **rename}
     _require_channels(log, rename, choice)
+    for their_name, n in Counter(rename.values()).items():
+        if n > 1:
+            ours = " and ".join(x for x, y in rename.items() if y == their_name)
+            what = f"column {their_name} is taken as {ours}"
+            raise InputError(what, "give --rename one column a channel", log.path)
     order = _order(log, choice.joints)
     episode = episode_of([x for x in names if x not in rename.values()])
     return Recognition(rename, logger="", order=order, episode=episode)
@@ -431,7 +437,9 @@ def _aligned(
         at, rows = stamps[key]
         places[name] = rows
         is_whole = len(rows) == len(columns[name]) and bool(np.all(np.diff(rows) == 1))
-        channels[name] = Samples(at, columns[name] if is_whole else columns[name][rows])
+        channels[name] = Samples(
+            at, columns[name] if is_whole else columns[name][rows], its_clock, rows
+        )
     leading = (groups.get("tau") or groups["q"])[0]
     found_rows = align(channels, leading, [found.episode])
     taken = places[leading][found_rows.rows]
@@ -535,10 +543,12 @@ def _in_si(
         if count and first.size:
             from sdp_vs_penalty.data.hypotheses.proposals import no_clock
 
-            named = {
-                ours: columns[x] for ours, x in found.rename.items() if x in columns
+            in_si = {
+                ours: found.scale.get(ours, 1.0) * columns[x]
+                for ours, x in found.rename.items()
+                if x in columns
             }
-            raise no_clock(log, named)
+            raise no_clock(log, in_si)
         t = np.zeros(count)
     blocks = {
         group: _block(log, group, [columns[x] for x in names], len(t))

@@ -81,3 +81,17 @@ def test_between_rounded_stamps_the_nearest_sample_is_taken():
     stamps = np.repeat(np.arange(5.0), 2)
     found = Interpolation(np.array([1.4]), stamps, within=0.5)
     assert found.values(np.arange(10.0))[0] in (2.0, 3.0)
+
+
+def test_rows_of_one_table_belong_together_whatever_their_stamps(tmp_path: Path):
+    """The clock is rounded to 0.1 s, and one torque is lost."""
+    q = np.arange(40.0)
+    rows = [
+        f"{0.1 * (k // 5):.1f},{q[k]},{'' if k == 7 else 2.0 * q[k]}" for k in range(40)
+    ]
+    (tmp_path / "run.csv").write_text("\n".join(["t,q1,tau1", *rows]) + "\n")
+    with warnings.catch_warnings(action="ignore"):
+        run = read_run(tmp_path / "run.csv")
+    np.testing.assert_array_equal(run.q[:, 0], np.delete(q, 7))
+    np.testing.assert_array_equal(run.tau, 2.0 * run.q)
+    assert run.rows_of_file([0, 6, 7]).tolist() == [2, 8, 10]

@@ -111,7 +111,7 @@ def find_overlaps(runs: Sequence[Measurements]) -> Iterator[tuple[int, Issue]]:
             Issue(
                 kind="overlapping runs",
                 severity="warning",
-                where=rows_text(np.flatnonzero(is_copy) + 2),
+                where=rows_text(run, np.flatnonzero(is_copy)),
                 what=f"{is_copy.sum()} rows are rows of {runs[other].names[0]} as well, bit by"
                 " bit: the files overlap, and what both hold would count as a repetition"
                 " without noise.",
@@ -230,7 +230,7 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
     yield Issue(
         kind="doubled rows",
         severity="warning",
-        where=rows_text(np.flatnonzero(same) + 2),
+        where=rows_text(glance.run, np.flatnonzero(same)),
         what=f"{same.sum()} rows are copies of the row before, and the motion {after}"
         f" after them: {how}.",
         certainty=READ,

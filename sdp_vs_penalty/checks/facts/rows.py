@@ -256,13 +256,16 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     yield Issue(
         kind="lost rows",
         severity="warning",
-        where=rows_text(rows + 3),
+        where=rows_text(glance.run, rows + 1),
         what=f"at {len(rows)} places every joint skips ahead within one time step: about"
         f" {lost.sum():.0f} rows are missing and the clock was made again.",
         certainty=certain("all joints skip by the same time"),
         remedy="put the missing time back",
         repair=partial(_with_time, added=added),
-        figures={"rows": (rows + 3)[:100].tolist(), "missing": lost[:100].tolist()},
+        figures={
+            "rows": glance.run.rows_of_file(rows[:100] + 1).tolist(),
+            "missing": lost[:100].tolist(),
+        },
     )
 
 

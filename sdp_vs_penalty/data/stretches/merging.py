@@ -150,6 +150,20 @@ class Samples:
     t: Array
     #: (M,) or (M, n) values.
     values: Array
+    #: Name of the clock that gives the stamps.
+    clock: str = ""
+    #: (M,) rows of the samples in a table of that clock; None where it has no rows.
+    rows: NDArray[np.intp] | None = None
+
+    def of_rows_of(self, other: "Samples") -> NDArray[np.intp] | None:
+        """Return the place (N,) of the sample in each row of another channel; None where
+        one of these rows has none."""
+        if self.rows is None or other.rows is None or self.clock != other.clock:
+            return None
+        in_order = np.argsort(self.rows)
+        places = np.searchsorted(self.rows[in_order], other.rows)
+        places = in_order[np.minimum(places, len(in_order) - 1)]
+        return places if np.array_equal(self.rows[places], other.rows) else None
 
 
 @dataclass(frozen=True)
@@ -187,6 +201,8 @@ def align(
         # Of a column that is never a number whoever reads it says so.
         if len(channel.t) == 0 or np.array_equal(channel.t, base):
             continue
+        if channel.of_rows_of(channels[leading]) is not None:
+            continue
         key = id(channel.t)
         if key not in found:
             found[key] = Interpolation(base, channel.t, within)
@@ -201,7 +217,8 @@ def align(
         if len(channel.t) == 0:
             columns[name] = np.full((len(rows), *values.shape[1:]), np.nan)
         elif way is None:
-            columns[name] = values[rows]
+            places = channel.of_rows_of(channels[leading])
+            columns[name] = values[rows if places is None else places[rows]]
         elif name in discrete:
             columns[name] = values[way.nearest[rows]]
         else:
