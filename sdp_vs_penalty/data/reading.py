@@ -221,8 +221,8 @@ def _as_chosen(log: Log, choice: Choice) -> Recognition:
     _require_channels(log, rename, choice)
     for their_name, n in Counter(rename.values()).items():
         if n > 1:
-            ours = " and ".join(x for x, y in rename.items() if y == their_name)
-            what = f"column {their_name} is taken as {ours}"
+            channels = " and ".join(x for x, y in rename.items() if y == their_name)
+            what = f"column {their_name} is taken as {channels}"
             raise InputError(what, "give --rename one column a channel", log.path)
     order = _order(log, choice.joints)
     episode = episode_of([x for x in names if x not in rename.values()])

@@ -19,6 +19,7 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty import InputError, plugins, register
 from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.data.formats import FORMATS
+from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.testing import ContractError, contracts
 from sdp_vs_penalty.testing.files import FORMAT_CONTRACTS, small_run
@@ -84,7 +85,10 @@ def test_what_is_no_plugin_is_refused(theirs):
 def test_a_format_that_reads_noise_breaks_its_contract(registered):
     home = ModuleType("theirs.careless")
     home.SUFFIXES = (".careless",)
-    home.read = lambda path, choice: small_run()
+    run = small_run()
+    home.read = lambda path: log_of_arrays(
+        path, {"t": run.t, "q": run.q, "tau": run.tau}
+    )
     register(home)
     with pytest.raises(ContractError, match="bytes of noise"):
         contracts(home)["check_format_refuses_what_is_none"]()
