@@ -27,15 +27,18 @@ RESTS = True
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """Make an SDF 1.9 document: kinematics, inertials, damping and friction.
+    """Make an SDF 1.9 document: kinematics, inertials, damping and friction; of version
+    1.11, which has <mimic>, where joints follow others.
 
     Each link's frame is placed relative to its parent's; the joints lie at the origins
     of their child links. The base is fixed to the world. This module is an
     :class:`ExportFormat`. Returns the file's bytes and the effects left out.
     """
     content = Content.plausible(estimate, options)
-    root = etree.Element("sdf", version="1.9")
-    model = element(root, "model", name=estimate.robot.name)
+    robot = estimate.robot
+    version = "1.9" if robot.mechanism is None else "1.11"
+    root = etree.Element("sdf", version=version)
+    model = element(root, "model", name=robot.name)
     # The base, fixed to the world.
     element(model, "link", name="base_link")
     _texts(
@@ -44,7 +47,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         child="base_link",
     )
     # A link and its joint at a time, from the base on.
-    for part in parts(estimate.robot, content.links):
+    for part in parts(robot, content.links):
         joint = part.joint
         body = part.inertial
         link = element(model, "link", name=part.name)
@@ -70,6 +73,10 @@ def write(estimate: Estimate, options: Options) -> Written:
         if (k := part.place) is not None:
             friction = {"damping": content.damping[k], "friction": content.friction[k]}
             _texts(element(axis, "dynamics"), **friction)
+        else:  # q = multiplier (q_leader - reference) + offset
+            leader, multiplier, offset = robot.leader(part.index)
+            mimic = element(axis, "mimic", joint=leader)
+            _texts(mimic, multiplier=multiplier, offset=offset, reference=0.0)
     return xml_text(root), content.left_out(armature=False)
 
 

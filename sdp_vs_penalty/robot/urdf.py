@@ -54,6 +54,8 @@ _NUMBER = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 _BLANKS = " \t\r\n"
+#: An XML version that there is none of, such as 0.0 in Bullet's files, up to its number.
+_ODD_VERSION = re.compile(rb"(\A\s*<\?xml\s+version\s*=\s*[\"'])0\.\d+")
 #: Elements that couple links beside the tree of joints, by parts of their names.
 _COUPLING = re.compile("constraint|loop|connect|weld|closure", re.IGNORECASE)
 
@@ -371,7 +373,7 @@ def parse_urdf(path: str | Path) -> Any:
     if format_of(content) == "xacro":
         raise unexpanded(Path(path))
     try:
-        return etree.fromstring(content, parser)
+        return etree.fromstring(_ODD_VERSION.sub(rb"\g<1>1.0", content), parser)
     except (etree.XMLSyntaxError, ValueError) as error:
         what = f"not an XML file ({str(error).splitlines()[0]})"
         raise InputError(what, "correct the file", path) from error

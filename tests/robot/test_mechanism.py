@@ -14,13 +14,15 @@ from recorded import refusal, refusals, same_refusal
 from sdp_vs_penalty import Measurements, convert, identify, load_problem
 from sdp_vs_penalty.data import check_plausible, to_joints
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.exporters.content import Content
+from sdp_vs_penalty.exporters import sdf
+from sdp_vs_penalty.exporters.content import Content, Options
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
 from sdp_vs_penalty.robot import (
     SIDES,
     Robot,
     Transmission,
+    load_robot,
     load_urdf,
     parse_transmission,
     random_trajectory,
@@ -103,12 +105,14 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
     assert estimate.certificate.worst == 0.0
     content = Content.of(estimate)
     for name, text in (
-        ("new", make_urdf(robot, content)),
-        ("own", edit_urdf(urdf, robot, content)),
+        ("new.urdf", make_urdf(robot, content)),
+        ("own.urdf", edit_urdf(urdf, robot, content)),
+        ("new.sdf", sdf.write(estimate, Options(None, force=True))[0]),
     ):
-        path = urdf.with_name(f"{name}.urdf")
+        path = urdf.with_name(name)
         path.write_bytes(text)
-        again, written = load_urdf(path)
+        file = load_robot(path)
+        again, written = file.robot, file.links
         assert (again.n, again.links) == (robot.n, robot.links)
         found = again.inverse_dynamics(written, q, dq, ddq)
         np.testing.assert_allclose(

@@ -45,6 +45,13 @@ def test_a_mujoco_block_and_a_comment_make_no_other_format(tmp_path):
     same_arm(with_end(path, EXTENSIONS), path)
 
 
+def test_bullets_version_of_xml_is_read(tmp_path):
+    path = arm(tmp_path)
+    bullet = tmp_path / "bullet.urdf"
+    bullet.write_text('<?xml version="0.0" ?>\n' + path.read_text())
+    same_arm(bullet, path)
+
+
 def xacro_file(folder: Path) -> tuple[Path, Path]:
     """A URDF, and a xacro that includes its joints and links from a package."""
     path = arm(folder)
