@@ -14,12 +14,14 @@ from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation.resampling import CrossValidation, Fold
 from sdp_vs_penalty.estimators import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
+from sdp_vs_penalty.estimators.penalty import PenaltyTwoStep
 from sdp_vs_penalty.paper import classical, memo
 from sdp_vs_penalty.paper.classical import Geodesic, Ridge, TotalLeastSquares
 from sdp_vs_penalty.paper.tables import Study, build_tables, monte_carlo
 from sdp_vs_penalty.paper.tables.folds import error_interval
 from sdp_vs_penalty.paper.tables.study import worst_violations
 from sdp_vs_penalty.paper.tables.triangle import WithoutTriangle, positive_inertia
+from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
 
@@ -208,3 +210,15 @@ def test_output_error_needs_no_position_and_is_as_near_as_least_squares(draw):
     squares, output = (unseen.loss(np.array(x["theta"])) for x in found.values())
     assert output < 1.5 * squares
     assert output != pytest.approx(squares, rel=1e-6)
+
+
+@pytest.mark.real_data
+def test_the_two_step_penalty_is_proved_on_the_tx40():
+    """Its distance is small: what is made feasible must hardly have violated anything."""
+    study = Study(load_problem("tx40"))
+    (study.run,) = measured_runs("tx40").values()
+    assert study.measured is not None
+    task = study.task(study.measured)
+    fit = replace(PenaltyTwoStep().fit(task), bound=task.bound)
+    assert fit.gap <= 1e-6
+    assert max(task.constraints.worst(fit.theta).values()) <= 1e-9
