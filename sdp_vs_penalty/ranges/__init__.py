@@ -7,5 +7,8 @@ __getattr__ = lazy_exports(
     __name__,
     allowed="AllowedSet allowed_set",
     ends="End EndSearch",
+    band="Band torque_band",
+    samples="Samples find_samples sample_models",
+    worth="Worth what_to_measure worth_table",
     table="Range Ranges find_end find_ranges",
 )

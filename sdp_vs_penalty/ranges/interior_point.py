@@ -129,6 +129,18 @@ class _State:
         return np.asarray(factor)
 
 
+def barrier_hessian(cones: SmallCones, theta: Array) -> Array:
+    """Return the Hessian (p, p) of -sum log s - sum log det S at theta (p,), strictly
+    inside."""
+    rows, mats = split(cones, cones.constant + cones.slack_map @ theta)
+    inverse = np.linalg.inv(mats)
+    kronecker = inverse[:, :, :, None, None] * inverse[:, None, None]
+    products = np.concatenate([1.0 / rows**2, kronecker.ravel()])
+    lower = np.zeros((len(theta), len(theta)))
+    lower.ravel()[cones.places] = cones.curvature @ products
+    return lower + np.tril(lower, -1).T + np.triu(lower, 1).T
+
+
 def split(cones: SmallCones, flat: Array) -> tuple[Array, Array]:
     """Return the rows (rows,) and the blocks (blocks, 4, 4) of flat slacks or
     multipliers, as views."""

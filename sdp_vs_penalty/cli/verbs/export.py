@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import Estimate
@@ -16,6 +16,9 @@ def verb(
     window: str | None = None,
     flange: str | None = None,
     force: bool = False,
+    samples: int | None = None,
+    prior: str = "flat",
+    seed: int = 0,
 ) -> None:
     """Export a model to a simulator or a controller; an impossible or implausible inertial is refused.
 
@@ -28,6 +31,8 @@ def verb(
     --urdf robot.urdf: Your own URDF, of which only inertials, damping and friction are replaced.
     --flange x,y,z: Flange in the last link's frame [m], for a payload; default: 0,0,0.
     --force: Links whose mass lies outside of their bodies, too.
+    --samples N: N consistent models that fit the runs, each a file: out.001.urdf, out.002.urdf, ...
+    --prior: With --samples: flat (in the standard parameters, within all constraints) or entropic.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.parsing import numbers
@@ -37,6 +42,9 @@ def verb(
 
     estimate = load_estimate(model)
     x, y, z = numbers("--flange", flange or "0,0,0", 3)
+    if samples is not None:
+        how = {"urdf": urdf, "force": force, "flange": (x, y, z)}
+        return _samples(estimate, out, samples, prior, seed, data, window, **how)
     loses, judged = _judged_as_exported(estimate, out, data, window)
     verdict = None if judged is None else judged[0]
     left_out = write_model(
@@ -54,6 +62,34 @@ def verb(
     if left_out:
         names = ", ".join(map(effect_in_words, left_out))
         console.warn(f"{out.suffix} files cannot hold {names}; .json files can.")
+
+
+def _samples(
+    estimate: Estimate,
+    out: Path,
+    n: int,
+    prior: str,
+    seed: int,
+    data: list[Path] | None,
+    window: str | None,
+    **how: Any,
+) -> None:
+    """Write n consistent models that fit, each to a numbered file; ``how`` is passed to
+    the writer."""
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.runs import judging_runs
+    from sdp_vs_penalty.exporters.export import write_model
+    from sdp_vs_penalty.ranges.samples import find_samples
+
+    runs = judging_runs(estimate, data, window)
+    measured = None if runs is None else runs.train
+    with console.progress("sampling"):
+        found = find_samples(estimate, n, measured, seed=seed, prior=prior)
+    for k, theta in enumerate(found.theta, start=1):
+        path = out.with_name(f"{out.stem}.{k:03d}{out.suffix}")
+        write_model(estimate.with_theta(theta), path, **how)
+    console.say(found.sentence)
+    console.written(out.with_name(f"{out.stem}.001{out.suffix}"), f"and {n - 1} more")
 
 
 def _judged_as_exported(

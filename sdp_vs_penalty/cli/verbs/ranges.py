@@ -11,6 +11,8 @@ def verb(
     proof: Path | None = None,
     save: str | None = None,
     out: Path | None = None,
+    band: Path | None = None,
+    next_: str | None = None,
 ) -> None:
     """Show between which values masses and other parameters can lie at all, whatever the prior.
 
@@ -24,13 +26,17 @@ def verb(
     --proof proof.json: File for the exact proof of the end that --save names; `verify` checks it.
     --save NAME:least|greatest: With --out or --proof: an end, such as m4:least.
     --out model.json: File for the consistent model that fits and has that value.
+    --band RUN.csv: Between which values the torque of another run can lie, joint by joint.
+    --next NAME: What a weighed link, or more motion, would leave of this range.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.errors import InputError
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.ranges.allowed import KINDS
+    from sdp_vs_penalty.ranges.band import torque_band
     from sdp_vs_penalty.ranges.table import find_end, find_ranges
+    from sdp_vs_penalty.ranges.worth import what_to_measure, worth_table
     from sdp_vs_penalty.solvers.proof import write_proof
 
     if (save is None) != (out is None and proof is None):
@@ -55,6 +61,11 @@ def verb(
             end = find_end(estimate, name, side, measurements, level=level)
     console.table(found.table())
     console.save_json(json_, found.to_dict())
+    if band is not None:
+        console.table(torque_band(estimate, band, measurements).table())
+    if next_ is not None:
+        worth = what_to_measure(estimate, next_, measurements, level=level)
+        console.table(worth_table(worth, next_))
     if end is None:
         return
     if out is not None:

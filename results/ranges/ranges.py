@@ -1,0 +1,325 @@
+"""What certified ranges cost, and whether they keep what they promise.
+
+    python results/ranges/ranges.py [--quick] [--draws 200] [--out FOLDER] [SECTION ...]
+
+Sections, one CSV file each:
+- ends: 40 linear functions of five arms, beside CVXPY with Clarabel on the same set
+  written down a second time; each end's own certified gap, and the exact proof of one;
+- cost: processor time of ranges in units of one fit of `identify`;
+- coverage: how often 95 % ranges hold the truth, on simulated worlds whose motion and
+  model are exact and whose torque noise is white or remembers;
+- band: share of a real Panda's unseen torque within the band;
+- samples: 1000 consistent models of the Panda, and a case with known moments.
+"""
+
+import argparse
+import csv
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+os.environ |= dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty import Measurements, identify, load_problem
+from sdp_vs_penalty.data.measurements import concatenate
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
+from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.problem import measured_runs
+from sdp_vs_penalty.ranges import EndSearch, allowed_set
+from sdp_vs_penalty.ranges.allowed import KINDS
+from sdp_vs_penalty.ranges.band import torque_band
+from sdp_vs_penalty.ranges.functions import all_functions, functions_by_name
+from sdp_vs_penalty.ranges.samples import PRIORS, sample_models
+from sdp_vs_penalty.ranges.table import ranges_of, training_of
+from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.simulation.experiments import experiment
+from sdp_vs_penalty.solvers import verify_proof
+
+HERE = Path(__file__).parent
+ARMS = ("panda", "ur10e", "tx40", "emps", "two_link")
+#: Torque noise over each joint's root mean square, and how much it remembers of the last
+#: sample at 200 Hz: nothing, or for a tenth of a second.
+NOISE = 0.02
+COLOURS = {"white": 0.0, "AR": 0.95}
+WORLDS = ("four_r", "panda", "ur10e")
+#: s: the Panda's motion repeats after so long; it stands still at first.
+PERIOD, STANDSTILL, FOLDS = 13.334, 1.1, 5
+Rows = Iterator[dict[str, object]]
+
+
+def model_of(name: str):
+    """Return a model of an arm's first measured run; of the 2R, of a simulated one."""
+    problem = load_problem(name)
+    if name == "two_link":
+        return identify(problem, experiment(problem).training_run(), check=False)
+    return identify(problem, next(iter(measured_runs(name).values())), check=False)
+
+
+def ends(given: argparse.Namespace) -> Rows:
+    """Yield an arm a row: the worst difference to CVXPY and Clarabel."""
+    import cvxpy as cp
+
+    for arm in ARMS:
+        model = model_of(arm)
+        posed, floor = training_of(model, None)
+        allowed = allowed_set(posed, model.theta, floor)
+        known = set(model.model.known_values)
+        chosen = [
+            f
+            for f in all_functions(posed.problem, model.model)
+            if f.g is not None and not known & set(np.flatnonzero(f.g).tolist())
+        ]
+        rng = np.random.default_rng(0)
+        picked = sorted(rng.permutation(len(chosen))[: 8 if given.quick else 40])
+        functions = [chosen[k] for k in picked]
+        pairs = EndSearch(allowed).both([f.g for f in functions])
+        p = len(allowed.bound)
+        scale = np.maximum(np.abs(allowed.fit), 1e-3 * allowed.bound)
+        x = cp.Variable(p)
+        theta = cp.multiply(scale, x)
+        demands = []
+        for c in allowed.constraints.convex:
+            flat = c.coefficients.reshape(len(c.indices), -1)
+            # A unit diagonal of each cone at the best fit, for the solver's sake.
+            value = c.value(allowed.fit)
+            if c.cone == "psd":
+                t = np.diag(1.0 / np.sqrt(np.abs(np.diagonal(value)) + 1e-12))
+                matrix = sum(
+                    theta[int(k)] * (t @ F @ t)
+                    for k, F in zip(c.indices, c.coefficients, strict=True)
+                )
+                demands.append(t @ c.constant @ t + matrix >> 0)
+            else:
+                demands.append(c.constant + flat.T @ theta[c.indices] >= 0)
+        g, limit = cp.Parameter(p), cp.Parameter(nonneg=True)
+        ball = allowed.ball
+        in_ball = cp.norm(ball.A @ theta - ball.a) <= limit
+        problem = cp.Problem(cp.Minimize(g @ x), [*demands, in_ball])
+        worst = certified = 0.0
+        for pair in pairs:
+            width = abs(pair[1].value - pair[0].value)
+            for end in pair:
+                size = float(np.linalg.norm(end.g * scale))
+                g.value = end.g * scale / size
+                limit.value = np.sqrt(allowed.limit(end.c))
+                problem.solve(solver=cp.CLARABEL)
+                unit = max(width, end.size)
+                worst = max(worst, abs(problem.value * size - end.lowest) / unit)
+                certified = max(certified, end.gap / unit)
+        verify_proof.check(pairs[0][0].proof(functions[0].name))
+        yield {
+            "arm": arm,
+            "functions": len(functions),
+            "worst difference to Clarabel": f"{worst:.1e}",
+            "worst certified gap": f"{certified:.1e}",
+            "proof": f"accepted ({functions[0].name})",
+        }
+
+
+def cost(given: argparse.Namespace) -> Rows:
+    """Yield what sets of functions cost in fits of the default method."""
+    model = model_of("panda")
+    posed, floor = training_of(model, None)
+    estimator = make_estimator("lmi-sdp")
+    times = []
+    for _ in range(9):
+        fresh = build_problem(
+            posed.problem, posed.runs, PoseOptions(model.model.effects)
+        ).task
+        begin = time.process_time()
+        estimator.fit(fresh)
+        times.append(time.process_time() - begin)
+    fit = float(np.median(times))
+
+    def linear(names: list[str]) -> Callable[[], object]:
+        def run() -> object:
+            allowed = allowed_set(posed, model.theta, floor)
+            functions = functions_by_name(posed.problem, model.model, names)
+            return EndSearch(allowed).both([f.g for f in functions])
+
+        return run
+
+    tasks: dict[str, Callable[[], object]] = {
+        "7 masses and the total": linear(["masses"]),
+        "71: masses, total, centres, inertias about the frame": lambda: ranges_of(
+            posed, model, None, ["masses", "centres", "inertias"]
+        ),
+        "the same, with model error": lambda: ranges_of(
+            posed, model, floor, ["masses", "centres", "inertias"]
+        ),
+        "masses under four sets of constraints, with model error": lambda: ranges_of(
+            posed, model, floor, ["masses"], kinds=KINDS[:-1]
+        ),
+    }
+    for name, task in tasks.items():
+        task()
+        begin = time.process_time()
+        task()
+        seconds = time.process_time() - begin
+        yield {"functions": name, "s": f"{seconds:.2f}", "fits": f"{seconds / fit:.0f}"}
+
+
+def world(name: str):
+    """Return problem, model, truth (p,), and a clean run of a simulated world."""
+    source = HERE / "four_r.urdf" if name == "four_r" else name
+    problem = load_problem(source)
+    effects = "rigid_body,viscous_friction,coulomb_friction@v_s=0.02,torque_offset"
+    model = problem.model(effects)
+    truth = problem.nominal(model)
+    places = model.rigid_indices
+    truth[places] = experiment(problem).links.ravel()
+    joints = np.setdiff1d(np.arange(len(truth)), places)
+    rng = np.random.default_rng(3)
+    truth[joints] = rng.uniform(0.1, 0.5, len(joints))
+    trajectory = random_trajectory(problem.robot, seed=1)
+    t = np.arange(0.0, 20.0, 0.005)
+    q, dq, ddq = trajectory.states(t)
+    torque = model.torque(truth, Motion(t, q, dq, ddq))
+    return problem, model, truth, (t, q, torque)
+
+
+def coverage(given: argparse.Namespace) -> Rows:
+    """Yield a world and a noise a row: how often ranges hold the truth."""
+    for name in given.worlds:
+        problem, model, truth, (t, q, torque) = world(name)
+        size = NOISE * np.sqrt(np.mean(torque**2, axis=0))
+        masses = functions_by_name(problem, model, ["masses"])
+        base = functions_by_name(problem, model, ["base"])[:12]
+        joints = [
+            f
+            for f in functions_by_name(problem, model, ["parameters"])
+            if f.name.startswith(("f_v", "f_c"))
+        ][:8]
+        groups = {"masses": masses, "base parameters": base, "friction": joints}
+        functions = [f.g for group in groups.values() for f in group]
+        true = np.array([g @ truth for g in functions])
+        for colour, memory in COLOURS.items():
+            held, lengths = [], []
+            for draw in range(8 if given.quick else given.draws):
+                rng = np.random.default_rng([draw, 17])
+                white = rng.standard_normal((len(t) + 500, problem.robot.n))
+                noise = scipy.signal.lfilter([1.0], [1.0, -memory], white, axis=0)[500:]
+                noise *= size * np.sqrt(1.0 - memory**2)
+                run = Measurements(t, q, torque + noise)
+                options = PoseOptions(model.effects)
+                posed = build_problem(problem, run, options)
+                found = EndSearch(allowed_set(posed, truth)).both(functions)
+                low, high = np.array([[a.value, b.value] for a, b in found]).T
+                margin = 1e-9 * (1.0 + np.abs(true))
+                held.append((low - margin <= true) & (true <= high + margin))
+                lengths.append(high - low)
+            start = 0
+            for group, members in groups.items():
+                part = slice(start, start + len(members))
+                start += len(members)
+                share = np.array(held)[:, part].mean(axis=1)
+                half = 1.96 * share.std(ddof=1) / np.sqrt(len(share))
+                relative = np.mean(lengths, axis=0)[part] / np.maximum(
+                    np.abs(true[part]), 1e-3
+                )
+                yield {
+                    "world": name,
+                    "noise": colour,
+                    "functions": f"{len(members)} {group}",
+                    "draws": len(share),
+                    "coverage [%]": f"{100 * share.mean():.1f} +- {100 * half:.1f}",
+                    "mean length over value": f"{np.median(relative):.3g}",
+                }
+
+
+def band(given: argparse.Namespace) -> Rows:
+    """Yield a fold of the Panda's motion and a joint a row: samples within the band."""
+    (whole,) = measured_runs("panda").values()
+    since = whole.t - whole.t[0] - STANDSTILL
+    phase = (since % PERIOD) // (PERIOD / FOLDS)
+    for fold in range(1 if given.quick else FOLDS):
+        train, unseen = (
+            stretches(whole, (since >= 0.0) & chosen)
+            for chosen in (phase != fold, phase == fold)
+        )
+        model = identify("panda", train, noise_from=whole, check=False)
+        found = torque_band(model, unseen)
+        rms = np.sqrt(np.mean(found.measured**2, axis=0))
+        halves = found.half_width, found.half_width_with_error
+        narrow, wide = (np.sqrt(np.mean(x**2, axis=0)) for x in halves)
+        for j in range(len(rms)):
+            yield {
+                "fold": fold + 1,
+                "joint": j + 1,
+                "torque, RMS [N m]": f"{rms[j]:.3g}",
+                "half width, RMS [N m]": f"{narrow[j]:.3g}",
+                "with model error": f"{wide[j]:.3g}",
+                "inside [%]": f"{100 * found.inside(False)[j]:.1f}",
+                "inside with model error [%]": f"{100 * found.inside()[j]:.1f}",
+            }
+
+
+def stretches(run: Measurements, chosen: np.ndarray) -> Measurements:
+    """Return the chosen samples' stretches of more than two seconds, each as a run."""
+    samples = np.flatnonzero(chosen)
+    parts = np.split(samples, np.flatnonzero(np.diff(samples) > 1) + 1)
+    long = [p for p in parts if run.t[p[-1]] - run.t[p[0]] > 2.0]
+    return concatenate([Measurements(run.t[p], run.q[p], run.tau[p]) for p in long])
+
+
+def samples(given: argparse.Namespace) -> Rows:
+    """Yield a prior a row: 1000 consistent models of the Panda."""
+    model = model_of("panda")
+    posed, floor = training_of(model, None)
+    allowed = allowed_set(posed, model.theta, floor)
+    for prior in PRIORS:
+        begin = time.process_time()
+        found = sample_models(allowed, 1000, seed=0, prior=prior)
+        seconds = time.process_time() - begin
+        margins = [allowed.constraints.margin(theta) for theta in found.theta]
+        yield {
+            "prior": prior,
+            "models": len(found.theta),
+            "consistent": sum(m >= 0.0 for m in margins),
+            "s": f"{seconds:.1f}",
+            "effective, least": f"{found.effective.min():.0f}",
+            "effective, median": f"{np.median(found.effective):.0f}",
+            "split R^, largest": f"{found.r_hat.max():.3f}",
+        }
+
+
+SECTIONS = {
+    "ends": ends,
+    "cost": cost,
+    "coverage": coverage,
+    "band": band,
+    "samples": samples,
+}
+
+
+def main() -> None:
+    """Write the sections that are named, or all."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("sections", nargs="*", default=list(SECTIONS))
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--worlds", nargs="*", default=list(WORLDS))
+    parser.add_argument("--out", type=Path, default=HERE)
+    given = parser.parse_args()
+    for name in given.sections:
+        rows = list(SECTIONS[name](given))
+        given.out.mkdir(parents=True, exist_ok=True)
+        with (given.out / f"{name}.csv").open(
+            "w", newline="", encoding="utf-8"
+        ) as file:
+            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+        for row in rows:
+            print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()

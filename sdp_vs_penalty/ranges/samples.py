@@ -1,0 +1,337 @@
+"""Consistent models from the likelihood times a stated prior.
+
+    p(theta) ~ exp(-|A theta - a|^2 / (2 s^2)) prior(theta)   where every constraint holds,
+
+s^2 the variance that an interval takes for a row (c at one standard deviation). The prior is
+"flat" in the standard parameters within the constraints, or "entropic": exp(-k D(P || P0) / 2),
+the divergence from the nominal links with the weight k of the default method's pull.
+
+Hit-and-run (Smith, Operations Research 1984): along a random direction the density is a
+Gaussian on an interval, whose ends are eigenvalues of small matrices. Directions have the
+precision A^T A / s^2 plus the barrier's Hessian at the chains' mean, fixed after the warm-up. An
+entropic prior enters by a Metropolis step. Many chains run as one array. They are judged by
+the split R^ of Gelman and Rubin (Bayesian Data Analysis, 3rd ed., 11.4) and the effective sample
+size of Geyer's initial positive sequence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty.data.files import Source
+from sdp_vs_penalty.errors import InputError, require_known
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
+from sdp_vs_penalty.ranges.interior_point import barrier_hessian
+from sdp_vs_penalty.ranges.table import training_of
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
+
+PRIORS = ("flat", "entropic")
+#: Chains that run as one array.
+_CHAINS = 16
+#: Sweeps, a step for each parameter: of the warm-up, and between two samples of a chain.
+_WARM_UP, _BETWEEN = 30, 2
+#: Steps whose directions are drawn together.
+_BATCH = 64
+#: Largest R^ of chains that have forgotten where they began.
+STATIONARY = 1.1
+
+#: -2 log of a prior (chains,) at theta (chains, p).
+Penalty = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Consistent models, and how far they are independent."""
+
+    #: (n, p) parameters, one model a row.
+    theta: Array
+    #: The stated prior, of PRIORS.
+    prior: str
+    #: (p,) effective number of independent samples for each parameter's mean.
+    effective: Array
+    #: (p,) split R^ of each parameter; near 1 for stationary chains.
+    r_hat: Array
+    #: Seed of all random numbers.
+    seed: int
+
+    @property
+    def is_stationary(self) -> bool:
+        """Whether all chains have forgotten where they began."""
+        return bool(np.all(self.r_hat < STATIONARY))
+
+    @property
+    def sentence(self) -> str:
+        """What the samples are, and how good."""
+        word = (
+            "stationary" if self.is_stationary else "not yet stationary: ask for more"
+        )
+        return (
+            f"{len(self.theta)} consistent models from likelihood and {self.prior} prior;"
+            f" effective number {self.effective.min():.0f} to"
+            f" {self.effective.max():.0f} by parameter, split R^ at most"
+            f" {self.r_hat.max():.3f} ({word})"
+        )
+
+
+def find_samples(
+    model: Estimate | str | Path,
+    n: int,
+    data: Source | None = None,
+    *,
+    seed: int = 0,
+    prior: str = "flat",
+) -> Samples:
+    """Draw consistent models that fit, from a model and data.
+
+    Parameters
+    ----------
+    model : Estimate, str or Path
+        A model, or its file: effects, filters and constraints.
+    n : int
+        Number of models.
+    data : path, arrays, Measurements, optional
+        Default: those that the model was identified from, as long as the program runs.
+    prior : {"flat", "entropic"}
+        "flat" in the standard parameters, or the pull of the default method.
+
+    Returns
+    -------
+    Samples
+        ``theta`` (n, p), effective numbers and R^.
+
+    Raises
+    ------
+    InputError
+        As :func:`~sdp_vs_penalty.ranges.table.find_ranges` does.
+    """
+    estimate = as_estimate(model, "find_samples(model=...)")
+    posed, floor = training_of(estimate, data)
+    return sample_models(allowed_set(posed, estimate.theta, floor), n, seed, prior)
+
+
+def sample_models(
+    allowed: AllowedSet, n: int, seed: int = 0, prior: str = "flat"
+) -> Samples:
+    """Draw consistent models that fit.
+
+    Parameters
+    ----------
+    n : int
+        Number of models.
+    prior : str
+        "flat" or "entropic".
+
+    Returns
+    -------
+    Samples
+        Each within all constraints.
+
+    Raises
+    ------
+    InputError
+        For an unknown prior, or no models.
+    """
+    require_known("prior", prior, PRIORS)
+    if n < 1:
+        raise InputError(f"{n} samples", "ask for one at least")
+    z = np.sqrt(2.0) * scipy.special.erfinv(allowed.level)
+    std = np.sqrt(allowed.first_c) / z
+    chains = Chains(
+        allowed.cones,
+        allowed.ball.A / std,
+        allowed.ball.a / std,
+        allowed.optimiser(allowed.first_c).centre,
+        np.random.default_rng(seed),
+        _divergence(allowed.task) if prior == "entropic" else None,
+    )
+    drawn = chains.draw(max(-(-n // _CHAINS), 4))
+    flat = drawn.reshape(-1, drawn.shape[2])
+    chosen = chains.rng.permutation(len(flat))[:n]
+    r_hat, effective = diagnose_chains(drawn)
+    return Samples(flat[chosen], prior, effective * (n / len(flat)), r_hat, seed)
+
+
+def _divergence(task: Task) -> Penalty:
+    """Return the entropic prior's -2 log: k sum over links of tr(P0^-1 P) - log det P."""
+    inverse_nominal = np.linalg.inv(task.prior_inertias)
+
+    def penalty(theta: Array) -> Array:
+        P = inertia.pseudo_inertia(theta[:, task.links])
+        trace = np.sum(inverse_nominal * P, axis=(1, 2, 3))
+        return np.asarray(
+            LmiSdp.entropy * (trace - np.linalg.slogdet(P)[1].sum(axis=1))
+        )
+
+    return penalty
+
+
+class Chains:
+    """Hit-and-run of many chains at once, for |A theta - a|^2 / 2 in small cones."""
+
+    def __init__(
+        self,
+        cones: SmallCones,
+        A: Array,
+        a: Array,
+        start: Array,
+        rng: np.random.Generator,
+        penalty: Penalty | None = None,
+    ) -> None:
+        """Begin all chains at a start (p,) strictly inside of the cones.
+
+        Parameters
+        ----------
+        A : (r, p) array
+            Rows in units of their standard deviation; a : (r,) what they observe.
+        penalty : callable, optional
+            -2 log of a prior that is not flat.
+        """
+        self.cones = cones
+        self.A = A
+        self.a = a
+        self.rng = rng
+        self.penalty = penalty
+        self.theta = np.tile(start, (_CHAINS, 1))
+        self._refresh()
+        self._aim()
+
+    def draw(self, count: int) -> Array:
+        """Return samples (count, chains, p) after a warm-up."""
+        p = self.theta.shape[1]
+        for _ in range(4):
+            self._run(_WARM_UP * p // 4)
+            self._aim()
+        return np.array([self._run(_BETWEEN * p) for _ in range(count)])
+
+    def _aim(self) -> None:
+        """Set the directions' covariance by the data, and by the barrier at the chains'
+        mean."""
+        barrier = barrier_hessian(self.cones, self.theta.mean(axis=0))
+        precision = self.A.T @ self.A + barrier
+        size = 1.0 / np.sqrt(np.diagonal(precision))
+        values, vectors = np.linalg.eigh(precision * np.outer(size, size))
+        self.root = size[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12))
+
+    def _refresh(self) -> None:
+        """Evaluate slacks and residuals anew, so that rounding does not add up."""
+        self.slacks = self.cones.constant + (self.cones.slack_map @ self.theta.T).T
+        self.residual = self.theta @ self.A.T - self.a
+
+    def _run(self, steps: int) -> Array:
+        """Make steps; return the states (chains, p) after them."""
+        p = self.theta.shape[1]
+        for k in range(steps):
+            if k % _BATCH == 0:
+                shape = (_BATCH, _CHAINS, p)
+                d = self.rng.standard_normal(shape) @ self.root.T
+                maps = (self.cones.slack_map @ d.reshape(-1, p).T).T
+                maps = maps.reshape(_BATCH, _CHAINS, -1)
+                torques = d @ self.A.T
+            self._step(d[k % _BATCH], maps[k % _BATCH], torques[k % _BATCH])
+        self._refresh()
+        return self.theta.copy()
+
+    def _step(self, d: Array, slacks: Array, torque: Array) -> None:
+        """Move each chain along its direction d (chains, p), which changes slacks and
+        torque."""
+        low, high = self._chord(slacks)
+        square = np.maximum(np.sum(torque**2, axis=1), 1e-300)
+        mean = -np.sum(torque * self.residual, axis=1) / square
+        t = _along(mean, 1.0 / np.sqrt(square), low, high, self.rng)
+        if self.penalty is not None:
+            rise = self.penalty(self.theta + t[:, None] * d) - self.penalty(self.theta)
+            t = np.where(np.log(self.rng.random(len(t))) < -0.5 * rise, t, 0.0)
+        self.theta += t[:, None] * d
+        self.slacks += t[:, None] * slacks
+        self.residual += t[:, None] * torque
+
+    def _chord(self, change: Array) -> tuple[Array, Array]:
+        """Return the lowest and the highest multiple of each chain's change of the
+        slacks that stays inside the cones."""
+        rows = self.cones.rows
+        ratio = change[:, :rows] / self.slacks[:, :rows]
+        blocks = self.slacks[:, rows:].reshape(-1, ORDER, ORDER)
+        root = np.linalg.inv(np.linalg.cholesky(blocks))
+        turned = root @ change[:, rows:].reshape(-1, ORDER, ORDER)
+        turned = turned @ np.swapaxes(root, 1, 2)
+        eigenvalues = np.linalg.eigvalsh(turned).reshape(len(change), -1)
+        relative = np.concatenate([ratio, eigenvalues], axis=1)
+        # A hair inside, so that rounding leaves no chain outside.
+        inside = 1.0 - 1e-9
+        return (
+            -inside / np.maximum(relative.max(axis=1), 1e-300),
+            -inside / np.minimum(relative.min(axis=1), -1e-300),
+        )
+
+
+def _along(
+    mean: Array, std: Array, low: Array, high: Array, rng: np.random.Generator
+) -> Array:
+    """Return moves from 0 that leave normal distributions on [low, high] as they are.
+
+    Half of the moves are samples; the others reflect the present quantile u to 1 - u
+    (overrelaxation: Neal 1998), which keeps chains from wandering.
+    """
+    a, b, now = ((x - mean) / std for x in (low, high, np.zeros_like(mean)))
+    # Mirrored to the lower tail, where the distribution function has its digits.
+    sign = np.where(a > 0.0, -1.0, 1.0)
+    left, right = np.minimum(sign * a, sign * b), np.maximum(sign * a, sign * b)
+    log_left, log_now, log_right = scipy.special.log_ndtr(
+        np.array([left, np.clip(sign * now, left, right), right])
+    )
+    # Quantile u of the present point; where the chord is short the normal is flat on it.
+    is_flat = b - a < 1e-5
+    lowest = np.exp(log_left - log_right)
+    share = -low / (high - low)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        u = (np.exp(log_now - log_right) - lowest) / (1.0 - lowest)
+    u = np.where(is_flat, np.where(sign > 0.0, share, 1.0 - share), u)
+    u = np.where(rng.random(len(mean)) < 0.5, rng.random(len(mean)), 1.0 - u)
+    u = np.clip(u, 0.0, 1.0)
+    quantile = lowest + u * (1.0 - lowest)
+    x = scipy.special.ndtri_exp(log_right + np.log(np.maximum(quantile, 1e-300)))
+    t = mean + std * sign * np.clip(x, left, right)
+    flat = low + np.where(sign > 0.0, u, 1.0 - u) * (high - low)
+    return np.asarray(np.clip(np.where(is_flat, flat, t), low, high))
+
+
+def diagnose_chains(drawn: Array) -> tuple[Array, Array]:
+    """Return split R^ (p,) and the effective number of samples (p,) of chains.
+
+    Parameters
+    ----------
+    drawn : (T, chains, p) array
+        T samples of each chain.
+    """
+    T, m, _ = drawn.shape
+    half = T // 2
+    halves = np.concatenate([drawn[:half], drawn[T - half :]], axis=1)
+    within = halves.var(axis=0, ddof=1).mean(axis=0)
+    between = half * halves.mean(axis=0).var(axis=0, ddof=1)
+    within = np.where(within > 0.0, within, 1.0)
+    r_hat = np.sqrt((half - 1) / half + between / (half * within))
+    # Autocorrelation, averaged over the chains, against the pooled variance.
+    pooled = (half - 1) / half * within + between / half
+    centred = drawn - drawn.mean(axis=(0, 1))
+    tau = np.ones(drawn.shape[2])
+    is_open = np.ones(drawn.shape[2], bool)
+    for lag in range(1, T - 1, 2):
+        pair = sum(
+            np.mean(centred[k:] * centred[: T - k], axis=(0, 1)) / pooled
+            for k in (lag, lag + 1)
+        )
+        is_open &= pair > 0.0
+        if not is_open.any():
+            break
+        tau += np.where(is_open, 2.0 * pair, 0.0)
+    return r_hat, np.minimum(T * m / tau, float(T * m))

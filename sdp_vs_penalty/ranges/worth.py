@@ -1,0 +1,108 @@
+"""What a further measurement would tell of a range, before it is done.
+
+A weighed link is a bound on its mass, a known arm one on the sum of them: the range under
+that bound, at the estimate's own value, is what the scales would leave. More motion lets c
+go to zero: what remains then no motion can shorten, since it is consistency and bounds alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdp_vs_penalty.data.files import Source
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import LEVEL
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
+from sdp_vs_penalty.ranges.ends import EndSearch
+from sdp_vs_penalty.ranges.functions import TOTAL, functions_by_name
+from sdp_vs_penalty.ranges.table import training_of
+from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.results.table import Table
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Relative accuracy of the scales [-].
+SCALES = 0.01
+#: Share of c that perfect data would leave [-].
+_PERFECT = 1e-4
+
+
+@dataclass(frozen=True)
+class Worth(JsonRecord):
+    """The range that a measurement would leave of a function."""
+
+    #: What would be measured.
+    measurement: str
+    #: Least value after it.
+    least: float
+    #: Greatest value after it.
+    greatest: float
+    #: Length of the range after it, over that before.
+    length: float
+
+
+def what_to_measure(
+    model: Estimate | str,
+    function: str,
+    data: Source | None = None,
+    *,
+    level: float = LEVEL,
+) -> tuple[Worth, ...]:
+    """Return what measurements would leave of a linear function's range, the best
+    first.
+
+    Each assumes that the scales show the model's own value, to a hundredth.
+
+    Parameters
+    ----------
+    function : str
+        Such as "m4".
+    """
+    estimate = as_estimate(model, "what_to_measure(model=...)")
+    posed, floor = training_of(estimate, data)
+    allowed = allowed_set(posed, estimate.theta, floor, level)
+    (chosen,) = functions_by_name(posed.problem, posed.task.model, [function])
+    if chosen.g is None:
+        what = f"{function} is not linear in the parameters"
+        raise InputError(what, "name a standard parameter, such as m4 or mx4")
+    before = _length(allowed, chosen.g)[2]
+    perfect = replace(allowed.ball, spread=lambda w: _PERFECT * allowed.ball.spread(w))
+    after = {"any motion, as long as you like": replace(allowed, ball=perfect)}
+    for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
+        if scale.name != function and scale.g is not None:
+            what = "the arm" if scale.name == TOTAL else f"link {scale.name[1:]}"
+            after[f"weigh {what}"] = _weighed(allowed, scale.g)
+    out = []
+    for measurement, smaller in after.items():
+        least, greatest, length = _length(smaller, chosen.g)
+        out.append(Worth(measurement, least, greatest, length / before))
+    return tuple(sorted(out, key=lambda worth: worth.length))
+
+
+def _length(allowed: AllowedSet, g: Array) -> tuple[float, float, float]:
+    """Return the least and the greatest value of g^T theta, and their distance."""
+    ((low, high),) = EndSearch(allowed).both([g])
+    return low.value, high.value, high.value - low.value
+
+
+def _weighed(allowed: AllowedSet, g: Array) -> AllowedSet:
+    """Return the set with g^T theta within SCALES of its value at the best fit."""
+    value = float(g @ allowed.fit)
+    places = np.flatnonzero(g)
+    rows = np.outer(g[places], [1.0, -1.0])
+    ends = [-(1.0 - SCALES) * value, (1.0 + SCALES) * value]
+    scales = build.linear("scales", "the measurement", places, rows, ends)
+    return replace(
+        allowed, constraints=allowed.constraints.plus([scales]), interior=allowed.fit
+    )
+
+
+def worth_table(found: Sequence[Worth], function: str) -> Table:
+    """Return one row a measurement: the range of a function after it."""
+    rows = [(x.measurement, x.least, x.greatest, 100.0 * x.length) for x in found]
+    headings = ("measurement", f"least {function}", "greatest", "length left [%]")
+    return Table(headings, rows)

@@ -1,0 +1,91 @@
+"""Samples of consistent models, bands of torque, and what further measurements buy."""
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import InputError, identify, simulate
+from sdp_vs_penalty.ranges import (
+    allowed_set,
+    find_samples,
+    sample_models,
+    torque_band,
+    what_to_measure,
+)
+from sdp_vs_penalty.ranges.samples import Chains, diagnose_chains
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.constraint import ConstraintSet
+from sdp_vs_penalty.solvers.small_cones import SmallCones
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    return simulate("two_link", seed=1)
+
+
+@pytest.fixture(scope="module")
+def model(hidden):
+    return identify("two_link", hidden.train[:1], check=False)
+
+
+def test_a_flat_link_has_the_moments_of_its_cone():
+    """Uniform on {P >= 0, tr P <= 1}: tr P has the density 10 x^9, and E P = 10/44 1."""
+    link = np.arange(10)
+    trace = inertia.PSEUDO_INERTIA_BASIS.trace(axis1=1, axis2=2)
+    constraints = (
+        build.pseudo_inertia("link", link),
+        build.linear("bound", "trace", link, -trace[:, None], [1.0]),
+    )
+    cones = SmallCones(None, ConstraintSet(constraints), 10)
+    start = inertia.from_pseudo_inertia(0.2 * np.eye(4))
+    chains = Chains(
+        cones, np.zeros((1, 10)), np.zeros(1), start, np.random.default_rng(0)
+    )
+    drawn = chains.draw(150)
+    r_hat, effective = diagnose_chains(drawn)
+    assert r_hat.max() < 1.1
+    P = inertia.pseudo_inertia(drawn.reshape(-1, 10))
+    # Five standard errors of a mean whose samples scatter by about 0.1.
+    close = 5.0 * 0.1 / np.sqrt(effective.min())
+    np.testing.assert_allclose(P.mean(axis=0), 10.0 / 44.0 * np.eye(4), atol=close)
+    mean_trace = np.trace(P, axis1=1, axis2=2).mean()
+    assert mean_trace == pytest.approx(10.0 / 11.0, abs=close)
+
+
+def test_a_normal_distribution_keeps_its_moments():
+    """A row far from its bound: the samples have the data's mean and variance."""
+    bound = build.linear("bound", "x", [0, 1], np.eye(2), [50.0, 50.0])
+    cones = SmallCones(None, ConstraintSet((bound,)), 2)
+    A = np.array([[1.0, 0.5], [0.0, 2.0]])
+    chains = Chains(cones, A, A @ [1.0, 2.0], np.zeros(2), np.random.default_rng(0))
+    flat = chains.draw(600).reshape(-1, 2)
+    np.testing.assert_allclose(flat.mean(axis=0), [1.0, 2.0], atol=0.1)
+    np.testing.assert_allclose(np.cov(flat.T), np.linalg.inv(A.T @ A), atol=0.12)
+
+
+@pytest.mark.parametrize("prior", ["flat", "entropic"])
+def test_every_sample_is_consistent(model, prior):
+    allowed = allowed_set(model.training.posed, model.theta)
+    samples = sample_models(allowed, 50, seed=3, prior=prior)
+    assert samples.theta.shape == (50, len(model.theta))
+    assert all(allowed.constraints.margin(theta) >= 0.0 for theta in samples.theta)
+    again = sample_models(allowed, 50, seed=3, prior=prior)
+    assert np.array_equal(samples.theta, again.theta)
+
+
+def test_what_cannot_be_sampled_is_refused(model):
+    with pytest.raises(InputError, match="0 samples"):
+        find_samples(model, 0)
+
+
+def test_the_band_holds_the_torque_of_unseen_motion(hidden, model):
+    band = torque_band(model, hidden.test)
+    assert band.inside().min() > 0.9
+    assert np.all(band.half_width <= band.half_width_with_error)
+    assert np.all(band.peaks[:, 0] < band.peaks[:, 1])
+
+
+def test_a_measurement_leaves_a_shorter_range(model):
+    worth = what_to_measure(model, "m2")
+    assert {x.measurement for x in worth} >= {"weigh link 1", "weigh the arm"}
+    assert all(x.length <= 1.0 + 1e-6 for x in worth)
