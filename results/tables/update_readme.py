@@ -1,12 +1,17 @@
 """Make the results in README.md and results/README.md anew from results/: text and tables
-between marker lines, figures whose cell a comment names, two pictures.
+between marker lines, figures whose cells a comment below them names, two pictures.
 
     python results/tables/update_readme.py [--no-pictures]
 
-A marked figure is 0.058<!--FILE of results/ :: words of its row; more :: column-->, in any README
-of results/ and any page of docs/. tests/test_docs.py checks that all are as results/ say. The
-pictures,
-results/figures/data.png and results/figures/joint_7.png, need the extra [plot].
+Below a paragraph, list or table of any README of results/ and any page of docs/ may stand
+
+    <!-- figures by results/tables/update_readme.py
+    0.058 = FILE of results/ :: words of its row; more :: column
+    -->
+
+a line for each of its figures, in their order. tests/test_docs.py checks that all are as
+results/ say. The pictures, results/figures/data.png and results/figures/joint_7.png, need the
+extra [plot].
 """
 
 from __future__ import annotations
@@ -360,10 +365,12 @@ def all_routes() -> str:
     return "\n\n".join(parts)
 
 
-# --- figures whose cell a comment names -------------------------------------------------
+# --- figures whose cells a comment names ------------------------------------------------
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
-MARK = re.compile(rf"({NUMBER})<!--([^|>]+?)::([^|>]+?)::([^|>]+?)-->")
+FIGURES = "<!-- figures by results/tables/update_readme.py\n"
+#: What stands above such a comment (a table with an empty line between), and its lines.
+BLOCK = re.compile(rf"((?:[^\n]+\n)+\n?){re.escape(FIGURES)}((?:[^\n]+\n)+?)-->")
 
 
 def marked_pages() -> list[Path]:
@@ -396,19 +403,32 @@ def cell(file: str, words: str, column: str) -> str:
 
 
 def refreshed(text: str) -> str:
-    """A page with every marked figure as its cell has it, with as many digits as it had."""
+    """A page with every such figure as its cell has it, with as many digits as it had."""
 
     def anew(found: re.Match[str]) -> str:
-        said, *place = found.groups()
-        number = re.search(NUMBER, cell(*(part.strip() for part in place)))
-        assert number, f"{place}: no number"
-        mantissa, _, power = said.partition("e")
-        digits = len(mantissa.partition(".")[2])
-        value = f"{float(number.group()):.{digits}{'e' if power else 'f'}}"
-        value = re.sub(r"e([-+])0*", lambda sign: "e" + sign[1].strip("+"), value)
-        return value + found.group()[len(said) :]
+        above, comment = found.groups()
+        lines, done = [], ""
+        for line in comment.splitlines():
+            said, source = line.split(" = ", 1)
+            now = as_said(said, cell(*(part.strip() for part in source.split("::"))))
+            place = re.search(rf"(?<![\d.]){re.escape(said)}(?!\.?\d)", above)
+            assert place, f"{line}: no {said} above, or not in this order"
+            done += above[: place.start()] + now
+            above = above[place.end() :]
+            lines.append(f"{now} = {source}\n")
+        return f"{done}{above}{FIGURES}{''.join(lines)}-->"
 
-    return MARK.sub(anew, text)
+    return BLOCK.sub(anew, text)
+
+
+def as_said(said: str, cell: str) -> str:
+    """The number of a cell, with as many digits as it was said with."""
+    number = re.search(NUMBER, cell)
+    assert number, f"{cell}: no number"
+    mantissa, _, power = said.partition("e")
+    digits = len(mantissa.partition(".")[2])
+    value = f"{float(number.group()):.{digits}{'e' if power else 'f'}}"
+    return re.sub(r"e([-+])0*", lambda sign: "e" + sign[1].strip("+"), value)
 
 
 def with_results(readme: str, results: str) -> str:

@@ -4,7 +4,6 @@ registration."""
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import pandas
 
@@ -129,28 +128,25 @@ def make_tables(
     InputError
         For names that do not exist, before anything is computed or written.
     """
-    groups: dict[Any, list[TableSpec]] = {}
+    studies: dict[str, Study] = {}
+    plan = []
     for spec in _chosen(names):
-        problem_name, *_ = spec.problems or ("panda",)
-        key = problem_name if problem is None else ""
-        groups.setdefault(key, []).append(spec)
-    studies = {
-        name: Study(as_problem(problem or name), budget, progress, workers)
-        for name in groups
-    }
-    for name, specs in groups.items():
-        _check_problem(specs, studies[name])
+        name = "" if problem else (*spec.problems, "panda")[0]
+        if name not in studies:
+            posed = as_problem(problem or name)
+            studies[name] = Study(posed, budget, progress, workers)
+        _check_problem([spec], studies[name])
+        plan.append((spec, studies[name]))
     tables_made = []
-    for name, specs in groups.items():
-        made_here = []
-        for spec in specs:
-            table = table_once(spec, studies[name])
-            paths = table.write(_folder(table, Path(out)))
-            report(table, paths)
-            made_here.append((table, paths))
-        tables_made += made_here
-        if html and name == next(iter(groups)):
-            _write_page(made_here, studies[name])
+    for spec, study in plan:
+        table = table_once(spec, study)
+        paths = table.write(_folder(table, Path(out)))
+        report(table, paths)
+        tables_made.append((table, paths))
+    if html:
+        first = plan[0][1]
+        shown = zip(plan, tables_made, strict=True)
+        _write_page([made for (_, study), made in shown if study is first], first)
     return tables_made
 
 
