@@ -88,7 +88,7 @@ def servo_loop(result: Estimate, loop: dict[str, Any]) -> None:
     shares = ", ".join(map(formatting.percent, loop["share"]))
     delay = formatting.milli(loop["delay"], "s", 2)
     say(f"the servos' law, {delay} late, makes {shares} of the joints' logged torque")
-    _gains("Gains, of the logged torque", loop_gains(result))
+    console.table(tables.gain_table("Gains, of the logged torque", loop_gains(result)))
 
 
 def servo(result: Estimate, law: dict[str, Any]) -> None:
@@ -117,14 +117,9 @@ def servo(result: Estimate, law: dict[str, Any]) -> None:
             "motion simulated from the command, RMS from the measured:"
             f" {', '.join(distances)}"
         )
-    _gains("Gains; kd holds viscous friction too", list(drive_gains(result)))
+    title = "Gains; kd holds viscous friction too"
+    console.table(tables.gain_table(title, drive_gains(result)))
     paragraph(words.drive_torque_sentence(result))
-
-
-def _gains(title: str, entries: Sequence[Any]) -> None:
-    """Print a table of gains with their 95 % intervals."""
-    rows = [(gain.name, gain.value, gain.spread, gain.unit) for gain in entries]
-    console.table(tables.gain_table(title, rows))
 
 
 def verdicts(results: Sequence[Comparison]) -> None:

@@ -30,7 +30,6 @@ from sdp_vs_penalty.estimation.identify import (
     certify_beside,
     estimate_parameters,
     on_bounds,
-    parameter_sources,
     versions,
 )
 from sdp_vs_penalty.estimation.sensitivity import (
@@ -39,6 +38,7 @@ from sdp_vs_penalty.estimation.sensitivity import (
     sensitivities,
 )
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimation.sources import parameter_sources
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows

@@ -23,7 +23,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.link_figures import (
     certificate_without_data,
     certified_content,
@@ -40,15 +40,14 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
-from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem, ProblemFields
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, as_plain_array, check_finite, wrong_shape
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import MotionRecord
@@ -754,7 +753,7 @@ class Estimate(Record):
         """
         import pandas
 
-        return pandas.DataFrame(self.to_dict()["parameters"]).set_index("name")
+        return pandas.DataFrame(to_json(self.entries)).set_index("name")
 
     def as_written(self) -> ModelFile:
         """Return the record of model.json.
@@ -771,7 +770,7 @@ class Estimate(Record):
             problem=ProblemFields.of(self.problem),
             method=self.method,
             settings=self.settings,
-            parameters=self._entries(),
+            parameters=self.entries,
             certificate=self.certificate,
             robot=self.robot,
             effects=tuple(e.entry for e in self.model.effects),
@@ -797,8 +796,9 @@ class Estimate(Record):
         plugins = {n: p or known[n] for n, p in found.items() if p or n in known}
         return {"plugins": plugins} if plugins else {}
 
-    def _entries(self) -> tuple[ParameterEntry, ...]:
-        """Return what the file holds of each parameter."""
+    @property
+    def entries(self) -> tuple[ParameterEntry, ...]:
+        """What is known of each parameter."""
         return tuple(
             ParameterEntry(
                 **{**vars(interval), "value": float(value)},
@@ -815,6 +815,20 @@ class Estimate(Record):
                 self.sources,
                 strict=True,
             )
+        )
+
+    @property
+    def base_entries(self) -> tuple[ParameterEntry, ...]:
+        """What is known of each base parameter."""
+        listed = {x["name"]: x for x in self.details.get("base_parameters") or ()}
+        known = [listed.get(interval.name, {}) for interval in self.uncertainty.base]
+        return tuple(
+            ParameterEntry(
+                **vars(interval),
+                nominal=np.nan if x.get("nominal") is None else x["nominal"],
+                source=x.get("source", "data"),
+            )
+            for interval, x in zip(self.uncertainty.base, known, strict=True)
         )
 
     def require_joints(
@@ -974,70 +988,3 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
     if not named:
         raise InputError("No model to compare", "name at least one model.json")
     return named
-
-
-#: Of a table of links, as command line, page and report show it.
-LINK_HEADS = (
-    "link",
-    "mass [kg]",
-    "nominal",
-    "from",
-    "centre of mass [m]",
-    "gyration [m]",
-    "nominal",
-    "thickness [mm]",
-)
-
-
-def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Return the links' masses, centres of mass and radii of gyration as text.
-
-    Returns
-    -------
-    list of tuple of str
-        One row a link, with the columns :data:`LINK_HEADS`.
-    """
-    link_indices = estimate.model.rigid_indices
-    if not len(link_indices):
-        return []
-    mass_indices = link_indices[::10]  # ten parameters a link, the mass first
-    links = estimate.links
-    nominal = estimate.nominal[link_indices].reshape(-1, 10)
-    robot = estimate.robot
-    thickness = inertia.thickness(links)
-    gyration = inertia.gyration(links)
-    nominal_gyration = inertia.gyration(nominal)
-    # A link without mass has no centre of mass: NaN is shown as unknown.
-    com = np.where(
-        links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan
-    )
-    mm_per_m = 1e3
-    return [
-        (
-            f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
-            number(links[i, 0], 4),
-            number(nominal[i, 0], 4),
-            estimate.sources[mass_indices[i]],
-            ", ".join(number(zero_if_rounding(c)) for c in com[i]),
-            number(gyration[i]),
-            number(nominal_gyration[i]),
-            number(mm_per_m * thickness[i]),
-        )
-        for i in range(len(links))
-    ]
-
-
-def zero_if_rounding(value: float | None) -> float | None:
-    """Return 0 for a number that differs from zero by rounding alone.
-
-    Parameters
-    ----------
-    value : float or None
-        Number to be shown, in SI units.
-
-    Returns
-    -------
-    float or None
-        0 below ROUNDING (1e-9) in absolute value, else the number.
-    """
-    return 0.0 if value is not None and abs(value) < ROUNDING else value

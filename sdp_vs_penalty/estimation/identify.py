@@ -1,35 +1,21 @@
-"""From runs behind their filters to a certified estimate, and ``verify``: what a proof
-proves, and whether it is of this model and these data.
-
-Who determines a parameter (:func:`parameter_sources`): of a linear function a^T theta
-the data alone know the variance a^T H^-1 a, H = R^T R in units of the residual variance
-(infinite where no torque shows it), the prior alone a^T H_prior^-1 a. H_prior is one
-independent measurement a link: 1/2 P0^-1 (x) P0^-1, the curvature of the entropic pull
-at the nominal robot P0, and of the joints' own parameters one over their scale squared.
-It is from the data where their variance is the smaller one.
-"""
+"""From runs behind their filters to a certified estimate."""
 
 import platform
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.build_problem import (
     EstimationProblem,
     PoseOptions,
-    build_problem,
     in_columns,
     pose_filtered,
 )
@@ -38,7 +24,9 @@ from sdp_vs_penalty.estimation.estimate import Estimate, Training
 from sdp_vs_penalty.estimation.gains import with_torque_error
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
+from sdp_vs_penalty.estimation.proofs import proved
 from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
+from sdp_vs_penalty.estimation.sources import parameter_sources
 from sdp_vs_penalty.estimation.uncertainty import (
     LateUncertainty,
     Uncertainty,
@@ -51,124 +39,19 @@ from sdp_vs_penalty.estimators.estimator import (
     Progress,
     Task,
     no_progress,
-    sample_variance,
 )
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.black_box import BlackBox
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.fit import repair
-from sdp_vs_penalty.solvers.proof import (
-    Proof,
-    difference,
-    infeasibility_proof,
-    optimum_proof,
-    stated,
-    write_proof,
-)
-from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, violations
+from sdp_vs_penalty.solvers.proof import infeasibility_proof, write_proof
+from sdp_vs_penalty.solvers.rigorous_bounds import violations
 from sdp_vs_penalty.version import __version__
-
-DATA = "data"
-
-
-def parameter_sources(
-    task: Task, theta: Array, base: BaseParameters, undetermined_by: str, nominal: Array
-) -> dict[str, Any]:
-    """Return what determines each standard and base parameter, as fields of an
-    estimate's details.
-
-    Parameters
-    ----------
-    undetermined_by : str
-        What decides where the data do not: "prior" or "bounds"
-        (:attr:`Estimator.undetermined_by`).
-    nominal : (p,) array
-        Parameters as the robot's file states them.
-
-    Returns
-    -------
-    dict
-        "undetermined": source by name of each standard parameter that the data do not
-        determine; "base_parameters": name, value, nominal value and source of each.
-    """
-    # Standard parameters are linear functions of theta, too: first them, then the base.
-    rows = np.vstack([np.eye(len(theta)), base.rows])
-    names = [*(p.name for p in task.model.parameters), *base.names]
-    entries = []
-    for name, is_determined, value, stated_value in zip(
-        names,
-        is_data_determined(task, rows).tolist(),
-        (rows @ theta).tolist(),
-        (rows @ nominal).tolist(),
-        strict=True,
-    ):
-        source = DATA if is_determined else undetermined_by
-        if name in task.model.known:
-            source = "given"
-        entries.append(
-            {"name": name, "value": value, "nominal": stated_value, "source": source}
-        )
-    standard = entries[: len(theta)]
-    return {
-        "undetermined": {
-            entry["name"]: entry["source"]
-            for entry in standard
-            if entry["source"] != DATA
-        },
-        "base_parameters": entries[len(theta) :],
-    }
-
-
-def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
-    """Return whether the data determine linear functions of theta better than the
-    prior.
-
-    The data alone know a' theta with the variance a' H^-1 a, H = R' R over the residual
-    variance; the prior with a' H_prior^-1 a. H_prior is one measurement a link (the
-    curvature of the entropic pull at the nominal pseudo-inertia P0), and 1 / scale^2
-    for the parameters of joints. The data determine the function if their variance is
-    smaller.
-
-    Returns
-    -------
-    (b,) array of bool
-        True where the data determine a function.
-    """
-    variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
-    scale = task.bound if task.joint_scale is None else task.joint_scale
-    # Root of the prior's information: upper triangular, half^T half = H_prior.
-    half = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
-    for indices, p0 in zip(
-        task.links, inertia.pseudo_inertia(task.prior_links), strict=True
-    ):
-        root = np.linalg.inv(np.linalg.cholesky(p0))
-        whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
-        # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
-        curvature = 0.5 * LmiSdp.entropy * variance * (whitened @ whitened.T)
-        # Unit diagonal before the factorisation: masses and moments differ by 1e6.
-        size = np.sqrt(np.diagonal(curvature))
-        upper = scipy.linalg.cholesky(curvature / np.outer(size, size)) * size
-        half[np.ix_(indices, indices)] = upper
-    # In coordinates z = half theta the prior's information is the identity, and that of
-    # the data A^T A with A = R half^-1.
-    inverse_half = scipy.linalg.solve_triangular(half, np.eye(len(half)), lower=False)
-    _, s, vt = np.linalg.svd(task.data.R @ inverse_half, full_matrices=True)
-    information = np.zeros(len(half))  # of the data, along each singular direction
-    information[: len(s)] = s**2
-    weight = (rows @ inverse_half @ vt.T) ** 2
-    # Directions that no torque shows have next to no information: 1e-12 of the prior's.
-    variance_by_data = weight @ (1.0 / np.maximum(information, 1e-12))
-    variance_by_prior = weight.sum(axis=1)
-    return np.asarray(variance_by_data < variance_by_prior)
 
 
 def build_estimate(
@@ -267,36 +150,6 @@ def _uncertainty(
         constrained=is_feasible,
         gain_errors=posed.gain_errors,
     ).named_by_sources(sources)
-
-
-def proved(
-    task: Task,
-    fit: Fit,
-    theta: Array,
-    method: str,
-    made_of: Mapping[str, str] | None = None,
-) -> Proof:
-    """Build the proof that theta's objective is within its interval of the optimum.
-
-    Parameters
-    ----------
-    fit : Fit
-        The method's solution with its multipliers.
-    made_of : mapping of str to str, optional
-        Hashes of model and data, which the proof names.
-
-    Raises
-    ------
-    InputError
-        For a method without a lower bound (not convex, or without constraints).
-    """
-    if fit.multipliers is None:
-        what = f"method {method} has no lower bound to prove"
-        raise InputError(
-            what, "choose one that solves the SDP, such as lmi-sdp, or penalty"
-        )
-    certified = replace(fit, theta=theta, bound=task.bound)
-    return optimum_proof(certified, [p.name for p in task.model.parameters], made_of)
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
@@ -473,29 +326,6 @@ def estimate_posed(posed: EstimationProblem, method: str | Estimator) -> Estimat
     return replace(estimate, details={**estimate.details, **posed.details})
 
 
-def _wider_than_certified(proof: Mapping[str, Any], model: Estimate) -> str:
-    """Return a sentence if the proof's interval is wider than the model's certified
-    one, else "".
-
-    The two are computed in different arithmetic, so that a difference of TIGHT is
-    allowed, as a share of the objective's size.
-    """
-    gap = verify_proof.relative_gap(proof)
-    upper, lower = model.certificate.upper, model.certificate.lower
-    if upper is None or lower is None:
-        return ""
-    width = float(Fraction(proof["upper"]) - Fraction(proof["lower"]))
-    allowed = upper - lower
-    if gap is not None and gap:
-        allowed += TIGHT * width / float(gap)
-    if width <= allowed:
-        return ""
-    return (
-        f"its interval of {width:.1e} is wider than the {upper - lower:.1e} of the"
-        " model's certificate"
-    )
-
-
 def _require_suitable(
     estimator: Estimator,
     by_simulation: bool,
@@ -527,168 +357,3 @@ def _require_suitable(
     if isinstance(data, BlackBox):
         raise InputError(f"method {OUTPUT_ERROR} needs measured runs", remedy)
     data.measurements.require_torque(f"method {OUTPUT_ERROR}")
-
-
-#: What a proof that is wrong in any way raises: a form or claim that does not hold, an
-#: index out of range, an operation of numbers, too deep a nesting, too large a content.
-_FAILURES_OF_PROOFS = (
-    ValueError,
-    LookupError,
-    ArithmeticError,
-    RecursionError,
-    MemoryError,
-)
-
-
-def verify_proof_file(
-    path: str | Path, model: Estimate | None = None, data: Source | None = None
-) -> tuple[bool, str]:
-    """Return whether the proof in a file holds and belongs to a model and its
-    measurements, and what it proves or why it is refused.
-
-    See :mod:`~sdp_vs_penalty.solvers.verify_proof`.
-
-    Parameters
-    ----------
-    model : Estimate, optional
-        Model to which it should belong.
-    data : path, arrays, Measurements, optional
-        Measurements from which the model was identified.
-
-    Raises
-    ------
-    InputError
-        For a file that cannot be read, and for measurements without a model.
-    """
-    if data is not None and model is None:
-        raise InputError("verify(data=...) without a model", "give the model too")
-    try:
-        with reading(path, verify_proof.MAX_BYTES):
-            proof = verify_proof.read(path)
-        problems = verify_proof.check(proof)
-    except InputError:
-        raise
-    except _FAILURES_OF_PROOFS as error:
-        return False, f"refused: {path}: {error or type(error).__name__}"
-    sentences = [f"accepted: {path}: {_what_is_proved(proof, problems)}"]
-    if model is None:
-        sentences.append("name --model and --data to see what the numbers are made of")
-        fault = ""
-    else:
-        fault = _other_model(proof, model)
-        sentences.append("it is of this model")
-        if not fault and data is not None:
-            runs = as_measurements(
-                data, model.robot.n, model.robot.joint_names, "verify(data=...)"
-            )
-            fault, sentence = _other_data(proof, model, runs)
-            sentences.append(sentence)
-    if not fault and problems is not None:
-        fault = verify_proof.weakness(proof)
-        if not fault and model is not None:
-            fault = _wider_than_certified(proof, model)
-    if fault:
-        return False, f"refused: {path}: {fault}"
-    return True, "; ".join(sentences)
-
-
-def _what_is_proved(
-    proof: Mapping[str, Any], interval: tuple[Fraction, Fraction] | None
-) -> str:
-    """Return what a proof says of the numbers in its file, in a sentence.
-
-    ``interval`` contains the smallest objective; None means that the proof shows that
-    nothing satisfies the constraints.
-    """
-    if interval is None:
-        claims = [c["name"] for c in proof["constraints"] if c["family"] == "claim"]
-        with_claim = f" and have {claims[0]}" if claims else ""
-        return f"no parameters satisfy all constraints{with_claim}, in exact arithmetic"
-    low, high = map(float, interval)
-    sentences = [
-        f"the least objective lies in [{low!r}, {high!r}], in exact arithmetic"
-    ]
-    gap = verify_proof.relative_gap(proof)
-    if gap is not None:
-        sentences.append(f"its gap is {verify_proof.in_words(gap)} of the objective")
-    sentences.append(
-        "proved is this of the numbers in the file; that the model describes the robot"
-        " is not"
-    )
-    return "; ".join(sentences)
-
-
-def _other_data(
-    proof: dict[str, Any], model: Estimate, runs: Measurements
-) -> tuple[str, str]:
-    """Compare a proof with measurements.
-
-    Returns two sentences: how the proof differs from the problem that these
-    measurements make ("" if it does not), and what was compared ("" if it differs).
-    """
-    if proof["data"] != runs.data_hash:
-        return "it is of other measurements (or of another --window)", ""
-    reposed = _reposed(model, runs)
-    how = "make its numbers, constraints and bounds (recomputed in floating point)"
-    if reposed is None:
-        how = (
-            "are the ones it names (its numbers, constraints and bounds were not"
-            " recomputed)"
-        )
-    elif other := difference(proof, reposed):
-        return f"these measurements make another problem: {other}", ""
-    return "", f"these measurements {how}"
-
-
-def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:
-    """Return a sentence on how a proof differs from a model, "" if it is of this model."""
-    if proof["model"] != model.identity or "theta" not in proof:
-        return "it is of another model"
-    if proof["parameters"] != [p.name for p in model.model.parameters]:
-        return "its parameters, or their order, are not the model's"
-    theta = [Fraction(repr(x)) for x in model.theta.tolist()]
-    if [Fraction(x) for x in proof["theta"]] != theta:
-        return "its theta is not the model's"
-    return ""
-
-
-def posed_again(model: Estimate, data: Measurements) -> EstimationProblem | None:
-    """Pose the optimisation problem of a model again, from measurements.
-
-    None for a log without torque whose recipe (how the servos' law and scale were
-    found) the model does not keep.
-    """
-    recipe = model.details.get("recipe")
-    if recipe is None and not data.torque_logged:
-        return None
-    settings: dict[str, Any] = {
-        "preprocessing": model.preprocessing,
-        "weighting": model.weighting,
-    }
-    options = PoseOptions(model.model.effects, known=model.model.known, **settings)
-    if recipe is not None:
-        options = PoseOptions.following(recipe, model.robot, **settings)
-    return build_problem(model.problem, data, options)
-
-
-def _reposed(model: Estimate, data: Measurements) -> Proof | None:
-    """State the optimisation problem of a model again, from its measurements.
-
-    The result is compared with a proof. It is None for a method that solves no SDP, and
-    for a log without torque whose recipe (how the servos' law and scale were found) the
-    model does not keep.
-    """
-    estimator = model.estimator
-    if not isinstance(estimator, LmiSdp):
-        return None
-    posed = posed_again(model, data)
-    if posed is None:
-        return None
-    task = posed.task
-    objective, constraints = estimator.posed(task)
-    return stated(
-        objective,
-        constraints.convex,
-        task.bound,
-        [p.name for p in task.model.parameters],
-    )

@@ -20,7 +20,8 @@ from typing import Any
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
-from sdp_vs_penalty.estimation.identify import certify, proved
+from sdp_vs_penalty.estimation.identify import certify
+from sdp_vs_penalty.estimation.proofs import proved
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import (

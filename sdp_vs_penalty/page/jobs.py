@@ -1040,14 +1040,14 @@ def about(estimate: Estimate) -> dict[str, Any]:
     Returns
     -------
     dict
-        "rows": value, interval and source of each parameter; "links", "certificate":
-        tables; "words": caveats; "friction": torque over velocity with half its 95 %
-        interval ("half"), for each joint; "bodies", "joints": the arm in 3D
+        "parameters", "links", "certificate": tables; "words": caveats; "friction":
+        torque over velocity with half its 95 % interval ("half"), for each joint;
+        "bodies", "joints": the arm in 3D
         (:func:`drawn_arm`).
     """
     links = tables.link_table(estimate)
     return {
-        "rows": tables.standard_parameters(estimate),
+        "parameters": tables.parameter_table(estimate.entries).to_dict(),
         "links": None if links is None else links.to_dict(),
         "words": words.caveats(estimate),
         "friction": [

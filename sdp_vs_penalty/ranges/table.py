@@ -15,7 +15,7 @@ from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.identify import posed_again
+from sdp_vs_penalty.estimation.proofs import posed_again
 from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.ranges.allowed import KINDS, AllowedSet, allowed_set

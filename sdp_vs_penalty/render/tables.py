@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, JointFailure
-from sdp_vs_penalty.estimation.estimate import (
-    LINK_HEADS,
-    Estimate,
-    link_rows,
-    zero_if_rounding,
-)
-from sdp_vs_penalty.estimation.frames import base_expressions
-from sdp_vs_penalty.estimation.uncertainty import Interval
-from sdp_vs_penalty.formatting import change_of, finite, number, plain_unit
+from sdp_vs_penalty.estimation.constants import ROUNDING
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.gains import GainInterval
+from sdp_vs_penalty.estimation.model_file import ParameterEntry
+from sdp_vs_penalty.formatting import change_of, number, plain_unit
 from sdp_vs_penalty.results.facts import Fact, columns_of
 from sdp_vs_penalty.results.table import Table
+from sdp_vs_penalty.robot import inertia
 
 #: Facts of a record, by the name of the method that computes each.
 Facts = Mapping[str, Fact]
@@ -109,122 +108,77 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
 
 
 def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
-    """Table of the links' inertial parameters, identified and nominal.
+    """Table of the links' inertial parameters, identified and nominal, a row for each;
+    None for a model without links.
 
-    Parameters
-    ----------
-    centres : bool
-        Whether to show centres of mass, which are too wide for a terminal.
-
-    Returns
-    -------
-    Table or None
-        One row for each link; None for a model without links.
+    ``centres``: whether to show centres of mass, which are too wide for a terminal.
     """
-    rows = link_rows(estimate)
-    if not rows:
+    link_indices = estimate.model.rigid_indices
+    if not len(link_indices):
         return None
-    place = LINK_HEADS.index("centre of mass [m]")
-    columns = [k for k in range(len(LINK_HEADS)) if centres or k != place]
-    heads = [LINK_HEADS[k] for k in columns]
-    words = [heads.index(name) for name in ("link", "from")]
+    links = estimate.links
+    nominal = estimate.nominal[link_indices].reshape(-1, 10)
+    robot = estimate.robot
+    sources = [estimate.sources[k] for k in link_indices[::10]]  # the masses'
+    # A link without mass has no centre of mass: NaN is shown as unknown.
+    com = np.where(
+        links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan
+    )
+    names = [robot.tree[joint].name for joint in robot.link_joints]
+    columns: dict[str, list[str]] = {
+        "link": [f"{k} ({name})" for k, name in enumerate(names, start=1)],
+        "mass [kg]": [number(x, 4) for x in links[:, 0]],
+        "nominal": [number(x, 4) for x in nominal[:, 0]],
+        "from": sources,
+        "centre of mass [m]": [
+            ", ".join(number(zero_if_rounding(x)) for x in point) for point in com
+        ],
+        "gyration [m]": [number(x) for x in inertia.gyration(links)],
+        "nominal gyration": [number(x) for x in inertia.gyration(nominal)],
+        "thickness [mm]": [number(1e3 * x) for x in inertia.thickness(links)],
+    }
+    if not centres:
+        del columns["centre of mass [m]"]
     return Table(
-        heads,
-        [[row[k] for k in columns] for row in rows],
+        list(columns),
+        list(zip(*columns.values(), strict=True)),
         title="Links, identified and nominal",
-        words=words,
+        words=(0, 3),
         style="numbers links",
     )
 
 
-#: Of a table of parameters.
-PARAMETER_HEADS = (
-    "parameter",
-    "verdict",
-    "from",
-    "value",
-    "low",
-    "high",
-    "nominal",
-    "unit",
-)
+def zero_if_rounding(value: float) -> float:
+    """Return 0 for a number [SI] that differs from zero by rounding alone."""
+    return 0.0 if abs(value) < ROUNDING else value
 
 
-def parameter_cells(
-    interval: Interval, source: str = "", nominal: float | None = None
-) -> tuple[str, ...]:
-    """Return the cells of one parameter in a table of parameters.
-
-    Parameters
-    ----------
-    interval : Interval
-        Name, value, unit and 95 % interval.
-    source : str
-        What determined the value: data, prior or bounds.
-
-    Returns
-    -------
-    tuple of str
-        One cell for each of :data:`PARAMETER_HEADS`.
-    """
-    figures = [
-        number(zero_if_rounding(x), 4)
-        for x in (interval.value, interval.lower, interval.upper, nominal)
+def parameter_table(
+    entries: Sequence[ParameterEntry], names: Sequence[str] = ()
+) -> Table:
+    """Table of parameters, a row for each, called by ``names`` where they are given;
+    rows that the data do not determine are styled apart."""
+    rows = [
+        (
+            name,
+            entry.verdict,
+            entry.source,
+            *(
+                number(zero_if_rounding(x), 4)
+                for x in (entry.value, entry.lower, entry.upper, entry.nominal)
+            ),
+            plain_unit(entry.unit),
+        )
+        for name, entry in zip(names or [x.name for x in entries], entries, strict=True)
     ]
-    unit = plain_unit(interval.unit)
-    return interval.name, interval.verdict, source, *figures, unit
-
-
-def parameter_table(rows: Sequence[Sequence[str]]) -> Table:
-    """Table of parameters; rows that the data do not determine are styled apart.
-
-    Returns
-    -------
-    Table
-        One row for each parameter.
-    """
+    heads = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
     return Table(
-        PARAMETER_HEADS,
+        heads,
         rows,
         words=(0, 1, 2, 7),
-        row_classes=[row[2] for row in rows],
+        row_classes=[entry.source for entry in entries],
         style="numbers parameters",
     )
-
-
-def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Rows of every standard parameter of a model, as :func:`parameter_cells` makes them.
-
-    Returns
-    -------
-    list of tuples
-        One row for each parameter.
-    """
-    columns = zip(
-        estimate.uncertainty.standard, estimate.sources, estimate.nominal, strict=True
-    )
-    return [
-        parameter_cells(interval, source, finite(nominal))
-        for interval, source, nominal in columns
-    ]
-
-
-def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Rows of every base parameter of a model, named by its full expression.
-
-    Returns
-    -------
-    list of tuples
-        One row for each parameter, as :func:`parameter_cells` makes it.
-    """
-    listed = estimate.details.get("base_parameters", [])
-    known = {entry["name"]: (entry["source"], entry["nominal"]) for entry in listed}
-    rows = []
-    intervals = estimate.uncertainty.base
-    for interval, text in zip(intervals, base_expressions(estimate), strict=True):
-        _, *cells = parameter_cells(interval, *known.get(interval.name, ()))
-        rows.append((text, *cells))
-    return rows
 
 
 def certificate_table(models: Mapping[str, Estimate]) -> Table:
@@ -244,21 +198,10 @@ def certificate_table(models: Mapping[str, Estimate]) -> Table:
     return Table(heads, rows, words=range(len(heads)), style="wraps")
 
 
-def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Table:
-    """Table of gains of a servo loop or a motor.
-
-    Parameters
-    ----------
-    gains : sequence of tuples
-        Name, value, half the 95 % interval in words, and unit of each gain.
-
-    Returns
-    -------
-    Table
-        One row for each gain.
-    """
+def gain_table(title: str, gains: Iterable[GainInterval]) -> Table:
+    """Table of gains of a servo loop or a motor, a row for each."""
     rows = [
-        (name, number(value, 4), spread, plain_unit(unit))
-        for name, value, spread, unit in gains
+        (gain.name, number(gain.value, 4), gain.spread, plain_unit(gain.unit))
+        for gain in gains
     ]
     return Table(("gain", "value", "± (95 %)", "unit"), rows, title=title, words=(0, 3))

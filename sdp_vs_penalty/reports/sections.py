@@ -26,6 +26,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.frames import base_expressions
 from sdp_vs_penalty.estimation.uncertainty import counts
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.friction_table import friction_curves
@@ -499,8 +500,9 @@ def parameters(data: ReportData) -> Context:
     """
     known = data.last.uncertainty
     runs = ", ".join(map(str, data.last.provenance.get("runs", [])))
-    base = tables.parameter_table(tables.base_parameters(data.last))
-    standard = tables.parameter_table(tables.standard_parameters(data.last))
+    names = base_expressions(data.last)
+    base = tables.parameter_table(data.last.base_entries, names)
+    standard = tables.parameter_table(data.last.entries)
     return {
         "name": data.name,
         "runs": runs or "unknown runs",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, find_ranges, identify, load_estimate, simulate
-from sdp_vs_penalty.estimation.identify import verify_proof_file
+from sdp_vs_penalty.estimation.proofs import verify_proof_file
 from sdp_vs_penalty.ranges import EndSearch, Ranges, allowed_set, find_end
 from sdp_vs_penalty.ranges.allowed import FAR, KINDS, kind_of
 from sdp_vs_penalty.ranges.functions import functions_by_name

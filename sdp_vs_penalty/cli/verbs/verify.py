@@ -21,7 +21,7 @@ def verb(
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import runs_from_options
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.estimation.identify import verify_proof_file
+    from sdp_vs_penalty.estimation.proofs import verify_proof_file
     from sdp_vs_penalty.solvers import verify_proof
 
     files = [

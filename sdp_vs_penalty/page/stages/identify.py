@@ -32,7 +32,7 @@ from sdp_vs_penalty.page.view import (
 )
 from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
-from sdp_vs_penalty.render.tables import joint_table, parameter_table
+from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
 from sdp_vs_penalty.results.facts import columns_of
 from sdp_vs_penalty.results.table import Table
@@ -434,7 +434,7 @@ def _tables(view: View) -> None:
         " bounds are not measured: the data leave them open."
     )
     with draw.tag("div", style="tall"):
-        draw.table(parameter_table(about["rows"]), "Parameters with intervals")
+        draw.table(Table.from_dict(about["parameters"]), "Parameters with intervals")
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 

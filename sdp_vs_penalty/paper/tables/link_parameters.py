@@ -8,7 +8,7 @@ import numpy as np
 import pandas
 import scipy
 
-from sdp_vs_penalty.estimation.identify import DATA, is_data_determined
+from sdp_vs_penalty.estimation.sources import DATA, is_data_determined
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import (
