@@ -109,9 +109,8 @@ def _unexplained_joints(
         joints=joints,
         what=f"the torque of {{where}} {what}: {left} of it stays unexplained.",
         certainty=_SURE,
-        remedy="look at that channel: `diagnose` draws what is left; check its source,"
-        " gain and zero, and that robot, mounting and torque side are those of"
-        " the problem",
+        remedy="look at that channel: check its source, gain and zero, and that robot,"
+        " mounting and torque side are those of the problem",
         percent=percent.round(2).tolist(),
     )
 

@@ -14,6 +14,7 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.sessions import SUFFIXES
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.render.pieces import framed
 from sdp_vs_penalty.render.tables import model_table
 from sdp_vs_penalty.results.table import Table
@@ -208,8 +209,8 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
 
 
 def option_help(option: Action) -> str:
-    """Return the help text of a command's option, without backticks."""
-    return (option.help or "").replace("`", "")
+    """Return the help text of a command's option, without commands."""
+    return spoken(option.help or "")
 
 
 def drop(text: str, kind: str) -> None:

@@ -257,10 +257,11 @@ def read(job: JobRequest) -> Answer:
             state = replace(state, runs=(*state.runs, part))
             uses.append("train")
         except InputError as error:
-            refused.append(str(error))
             columns = _columns_of(path, state.problem)
-            if columns is not None:
-                mappings.append({**file, **columns})
+            if columns is None:
+                refused.append(str(error))
+            else:
+                mappings.append({**file, **columns, "reason": str(error)})
     idle = [find_idle_joints(state.problem.robot, run) for run in state.runs]
     shared = {
         name: at

@@ -71,9 +71,7 @@ def _of_runs(session: Session) -> NextStep:
             formatting.sentence(remedy.problem), label, "check", do, level=level
         )
     if session.meaningless:
-        return NextStep(
-            f"{session.meaningless[0]}.", "See the check", "check", level="bad"
-        )
+        return NextStep(session.meaningless[0], "See the check", "check", level="bad")
     kinds = session.kinds_of_issue
     text = f"The check found {formatting.words(kinds)}." if kinds else ""
     text = text or f"Nothing wrong in {formatting.count(len(session.runs), 'run')}."

@@ -25,6 +25,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
@@ -190,7 +191,7 @@ class Session:
         With any of them, a model identified from these runs would be meaningless.
         """
         return [
-            f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}"
+            spoken(f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}")
             for run in self.runs
             if run["use"] in ("train", "split")
             for f in run["findings"]
@@ -337,6 +338,7 @@ class Session:
             f"{self.folder}/": "",
         }.items():
             texts = tuple(text.replace(path, name) for text in texts)
+        texts = tuple(map(spoken, texts))
         self.notice = Notice(texts, error) if texts else None
         self.changed()
 
@@ -494,7 +496,8 @@ class Session:
         """
         if self.meaningless and not self.anyway:
             raise InputError(
-                self.meaningless[0], 'repair it under Check, or tick "Identify anyway"'
+                self.meaningless[0].rstrip("."),
+                'repair it under Check, or tick "Identify anyway"',
             )
 
     async def choose_robot(self, source: str, urdf: str | None = None) -> None:
@@ -626,7 +629,10 @@ class Session:
         answer = await self._job(title, job, runs=before, **details)
         new = answer["runs"][len(before) :]
         refused = [*answer.get("refused", ())]
-        self._keep_mappings(details.get("files", ()), answer.get("mappings", ()), new)
+        asked = {mapping["path"] for mapping in self.mappings}
+        mappings = answer.get("mappings", ())
+        refused += [m["reason"] for m in mappings if m["path"] in asked]
+        self._keep_mappings(details.get("files", ()), mappings, new)
         if new:
             self._step_from_here(f"{formatting.count(len(new), 'run')} added")
             for run in new:

@@ -12,6 +12,7 @@ from nicegui import ui
 from nicegui.client import Client
 
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
 #: Options of the command line by the step that offers them.
@@ -167,16 +168,6 @@ def identified(session: Session) -> StageVerdict | None:
     return StageVerdict(
         level, spoken(verdict_of_model["lines"][0]["text"]), grade.capitalize()
     )
-
-
-def spoken(text: str) -> str:
-    """Rephrase a sentence of the command line for the page, which has stages for
-    commands.
-
-    >>> spoken("Torque beyond the noise; `diagnose` names causes.")
-    'Torque beyond the noise; Diagnose names causes.'
-    """
-    return text.replace("`diagnose`", "Diagnose").replace("`", "")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from page_sessions import Here, Screen, do, finish, numbers, opened, saved
 from recorded import refusal
+from spoiled_logs import write_logs
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
@@ -490,7 +491,7 @@ def test_a_file_of_unknown_columns_offers_them_to_be_chosen(here, strange):
     s = here.new()
     do(s, lambda: s.choose_robot("two_link"))
     s.arrived["strange.csv"] = strange
-    refusal(lambda: do(s, s.read_files), "strange.csv")
+    do(s, s.read_files)
     (mapping,) = s.mappings
     chosen = mapping["chosen"]
     assert chosen["q2"] == "q2"
@@ -508,7 +509,7 @@ def test_the_choice_of_columns_begins_with_what_is_recognised(here, hidden, tmp_
     s = here.new()
     do(s, lambda: s.choose_robot("two_link"))
     s.arrived["foreign.csv"] = path
-    refusal(lambda: do(s, s.read_files), "foreign.csv")
+    do(s, s.read_files)
     (mapping,) = s.mappings
     names = ["", "nobody", "j1_pos", "j2_pos", "j1_eff", "j2_eff"]
     assert mapping["chosen"] == dict(
@@ -520,7 +521,7 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
     s = here.new()
     do(s, lambda: s.choose_robot("two_link"))
     s.arrived["strange.csv"] = strange
-    refusal(lambda: do(s, s.read_files), "strange.csv")
+    do(s, s.read_files)
     columns = s.mappings[0]["columns"]
     s.choose_column(columns, "tau1", "beta")
     s.choose_column(columns, "t", "alpha")
@@ -535,6 +536,68 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
     assert not s.mappings
     (command,) = s.commands()
     assert "convert strange.csv --rename 't=#1,q1=#2" in command
+
+
+@pytest.fixture
+def kept(tmp_path) -> Sessions:
+    """Sessions whose projects stay."""
+    return Sessions(Here(), tmp_path / "projects")
+
+
+def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, strange):
+    """Robot, runs, the choice of columns, a step back: from the folder, moved or not."""
+    files = saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv")
+    s = opened(kept, "two_link", **files, **{"strange.csv": strange})
+    s.choose_column(s.mappings[0]["columns"], "tau1", "beta")
+    s.use(s.runs[1]["file"], "")
+    assert [run["name"] for run in s.runs] == ["a.csv"]
+    kept.close()
+    assert s.folder.is_dir()
+    later = Sessions(Here(), kept.projects)
+    (project,) = later.saved()
+    assert (project.name, project.token) == ("two_link", s.token)
+    again = later.get(s.token)
+    assert again is not s
+    assert again.runs == s.runs
+    assert again.mappings[0]["chosen"]["tau1"] == "beta"
+    again.undo()
+    assert [run["name"] for run in again.runs] == ["a.csv", "b.csv"]
+    moved = s.folder.rename(tmp_path / "elsewhere")
+    named = Sessions(Here(), None).open_folder(moved)
+    do(named, named.identify)
+    assert Path(named.current.file).parent == moved
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{}", '{"now": {"runs": [{"file": "../a", "view": "b"}]}}']
+)
+def test_a_folder_of_somebody_else_is_no_project(here, tmp_path, content):
+    (tmp_path / "project.json").write_text(content)
+    refusal(lambda: here.open_folder(tmp_path), str(tmp_path), "no project of the page")
+
+
+def test_a_job_goes_on_when_the_browser_is_closed(here):
+    s = here.new()
+
+    async def story() -> None:
+        s.watchers.append(tab := Tab())
+        s.start(s.choose_robot, "two_link")
+        s.left(tab)
+        await asyncio.wait([s.task])
+
+    asyncio.run(story())
+    assert s.robot["name"] == "two_link"
+
+
+def test_a_removed_run_comes_back(here, hidden, tmp_path):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
+    before = s.runs
+    s.use(before[0]["file"], "")
+    assert "Undo" in s.notice.texts[0]
+    s.undo()
+    assert s.runs == before
+    s.redo()
+    assert s.runs == before[1:]
 
 
 def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):
@@ -567,3 +630,19 @@ def test_an_issue_of_two_runs_is_said_once_and_repaired_together(
     screen.click("next")
     assert [run["name"] for run in s.runs] == ["fixed/a.csv", "fixed/b.csv"]
     assert not s.meaningless
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["headerless", "hold"])
+def test_the_next_step_leads_to_a_good_model(here, tmp_path, kind):
+    """Twelve kinds of log go the same way in a browser: test_spoiled_logs.py."""
+    urdf, runs = write_logs(kind, tmp_path)
+    screen = Screen(here.new())
+    screen.do(screen.session.start, screen.session.choose_robot, str(urdf), urdf.name)
+    screen.session.arrived |= {path.name: path for path in runs}
+    screen.do(screen.session.read_arrived)
+    for _ in range(7):
+        if "Download the report" in screen.text("next"):
+            break
+        screen.click("next")
+    assert screen.text("next").startswith("Good.")

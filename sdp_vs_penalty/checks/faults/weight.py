@@ -80,8 +80,8 @@ def _gravity_removed(
     if len(joints) == log.n:
         torques = "the torques"
         left = [float(round((1.0 - share) * g, 3)) + 0.0 for g in repair.gravity]
-        vector = ",".join(f"{g:g}" for g in left)
-        remedy = f"{remedy}, or identify with --gravity {vector}"
+        vector = ", ".join(f"{g:g}" for g in left)
+        remedy = f"{remedy}, or set gravity to ({vector}) m/s^2"
     number = FaultSize(
         value=share,
         repair_with=partial(repair.with_entries, "lacks", joints),

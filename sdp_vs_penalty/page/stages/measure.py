@@ -13,6 +13,7 @@ from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 from sdp_vs_penalty.render.words import plain_name
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
@@ -409,10 +410,10 @@ def _findings(view: View) -> None:
         names = formatting.words([run["name"] for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
             draw.tag("strong", f"{names}: {issue['kind']}. ")
-            draw.tag("span", formatting.sentence(issue["what"]))
+            draw.tag("span", formatting.sentence(spoken(issue["what"])))
             draw.tag("p", f"How sure: {issue['certainty']}.", "soft")
             if not issue["remedies"]:
-                draw.tag("p", f"{formatting.sentence(issue['remedy'])}.")
+                draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
             with draw.tag("div", style="row"):
                 for n, remedy in enumerate(issue["remedies"]):
                     _remedy(view, remedy, f"remedy-{k}-{n}")
@@ -445,7 +446,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         if x["change"] == change and "refused" in x
     ]
     for text in refused:
-        draw.tag("p", f"Not done: {text}", "soft")
+        draw.tag("p", f"Not done: {spoken(text)}", "soft")
 
 
 def _issues_with_runs(
@@ -469,7 +470,7 @@ def _checked(session: Session) -> StageVerdict:
     well.
     """
     if session.meaningless:
-        return StageVerdict("bad", f"{session.meaningless[0]}.", "Check failed")
+        return StageVerdict("bad", session.meaningless[0], "Check failed")
     if warned := session.kinds_of_issue:
         return StageVerdict("usable", f"It found {formatting.words(warned)}.", "Check")
     return StageVerdict(

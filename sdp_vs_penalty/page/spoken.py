@@ -1,0 +1,29 @@
+"""Sentences of the command line in the words of the page."""
+
+import re
+
+#: Words of commands that are stages or buttons of the page.
+_STAGES = {"check": "Check", "diagnose": "Diagnose", "identify": "Identify"}
+#: A clause that names a command with options, or an option of one.
+_CLAUSE = re.compile(
+    r"(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert )[^`]*`[^;:,.`]*"
+    r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z][^;:,.]*"
+)
+
+
+def spoken(text: str) -> str:
+    """Rephrase a sentence of the command line for the page, which has stages, fields and
+    buttons for commands; a clause that only names a command goes.
+
+    >>> spoken("Torque beyond the noise; `diagnose` names causes.")
+    'Torque beyond the noise; Diagnose names causes.'
+    >>> spoken("run.csv: no column t: name the clock with `convert --rename t=NAME`.")
+    'run.csv: no column t.'
+    >>> spoken("finger is in no column: where nothing moves there, pass --hold finger=0.")
+    'finger is in no column: where nothing moves there.'
+    """
+    text = _CLAUSE.sub("", text)
+    for word, stage in _STAGES.items():
+        text = text.replace(f"`{word}`", stage)
+    text = text.replace("`", "").strip()
+    return f"{text}." if text and text[-1] not in ".!?)" else text
