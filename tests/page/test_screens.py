@@ -386,6 +386,29 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     )
 
 
+def needs_a_terminal(text: str) -> list[str]:
+    """Words of a text that only a terminal takes."""
+    return re.findall(r"`[^`]*`|sdp-vs-penalty [a-z]\S*| --[a-z]\S*", text)
+
+
+def test_no_text_outside_the_panel_needs_a_terminal(story):
+    """Of every stage after every step, and of every kind of issue and finding."""
+    session = story.session
+    history, runs = list(session.history), list(session.runs)
+    for step, said in story.said.items():
+        for stage, text in said.items():
+            if stage == "use":
+                text = text.partition("The same on the command line")[0]
+            if stage != "keys":
+                assert not needs_a_terminal(text), (step, stage)
+    assert needs_a_terminal(story.said["compared"]["use"])  # of the panel
+    show_every_kind(story)
+    for stage in ("next", "measure", "check", "identify", "diagnose"):
+        assert not needs_a_terminal(story.screen.text(stage)), stage
+    session.history[:], session.runs = history, runs
+    story.screen.do(session.changed)
+
+
 def test_findings_of_every_kind_are_told(story, monkeypatch):
     screen = story.screen
     session = story.session
@@ -422,30 +445,6 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     assert {name for name, *_ in done} == {"apply", "make_motion"}
     assert session.runs[1]["use"] == "test"
     assert session.history == []
-
-
-def needs_a_terminal(text: str) -> list[str]:
-    """Words of a text that only a terminal takes."""
-    return re.findall(r"`[^`]*`|sdp-vs-penalty [a-z]\S*| --[a-z]\S*", text)
-
-
-def test_no_text_outside_the_panel_needs_a_terminal(story, monkeypatch):
-    """Of every stage after every step, and of every kind of issue and finding."""
-    session = story.session
-    history, runs = list(session.history), list(session.runs)
-    panel = "\n".join(session.commands())
-    for step, said in story.said.items():
-        for stage, text in said.items():
-            if stage == "use":
-                text = text.partition("The same on the command line")[0]
-            if stage != "keys":
-                assert not needs_a_terminal(text), (step, stage)
-    assert needs_a_terminal(panel)
-    show_every_kind(story)
-    for stage in ("next", "measure", "check", "identify", "diagnose"):
-        assert not needs_a_terminal(story.screen.text(stage)), stage
-    session.history[:], session.runs = history, runs
-    story.screen.do(session.changed)
 
 
 def test_the_folder_is_offered_and_kept_as_it_is(tmp_path: Path):
