@@ -264,10 +264,13 @@ def _groups(
     """List the file's columns of each channel group in the joints' order, the clock
     (one column or its parts) first; InputError for a gap in the joints' numbers."""
     groups = dict[str, list[str]]()
-    if "t" in rename and choice.rate is None:
+    clock = rename.get("t")
+    if clock in log.columns and choice.rate is None:
+        groups["t"] = [clock]
+    elif clock and choice.rate is None:
         from sdp_vs_penalty.data.hypotheses.renaming import parts_of
 
-        groups["t"] = list(parts_of(rename["t"], log.names))
+        groups["t"] = list(parts_of(clock, log.names))
     for group in GROUPS:
         if group in rename:
             groups[group] = [rename[group]]

@@ -286,7 +286,7 @@ class Estimate(Record):
         index
             Of the parameter in theta, from 0.
         """
-        unit = formatting.plain_unit(self.model.parameters[index].unit)
+        unit = formatting.plain_unit(self.uncertainty.standard[index].unit)
         value = f"{self.theta[index]:.4g}"
         source = self.sources[index]
         half_width = NORMAL_95 * self.uncertainty.std[index]
@@ -719,8 +719,9 @@ class Estimate(Record):
     def _table(self) -> Table:
         """Return the printed table: one row a parameter with its 95 % interval."""
         rows: list[tuple[str, ...]] = []
-        for parameter, value, std, nominal, source in zip(
+        for parameter, interval, value, std, nominal, source in zip(
             self.model.parameters,
+            self.uncertainty.standard,
             self.theta,
             self.uncertainty.std,
             self.nominal,
@@ -737,7 +738,7 @@ class Estimate(Record):
                     f"{value:.4g}{half_text}",
                     nominal_text,
                     source,
-                    parameter.unit,
+                    interval.unit,
                     parameter.effect,
                 )
             )

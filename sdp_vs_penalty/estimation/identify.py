@@ -87,7 +87,10 @@ def build_estimate(
         estimator.undetermined_by,
         nominal=problem.nominal(task.model),
     )
-    uncertainty_of = partial(_uncertainty, posed, base, theta, is_feasible, sources)
+    torque_unit = getattr(measurements, "torque_unit", "")
+    uncertainty_of = partial(
+        _uncertainty, posed, base, theta, is_feasible, sources, torque_unit
+    )
     # A model must not keep a long recording alive.
     if runs is not None and runs.are_long:
         uncertainty = uncertainty_of(workers)
@@ -103,8 +106,8 @@ def build_estimate(
         "samples": measurements.samples,
         "versions": versions(),
     }
-    if isinstance(measurements, Measurements) and measurements.torque_unit:
-        provenance["torque_unit"] = measurements.torque_unit
+    if torque_unit:
+        provenance["torque_unit"] = torque_unit
     return Estimate(
         problem=problem,
         model=task.model,
@@ -128,28 +131,33 @@ def _uncertainty(
     theta: Array,
     is_feasible: bool,
     sources: Mapping[str, Any],
+    torque_unit: str,
     workers: Workers = ALONE,
 ) -> Uncertainty:
     """Return the intervals and the covariance of an estimate theta (p,).
 
     base : its base parameters; is_feasible : whether theta satisfies all constraints,
-    as its intervals do then; sources : what determines each parameter; workers :
-    compress the columns of the shape constants.
+    as its intervals do then; sources : what determines each parameter; torque_unit : ""
+    for N m, N; workers : compress the columns of the shape constants.
     """
     task = posed.task
     wide = None
     model_with_constants = with_sensitivities(task.model, theta)
     if model_with_constants is not task.model and posed.runs is not None:
         wide = in_columns(posed.runs, model_with_constants, workers)
-    return of_regression(
-        task,
-        posed.regression,
-        base,
-        theta,
-        wide=wide,
-        constrained=is_feasible,
-        gain_errors=posed.gain_errors,
-    ).named_by_sources(sources)
+    return (
+        of_regression(
+            task,
+            posed.regression,
+            base,
+            theta,
+            wide=wide,
+            constrained=is_feasible,
+            gain_errors=posed.gain_errors,
+        )
+        .named_by_sources(sources)
+        .in_unit(torque_unit)
+    )
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:

@@ -362,6 +362,14 @@ class Interval(JsonRecord):
     verdict: str = NOT_SEEN
 
 
+def unit_by(unit: str, torque: str) -> str:
+    """Return the unit of a parameter where torques are in another unit, "A": N*m becomes
+    A; of a link's parameter, whose unit does not hold N*m, kg becomes kg*A/(N*m)."""
+    if "N*m" in unit:
+        return unit.replace("N*m", torque)
+    return f"{unit}*{torque}/(N*m)"
+
+
 def named_by_source(interval: Interval, source: str) -> Interval:
     """Return an interval whose verdict agrees with what determines the value.
 
@@ -432,6 +440,17 @@ class Uncertainty(JsonRecord):
             if np.any(np.abs(getattr(self, name)) > _LARGEST):
                 raise ValueError(f"uncertainty: {name} beyond {_LARGEST:g}")
             object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def in_unit(self, torque: str) -> Uncertainty:
+        """Return the same, with the parameters' units of torques in another unit, such as
+        "A"; "" leaves them as they are."""
+        if not torque:
+            return self
+        standard, base = (
+            tuple(replace(x, unit=unit_by(x.unit, torque)) for x in intervals)
+            for intervals in (self.standard, self.base)
+        )
+        return replace(self, standard=standard, base=base)
 
     @cached_property
     def factor(self) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy
 from random_robots import repeating_run
+from small_runs import small_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
@@ -26,7 +27,7 @@ from sdp_vs_penalty.estimation import (
     of_regression,
 )
 from sdp_vs_penalty.estimation.build_problem import build_problem
-from sdp_vs_penalty.estimation.uncertainty import LateUncertainty
+from sdp_vs_penalty.estimation.uncertainty import LateUncertainty, unit_by
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import base_rows, compress
 from sdp_vs_penalty.robot import inertia, random_trajectory
@@ -267,3 +268,27 @@ def test_intervals_of_long_runs_are_worked_out_at_once(monkeypatch):
     at_once = identify("two_link", run, check=False).uncertainty
     assert type(at_once) is Uncertainty
     assert np.allclose(at_once.std, later.std, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("unit", "in_amperes"),
+    [
+        ("N*m", "A"),
+        ("N*m*s/rad", "A*s/rad"),
+        ("kg", "kg*A/(N*m)"),
+        ("kg*m^2", "kg*m^2*A/(N*m)"),
+    ],
+)
+def test_units_of_parameters_follow_the_torque_s(unit, in_amperes):
+    assert unit_by(unit, "A") == in_amperes
+
+
+def test_no_parameter_of_a_log_of_currents_is_in_kilograms(two_link):
+    run = small_run(two_link)
+    columns = {"t": run.t}
+    for k in (0, 1):
+        columns |= {f"q_{k}": run.q[:, k], f"current_{k}": run.tau[:, k]}
+    model = identify(two_link, columns, "ols", check=False)
+    units = set(model.to_frame()["unit"])
+    assert {"A", "A*s/rad", "kg*A/(N*m)"} <= units
+    assert not units & {"kg", "N*m"}

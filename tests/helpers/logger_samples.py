@@ -5,6 +5,7 @@ The same numbers in all of them, so that a test can compare what is read.
 """
 
 import datetime
+import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -217,6 +218,40 @@ def lerobot(path: Path, run: Measurements, word: str = "effort") -> None:
     parquet.write_table(table.cast(schema), path)
 
 
+def franka_ros2(path: Path, run: Measurements) -> None:
+    """A state of several parts, with the joints' names beside each."""
+    seconds, nanoseconds = _two_parts(run)
+    names = [[joint] * len(run.t) for joint in JOINTS]
+    parts = ("measured_joint_state", "desired_joint_state")
+    fields = ("position", "velocity", "effort")
+    head = ["header.stamp.sec", "header.stamp.nanosec"]
+    head += _numbered(*(f"{parts[0]}.{x}[{{}}]" for x in ("name", *fields)))
+    head += _numbered(f"{parts[1]}.position[{{}}]")
+    blocks = _blocks(run.q, run.dq, run.tau, run.q + 1e-4)
+    _write(path, head, [seconds, nanoseconds, *names, *blocks])
+
+
+def bam(path: Path, run: Measurements, word: str = "torque") -> None:
+    """A list of objects beside what was recorded, of two servos in lists."""
+    entries = [
+        {"timestamp": t, "position": q, "speed": dq, word: tau, "torque_enable": True}
+        for t, q, dq, tau in zip(
+            *(x.tolist() for x in (run.t, run.q, run.dq, run.tau)), strict=True
+        )
+    ]
+    content = {"mass": 0.5, "kp": 32, "motor": "sts3215", "entries": entries}
+    path.write_text(json.dumps(content))
+
+
+def bam_load(path: Path, run: Measurements) -> None:
+    bam(path, run, "load")
+
+
+def xarm(path: Path, run: Measurements) -> None:
+    head = ["timestamp", *_numbered("servo_angle_{}", "joints_torque_{}")]
+    _write(path, head, [run.t, *_blocks(np.degrees(run.q), run.tau)])
+
+
 def zero_based(path: Path, run: Measurements) -> None:
     head = ["t", *_numbered("q{}", "tau{}")]
     _write(path, head, [run.t, *_blocks(run.q, run.tau)])
@@ -286,6 +321,10 @@ SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "plotjuggler.csv": plotjuggler,
     "lerobot.parquet": lerobot,
     "lerobot_current.parquet": lerobot_current,
+    "franka_ros2.csv": franka_ros2,
+    "bam.json": bam,
+    "bam_load.json": bam_load,
+    "xarm.csv": xarm,
     "zero_based.csv": zero_based,
     "iso.csv": iso,
     "lists.csv": lists,
