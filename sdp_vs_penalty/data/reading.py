@@ -264,10 +264,10 @@ def _groups(
     """List the file's columns of each channel group in the joints' order, the clock
     (one column or its parts) first; InputError for a gap in the joints' numbers."""
     groups = dict[str, list[str]]()
-    clock = rename.get("t")
-    if clock in log.columns and choice.rate is None:
+    clock = rename.get("t", "") if choice.rate is None else ""
+    if clock in log.columns and "t" in rename:
         groups["t"] = [clock]
-    elif clock and choice.rate is None:
+    elif clock:
         from sdp_vs_penalty.data.hypotheses.renaming import parts_of
 
         groups["t"] = list(parts_of(clock, log.names))

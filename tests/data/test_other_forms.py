@@ -594,3 +594,52 @@ def test_axes_of_one_entry_are_left_out(axis, tmp_path):
     q, tau = (np.expand_dims(x, axis) for x in (Q, TAU))
     np.savez(path, t=T, q=q, tau=tau)
     require_the_run(silently(path))
+
+
+def test_a_torque_that_a_model_has_made_is_not_taken_beside_a_measured_one(tmp_path):
+    """Its word is the better one, but it carries no noise; an empty cell says nothing."""
+    smooth = 10.0 * np.sin(np.outer(T, [4.0, 5.0, 6.0]))
+    measured = smooth + 0.05 * TAU
+    measured[30, 1] = np.nan
+    words = ("pos", "Torque", "TorqueSm", "Cur")
+    names = [f"{word}{k}" for word in words for k in (1, 2, 3)]
+    path = tmp_path / "run.csv"
+    columns = (T, np.sin(np.outer(T, [1, 2, 3])), smooth, measured, measured / 9.13)
+    table(path, ["time", *names], *columns)
+    path.write_text(path.read_text().replace("nan", ""))
+    run = silently(path)
+    np.testing.assert_allclose(run.tau, np.delete(measured, 30, axis=0), atol=1e-7)
+    said = remarks(path)
+    assert "Torque1 to Torque3 (a model's: smooth)" in said
+    assert "tau1..tau3 = TorqueSm1 .. TorqueSm3" in said
+
+
+def test_a_rate_is_proposed_in_the_units_of_the_names_and_across_lost_rows(tmp_path):
+    q, dq = np.sin(np.outer(T, [9, 12, 5.0])), np.cos(np.outer(T, [9, 12, 5.0]))
+    names = [f"{x}_{k}" for x in ("q_deg", "dq", "tau") for k in (1, 2, 3)]
+    rows = np.column_stack([np.degrees(q), dq * [9, 12, 5.0], TAU])
+    path = table(tmp_path / "run.csv", names, np.delete(rows, [20, 21, 60], axis=0))
+    refusal(lambda: silently(path), "no column t", "--rate 200 ")
+
+
+def test_a_column_is_one_channel(plain):
+    pairs = {"t": "#5", "tau1": "#5"}
+    refusal(lambda: silently(plain, rename=pairs), "column tau1 is taken as t and tau1")
+
+
+def test_metadata_of_lerobot_name_the_motors_of_a_block(tmp_path):
+    from pyarrow import parquet
+    from pyarrow import table as arrow_table
+
+    order = [2, 0, 1]
+    blocks = {"observation.state": Q[:, order], "observation.effort": TAU[:, order]}
+    columns = {"timestamp": T, **{k: list(x) for k, x in blocks.items()}}
+    names = [f"{JOINTS[k]}.pos" for k in order]
+    feature = {"names": names, "unit": "rad"}
+    (tmp_path / "meta").mkdir()
+    info = json.dumps({"features": {"observation.state": feature}})
+    (tmp_path / "meta" / "info.json").write_text(info)
+    path = tmp_path / "data" / "chunk-000" / "file-000.parquet"
+    path.parent.mkdir(parents=True)
+    parquet.write_table(arrow_table(columns), path)
+    require_the_run(silently(path, names=JOINTS))

@@ -150,6 +150,9 @@ def which_torque(
     A measured torque carries noise. Where some channels do and one does not, a model has
     made that one. A channel that is another one times a constant is a conversion of it.
     """
+    stacked = np.hstack(list(channels.values()))
+    whole = np.isfinite(stacked).all(axis=1)
+    channels = {name: x[whole] for name, x in channels.items()}
     noise = {name: _noise(x) for name, x in channels.items()}
     has_noise = max(noise.values(), default=0.0) > _LEAST_NOISE
     out = list[Hypothesis]()
@@ -202,8 +205,12 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
     largest = max(np.abs(x).max(initial=0.0) for x in (steps, velocities))
     if largest > _LARGEST_SQUARABLE:
         return None
-    vv, ss = float(np.sum(velocities**2)), float(np.sum(steps**2))
-    sv = float(np.sum(steps * velocities))
-    if not vv * ss > 0.0 or sv <= 0.0 or sv**2 < 0.9 * vv * ss:
-        return None
+    for _ in range(2):  # the second time without steps over lost rows
+        vv, ss = float(np.sum(velocities**2)), float(np.sum(steps**2))
+        sv = float(np.sum(steps * velocities))
+        if not vv * ss > 0.0 or sv <= 0.0 or sv**2 < 0.9 * vv * ss:
+            return None
+        wrong = np.max(np.abs(steps - sv / vv * velocities), axis=1)
+        usual = wrong <= 10.0 * np.median(wrong)
+        steps, velocities = steps[usual], velocities[usual]
     return float(f"{vv / sv:.3g}")
