@@ -103,21 +103,27 @@ def ends(given: argparse.Namespace) -> Rows:
         in_ball = cp.norm(ball.A @ theta - ball.a) <= limit
         problem = cp.Problem(cp.Minimize(g @ x), [*demands, in_ball])
         worst = certified = 0.0
+        failed = 0
         for pair in pairs:
             width = abs(pair[1].value - pair[0].value)
             for end in pair:
                 size = float(np.linalg.norm(end.g * scale))
                 g.value = end.g * scale / size
                 limit.value = np.sqrt(allowed.limit(end.c))
-                problem.solve(solver=cp.CLARABEL)
                 unit = max(width, end.size)
-                worst = max(worst, abs(problem.value * size - end.lowest) / unit)
                 certified = max(certified, end.gap / unit)
+                try:
+                    problem.solve(solver=cp.CLARABEL)
+                except cp.SolverError:
+                    failed += 1
+                    continue
+                worst = max(worst, abs(problem.value * size - end.lowest) / unit)
         verify_proof.check(pairs[0][0].proof(functions[0].name))
         yield {
             "arm": arm,
             "functions": len(functions),
             "worst difference to Clarabel": f"{worst:.1e}",
+            "ends that Clarabel did not solve": failed,
             "worst certified gap": f"{certified:.1e}",
             "proof": f"accepted ({functions[0].name})",
         }
@@ -149,13 +155,13 @@ def cost(given: argparse.Namespace) -> Rows:
     tasks: dict[str, Callable[[], object]] = {
         "7 masses and the total": linear(["masses"]),
         "71: masses, total, centres, inertias about the frame": lambda: ranges_of(
-            posed, model, None, ["masses", "centres", "inertias"]
+            posed, model.theta, None, ["masses", "centres", "inertias"]
         ),
         "the same, with model error": lambda: ranges_of(
-            posed, model, floor, ["masses", "centres", "inertias"]
+            posed, model.theta, floor, ["masses", "centres", "inertias"]
         ),
         "masses under four sets of constraints, with model error": lambda: ranges_of(
-            posed, model, floor, ["masses"], kinds=KINDS[:-1]
+            posed, model.theta, floor, ["masses"], kinds=KINDS[:-1]
         ),
     }
     for name, task in tasks.items():

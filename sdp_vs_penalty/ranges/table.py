@@ -279,7 +279,7 @@ def find_ranges(
     estimate = as_estimate(model, "find_ranges(model=...)")
     progress("posing the problem")
     posed, floor = training_of(estimate, data)
-    return ranges_of(posed, estimate, floor, functions, level, kinds, progress)
+    return ranges_of(posed, estimate.theta, floor, functions, level, kinds, progress)
 
 
 def find_end(
@@ -359,7 +359,7 @@ def _floor_of(estimate: Estimate) -> Array | None:
 
 def ranges_of(
     posed: EstimationProblem,
-    estimate: Estimate,
+    theta: Array,
     floor: Array | None,
     names: Sequence[str] = DEFAULT,
     level: float = LEVEL,
@@ -372,6 +372,8 @@ def ranges_of(
     ----------
     posed : EstimationProblem
         The identification problem of the data.
+    theta : (p,) array
+        The model's parameters.
     floor : (n,) array or None
         Noise floor of the data [N m, N].
     names : sequence of str
@@ -382,7 +384,7 @@ def ranges_of(
     """
     task = posed.task
     progress("what the data allow")
-    allowed = allowed_set(posed, estimate.theta, floor, level)
+    allowed = allowed_set(posed, theta, floor, level)
     chosen = functions_by_name(posed.problem, task.model, names)
     main = _ends(allowed, chosen)
     progress("with the model's error, and under fewer constraints")
@@ -403,7 +405,7 @@ def ranges_of(
                 unit=f.unit,
                 least=RangeEnd.of(main[k][0]),
                 greatest=RangeEnd.of(main[k][1]),
-                value=f.value(estimate.theta, task.links),
+                value=f.value(theta, task.links),
                 nominal=f.value(nominal, task.links),
                 with_model_error=None if with_error is None else _values(with_error[k]),
                 under={kind: _values(ends[k]) for kind, ends in fewer.items()},

@@ -8,6 +8,7 @@ import numpy as np
 import pandas
 import scipy
 
+from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.sources import DATA, is_data_determined
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
@@ -20,6 +21,7 @@ from sdp_vs_penalty.paper.tables.table import (
 )
 from sdp_vs_penalty.problem.problem import entries
 from sdp_vs_penalty.problem.published import box_tables, errata
+from sdp_vs_penalty.ranges.table import ranges_of
 from sdp_vs_penalty.results.table import cell_text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -96,6 +98,9 @@ def link_table(
     for data in study.whole:
         for method_name, method in study.methods.items():
             rows[f"{method_name}_{data.label}"] = by_name(study.links(method, data))
+    data = study.whole[-1]
+    for side, values in study.once(_ends, data, tuple(rows.index)).items():
+        rows[f"{side}_{data.label}"] = values
     notes_text = notes("links", method=DEFAULT_METHOD, priors=study.about_priors)
     if rows.index.str.startswith("I").any():
         notes_text += _bounds_received(study)
@@ -112,7 +117,36 @@ def link_table(
         _headline(study, rows.index),
     )
     columns = [*(printed[0] if printed else bounds), *study.compared_columns]
+    columns += [f"{side}_{data.label}" for side in _SIDES]
     return table.shortened([*columns, "true_simulated"])
+
+
+#: Columns of what the data allow.
+_SIDES = ("least", "greatest")
+
+
+def _ends(study: Study, data: Data, names: tuple[str, ...]) -> dict[str, pandas.Series]:
+    """Return the least and the greatest value of the entries ``names`` over all
+    consistent links that fit a data set, with all constraints of the problem."""
+    posed = EstimationProblem(
+        study.problem,
+        measurements=data.train,
+        runs=None,
+        regression=data.regression,
+        task=study.task(data),
+        weighting="noise",
+    )
+    theta = study.theta(DEFAULT_METHOD, data)
+    found = {r.name: r for r in ranges_of(posed, theta, None, names).ranges}
+    ends = {side: [getattr(found[name], side) for name in names] for side in _SIDES}
+    return {
+        side: pandas.Series(
+            ["open" if np.isinf(end.value) else end.value for end in of_side],
+            list(names),
+            object,
+        )
+        for side, of_side in ends.items()
+    }
 
 
 def _headline(study: Study, names: pandas.Index) -> str:
