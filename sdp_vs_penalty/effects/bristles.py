@@ -169,7 +169,7 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     Array
         (N,) states in [-1, 1].
     """
-    legs = q if isinstance(q, Legs) else Legs.of(q)
+    legs = q if isinstance(q, Legs) else Legs.along(q)
     # The state at the corners, leg by leg.
     decay_of_leg = np.exp(np.abs(np.diff(legs.corners)) / -d)
     corners = [start]
@@ -205,7 +205,7 @@ def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     Array
         (N,) states in [-1, 1].
     """
-    legs = q if isinstance(q, Legs) else Legs.of(q)
+    legs = q if isinstance(q, Legs) else Legs.along(q)
     z = [start]
     for step in (np.diff(legs.corners) / d).tolist():
         z.append(min(max(z[-1] + step, -1.0), 1.0))

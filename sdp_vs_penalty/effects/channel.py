@@ -168,7 +168,7 @@ class DelayedTorque(Effect):
         )
 
 
-class Delay(DelayedTorque):
+class ChannelDelay(DelayedTorque):
     """Torque that is logged later by the same time at every frequency."""
 
     forward = "channel"
@@ -184,7 +184,7 @@ class Delay(DelayedTorque):
         return true_torque
 
 
-class TorqueDelay(Delay, JointEffect):
+class TorqueDelay(ChannelDelay, JointEffect):
     equation = "T_d (tau_hat(t - T) - tau_hat(t)) / T"
     explanation = (
         "This joint's torque is logged T_d later than its position: a filter in the"
@@ -199,7 +199,7 @@ class TorqueDelay(Delay, JointEffect):
         return -motion.late_torque_rate(self.shape["T"])[:, joint]
 
 
-class GlobalDelay(Delay):
+class GlobalDelay(ChannelDelay):
     equation = "T_g (tau_hat(t - T) - tau_hat(t)) / T on every joint"
     explanation = (
         "All torques are logged T_g later than the positions: two clocks, or one filter"

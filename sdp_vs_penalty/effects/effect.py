@@ -73,16 +73,20 @@ _USUAL_LINK = 1.5
 
 #: What simulators' files hold of a joint, and of the links.
 SimulatorField = Literal[
-    "", "links", "payload", "damping", "friction", "armature", "stiffness", "offset"
+    "",
+    "links",
+    "payload",
+    "damping",
+    "friction",
+    "armature",
+    "stiffness",
+    "offset",
+    "servo",
 ]
 
 #: Share of the rows that a standstill reaches from which what holds a joint there
 #: shows.
 STANDS = 0.02
-
-
-#: Waves that a joint has to travel until a torque is seen to repeat.
-WAVES_TO_REPEAT = 2.0
 
 
 @dataclass(frozen=True)
@@ -149,10 +153,6 @@ class Effect(ABC):
     #: When the model runs forward: a torque, the measuring channel's (:meth:`invert_channel`),
     #: what drives the joints, or nothing.
     forward: ClassVar[Literal["torque", "channel", "drive", "left out"]] = "torque"
-
-    #: Which parameters are gains of the joints' position errors; None where it has no
-    #: such.
-    position_gains: ClassVar[slice | None] = None
 
     #: True where one parameter acts on the whole robot: no joints to choose from.
     whole_robot: ClassVar[bool] = False
@@ -474,12 +474,6 @@ class Effect(ABC):
             ]
         )
 
-    @property
-    def waves(self) -> float | None:
-        """Wave number k of a torque cos(k q): waves per turn of a revolute joint [-],
-        rad/m on a prismatic one; None for a torque that is no wave."""
-        return None
-
     # What is known of the parameters before anything is measured.
 
     def constraints(
@@ -760,9 +754,6 @@ class Effect(ABC):
         """Give a reason to doubt the effect: what else would look like it in these
         measurements.
 
-        A wave is doubtful where the joint travelled less than one of it. One with a size
-        is doubtful with fewer than two: without a size it is still worth a try.
-
         Parameters
         ----------
         size
@@ -775,25 +766,7 @@ class Effect(ABC):
         str
             The reason, empty where there is none.
         """
-        n_waves = self.n_waves(coverage)
-        if n_waves < 1.0:
-            return (
-                "less than one wave was travelled: all that changes slowly along it"
-                " looks so"
-            )
-        if size != 0.0 and n_waves < WAVES_TO_REPEAT:
-            return (
-                "fewer than two waves were travelled, so nothing shows that it repeats: a"
-                " spring, a balancer or a cable looks so"
-            )
         return ""
-
-    def n_waves(self, coverage: JointCoverage) -> float:
-        """Return how many waves its joint travelled; infinite for a torque that is no
-        wave."""
-        if self.waves is None:
-            return np.inf
-        return self.waves * coverage.travel / (2.0 * np.pi)
 
     @property
     def text(self) -> str:

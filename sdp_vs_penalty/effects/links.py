@@ -21,6 +21,7 @@ from sdp_vs_penalty.effects.effect import (
 )
 from sdp_vs_penalty.effects.position import TorqueRipple
 from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.wave import Wave
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import as_slice
@@ -348,7 +349,7 @@ class JointZeroError(LinkDeviation):
 _MOST_WAVES = 200
 
 
-class GearError(LinkDeviation):
+class GearError(Wave, LinkDeviation):
     equation = "a_g D cos(k q) + b_g D sin(k q), D as of joint_elasticity"
     explanation = (
         "The gear of joint j does not turn evenly: the link runs ahead of the motor-side"
@@ -386,12 +387,6 @@ class GearError(LinkDeviation):
         k = f"{self.shape['k']:.6g}"
         unit = self.robot.position_units[joint]
         return [(f"{symbol}{joint + 1}_{k}", unit) for symbol in ("a_g", "b_g")]
-
-    @property
-    def waves(self) -> float | None:
-        """Wave number k of the error cos(k q): waves per turn of a revolute joint [-],
-        rad/m on a prismatic one."""
-        return self.shape["k"]
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
@@ -581,11 +576,11 @@ class BacklashInFlight(LinkDeviation):
         by_q, by_dq, by_ddq = slopes
         torque = motion.link_torque[:, joint]
         h = (motion.t[-1] - motion.t[0]) / max(len(torque) - 1, 1)
-        inertia, damping = by_ddq / h**2, by_dq / (2.0 * h)
+        by_step, damping = by_ddq / h**2, by_dq / (2.0 * h)
         # x(t + h) = push + from_this x(t) + from_last x(t - h)
-        push = (torque / (inertia + damping)).tolist()
-        from_this = ((2.0 * inertia - by_q) / (inertia + damping)).tolist()
-        from_last = ((damping - inertia) / (inertia + damping)).tolist()
+        push = (torque / (by_step + damping)).tolist()
+        from_this = ((2.0 * by_step - by_q) / (by_step + damping)).tolist()
+        from_last = ((damping - by_step) / (by_step + damping)).tolist()
         this = last = play * float(np.sign(torque[0]))
         lags = [this]
         for a, b, c in zip(push[:-1], from_this, from_last, strict=False):
@@ -733,8 +728,8 @@ class JointResonance(LinkDeviation):
         is not positive at some instant, as in a model of least squares: nothing swings
         so.
         """
-        inertia = float(motion.mean_inertias[joint])
-        stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * inertia
+        mean_inertia = float(motion.mean_inertias[joint])
+        stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * mean_inertia
         by_q, _, by_ddq = slopes
         smallest_stiffness = stiffness + by_q.min()
         smallest_inertia = by_ddq.min()
@@ -772,10 +767,10 @@ class JointResonance(LinkDeviation):
         stiffness = 1.0 / compliance + by_q
         damping = by_dq + self.shape["zeta"] / (np.pi * self.shape["f"] * compliance)
         # Row k + 1: what the instants k - 1, k and k + 1 have to do with each other.
-        inertia = by_ddq / step**2
-        next_one = inertia + damping / (2.0 * step) + stiffness / 4.0
-        this_one = stiffness / 2.0 - 2.0 * inertia
-        last_one = inertia - damping / (2.0 * step) + stiffness / 4.0
+        by_step = by_ddq / step**2
+        next_one = by_step + damping / (2.0 * step) + stiffness / 4.0
+        this_one = stiffness / 2.0 - 2.0 * by_step
+        last_one = by_step - damping / (2.0 * step) + stiffness / 4.0
         bands = np.zeros((3, len(torque)))
         bands[0] = 1.0
         bands[0, 2:] = next_one[1:-1]

@@ -351,7 +351,7 @@ class MeasuredCurve(JointEffect):
     def constants(self) -> str:
         """Size and variables of the table, as text."""
         count = int(np.sum(self._missing == 0.0))
-        return f"a table of {count} values over {', '.join(self.of(self.joints[0]))}"
+        return f"a table of {count} values over {', '.join(self.variable_names(self.joints[0]))}"
 
     @property
     def brief(self) -> str:
@@ -359,14 +359,14 @@ class MeasuredCurve(JointEffect):
         values."""
         return f"{self.text.partition('@')[0]} ({self.constants})"
 
-    def of(self, joint: int) -> tuple[str, ...]:
+    def variable_names(self, joint: int) -> tuple[str, ...]:
         """Return the names of the one or two variables of the table of a joint (from
         0), such as "q4" or "sign(dq4)"."""
         return tuple(v.name for v in self.variables(joint))
 
     def parameter_name(self, joint: int) -> str:
         """Name the size of a joint's table after its variables: "curve4_q4"."""
-        return f"{self.symbol}{joint + 1}_{'_'.join(self.of(joint))}"
+        return f"{self.symbol}{joint + 1}_{'_'.join(self.variable_names(joint))}"
 
     def column(self, motion: Motion, joint: int) -> Array:
         """Interpolate the table along a motion: (N,) torque [N m, N] of one joint."""
@@ -416,7 +416,7 @@ def table_variables(effect: Effect, joint: int) -> tuple[str, ...] | None:
     that are no table there."""
     if not isinstance(effect, MeasuredCurve) or joint not in effect.joints:
         return None
-    return tuple(variable.name for variable in effect.variables(joint))
+    return effect.variable_names(joint)
 
 
 def table_effect(

@@ -179,10 +179,10 @@ class Model:
         servo); -1 for a joint without a servo."""
         index_of_joint = dict[int, int]()
         for effect, indices in self.parts:
-            if effect.position_gains is None:
+            if effect.simulator_field != "servo":
                 continue
-            gains = indices[effect.position_gains]
-            for joint, index in zip(effect.joints, gains, strict=True):
+            # The gains of a joint's position error and of its rate take turns.
+            for joint, index in zip(effect.joints, indices[::2], strict=True):
                 index_of_joint[joint] = int(index)
         return tuple(index_of_joint.get(j, -1) for j in range(self.robot.n))
 

@@ -167,7 +167,7 @@ class Legs:
     travel: Array
 
     @classmethod
-    def of(cls, q: Array) -> Legs:
+    def along(cls, q: Array) -> Legs:
         """Cut a path q (N,) [rad, m] into legs at its reversals: within a leg the
         position is monotone."""
         sign = np.sign(np.diff(q))
@@ -369,7 +369,7 @@ class Motion:
             (n,) factors of the joints' positions.
         """
         joint = _single_joint(ratios)
-        return Legs.of(self.q @ ratios) if joint is None else self._legs[joint]
+        return Legs.along(self.q @ ratios) if joint is None else self._legs[joint]
 
     @cached_property
     def _signs(self) -> Array:
@@ -381,7 +381,7 @@ class Motion:
     @cached_property
     def _legs(self) -> list[Legs]:
         """Legs between reversals of each joint's path."""
-        return [Legs.of(q) for q in self.q.T]
+        return [Legs.along(q) for q in self.q.T]
 
     def width(self, joint: int) -> float:
         """Return the velocity over which the sign of a joint (from 0) is smoothed

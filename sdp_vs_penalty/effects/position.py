@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import (
-    WAVES_TO_REPEAT,
     Array,
     JointCoverage,
     JointEffect,
@@ -14,6 +13,7 @@ from sdp_vs_penalty.effects.effect import (
     Parameter,
 )
 from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
+from sdp_vs_penalty.effects.wave import WAVES_TO_REPEAT, Wave
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
@@ -172,7 +172,7 @@ def _orders(
     return [float(f"{k:.6g}") for k in orders]  # as many digits as a written effect has
 
 
-class TorqueRipple(JointEffect):
+class TorqueRipple(Wave, JointEffect):
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
         "A torque that repeats k times per turn (k times 2 pi metres on a prismatic"
@@ -212,12 +212,6 @@ class TorqueRipple(JointEffect):
             (f"{symbol}{joint + 1}_{k}", self.unit_on(joint))
             for symbol in ("a_r", "b_r")
         ]
-
-    @property
-    def waves(self) -> float | None:
-        """Wave number k of the torque cos(k q): waves per turn of a revolute joint [-],
-        rad/m on a prismatic one."""
-        return self.shape["k"]
 
     def resembles_over(self, coverage: JointCoverage) -> tuple[str, ...]:
         """Name springs where fewer than two waves were travelled: these make any smooth

@@ -80,7 +80,7 @@ class ServoPosition(Servo):
     on_the_arm = "the drive of {joint} pulls it to its command with {size}"
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
     sized_by = slice(0, 1)
-    position_gains = slice(0, None, 2)
+    simulator_field = "servo"
     #: Of the position error; the damping kd is in all laws.
     terms = staticmethod(lambda d: [1.0, -d, d * d / 2.0, 0.0, -1.0, 0.0, 0.0])
     shapes = {**Servo.shapes, "d": ShapeConstant(0.0, "s", scale="linear", signed=True)}

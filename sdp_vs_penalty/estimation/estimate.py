@@ -768,7 +768,7 @@ class Estimate(Record):
         names = [p.name for p in self.model.parameters]
         return ModelFile(
             format=FORMAT,
-            problem=ProblemFields.of(self.problem),
+            problem=ProblemFields.from_problem(self.problem),
             method=self.method,
             settings=self.settings,
             parameters=self.entries,

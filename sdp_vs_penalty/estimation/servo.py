@@ -437,9 +437,9 @@ class _Loop:
         assert model.reference is not None
         # One more parameter, the last: the delay, in units of its prior deviation.
         wide = with_sensitivities(
-            model, model.reference, lambda e: bool(e.position_gains)
+            model, model.reference, lambda e: e.simulator_field == "servo"
         )
-        drive = next(e for e in model.effects if e.position_gains)
+        drive = next(e for e in model.effects if e.simulator_field == "servo")
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
         delay = float(np.clip(drive.shape["T"] + step, 0.0, LATEST))
         better, _ = self.fitted_at_delay(delay)

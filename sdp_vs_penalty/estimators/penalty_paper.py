@@ -69,13 +69,13 @@ class PenaltyPaper(Estimator):
         """
         return self.fit_with(task, anneal_and_search)
 
-    def fit_with(self, task: Task, search: Search) -> Fit:
+    def fit_with(self, task: Task, search: PenaltySearch) -> Fit:
         """Fit with another search than :func:`anneal_and_search`, such as a resumable
         one.
 
         Parameters
         ----------
-        search : Search
+        search : PenaltySearch
             Search of one step of one run.
 
         Returns
@@ -110,7 +110,7 @@ class PenaltyPaperTwoStep(PenaltyPaper):
         return PenalisedLoss(task, task.base_distance, task.model.rigid_indices)
 
 
-class Search(Protocol):
+class PenaltySearch(Protocol):
     """One step of a run: annealing, then a local search."""
 
     def __call__(
@@ -129,7 +129,7 @@ class Search(Protocol):
 
 
 def retrieve(
-    settings: PenaltyPaper, task: Task, loss: PenalisedLoss, search: Search
+    settings: PenaltyPaper, task: Task, loss: PenalisedLoss, search: PenaltySearch
 ) -> Fit:
     """Minimise the penalised objective by several independent runs; return the best.
 
@@ -143,7 +143,7 @@ def retrieve(
     task : Task
         The identification problem. Parameters that are not searched keep their
         least-squares values.
-    search : Search
+    search : PenaltySearch
         Search of one step of one run.
 
     Returns

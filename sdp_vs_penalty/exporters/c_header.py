@@ -45,7 +45,7 @@ def write(estimate: Estimate, options: Options) -> Written:
             "write .json",
         )
     # Refuses what no simulator or controller should be given.
-    content = Content.of(estimate)
+    content = Content.from_estimate(estimate)
     left = tuple(
         e.brief
         for e in model.effects

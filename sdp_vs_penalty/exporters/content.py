@@ -87,7 +87,7 @@ class Content:
             As :meth:`of`; for a link whose mass lies farther out than its body reaches,
             unless forced.
         """
-        content = cls.of(estimate)
+        content = cls.from_estimate(estimate)
         if options.force:
             return content
         gyration = inertia.gyration(estimate.links)
@@ -104,7 +104,7 @@ class Content:
         return content
 
     @classmethod
-    def of(cls, estimate: Estimate) -> Self:
+    def from_estimate(cls, estimate: Estimate) -> Self:
         """Return what a simulator's file can hold of a model.
 
         Returns
@@ -131,11 +131,7 @@ class Content:
         springs = tuple(
             e.brief for e in model.effects if e.simulator_field in _SPRING_FIELDS
         )
-        others = tuple(
-            e.brief
-            for e in model.effects
-            if not e.simulator_field and e.position_gains is None
-        )
+        others = tuple(e.brief for e in model.effects if not e.simulator_field)
         servo, delay = _servo_gains(estimate)
         if delay:
             others += (
@@ -356,7 +352,7 @@ class Inertial:
     about_com: Array
 
     @classmethod
-    def of(cls, link: Array) -> Self:
+    def from_parameters(cls, link: Array) -> Self:
         """Return mass, centre of mass and inertia about it of a link.
 
         Parameters
@@ -482,7 +478,7 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
     for i, joint in enumerate(robot.tree):
         parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
         # A link without parameters is declared massless.
-        body = Inertial.of(link_of.get(i, np.zeros(10)))
+        body = Inertial.from_parameters(link_of.get(i, np.zeros(10)))
         yield LinkPart(i, joint, f"link{i + 1}", parent, body, places.get(joint.name))
 
 
@@ -505,4 +501,4 @@ def payload(estimate: Estimate) -> Inertial:
     require_consistent(load, "payload")
     if load[0] <= 0.0:
         raise InputError("the payload has no mass", "measure with the load on")
-    return Inertial.of(load)
+    return Inertial.from_parameters(load)

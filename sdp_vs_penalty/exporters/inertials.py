@@ -82,7 +82,7 @@ class LinkCheck(WritesJson):
     is_rounding: bool
 
     @classmethod
-    def of(cls, link: Any, reach: float, shape: Array | None) -> "LinkCheck":
+    def from_link(cls, link: Any, reach: float, shape: Array | None) -> "LinkCheck":
         """Check the inertial of one link.
 
         Parameters
@@ -94,7 +94,7 @@ class LinkCheck(WritesJson):
         """
         theta = read_inertial(link)
         written = _written(link, reach, shape)
-        inertial = Inertial.of(theta)
+        inertial = Inertial.from_parameters(theta)
         moments = np.asarray(np.linalg.eigvalsh(inertial.about_com), float)
         triangle = float(moments[0] + moments[1] - moments[2])
         if theta.any() and inertial.mass <= 0.0:
@@ -252,7 +252,7 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
                 shapes[name] = (shape.points - at[:3, 3]) @ at[:3, :3]
     with errors_located_in(path):
         return [
-            LinkCheck.of(
+            LinkCheck.from_link(
                 link,
                 reaches.get(link.get("name"), _REACH_OF_BASE),
                 shapes.get(link.get("name")),

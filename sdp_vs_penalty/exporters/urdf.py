@@ -337,12 +337,12 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     link_elements = {link.get("name"): link for link in document.root.findall("link")}
     zero = {
         "mass": {"value": "0"},
-        "inertia": Inertial.of(np.zeros(10)).urdf_attributes,
+        "inertia": Inertial.from_parameters(np.zeros(10)).urdf_attributes,
     }
     for theta, (moving, *fixed) in zip(links, placed_links(path), strict=True):
         name = moving[0].get("name")
         require_consistent(theta, f"{path}: link {name!r}")
-        tags = inertial_tags(Inertial.of(theta))
+        tags = inertial_tags(Inertial.from_parameters(theta))
         document.put(link_elements[name], "inertial", {}, tags)
         for link, _ in fixed:
             fixed_link = link_elements[link.get("name")]

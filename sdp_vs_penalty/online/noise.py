@@ -45,7 +45,7 @@ class ResidualNoise:
     acceleration: Array
 
     @classmethod
-    def of(
+    def measure(
         cls,
         estimate: Estimate,
         measurements: Measurements,

@@ -273,7 +273,7 @@ class PayloadEstimator:
             "PayloadEstimator.calibrated(without_payload=...)",
         )
         prior = PayloadPrior() if prior is None else prior
-        noise = ResidualNoise.of(arm_estimate, runs, delay, prior)
+        noise = ResidualNoise.measure(arm_estimate, runs, delay, prior)
         return cls(
             arm_estimate,
             noise,

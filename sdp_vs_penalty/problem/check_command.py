@@ -27,7 +27,7 @@ class CheckCommand:
     apply: Sequence[str] = ()
 
     @classmethod
-    def of(cls, problem: Problem, runs: Sequence[str | Path]) -> Self:
+    def for_runs(cls, problem: Problem, runs: Sequence[str | Path]) -> Self:
         """Return the command that checks runs of a loaded problem.
 
         A problem is named as it was loaded; that of a model.json by its own name, with
@@ -50,7 +50,9 @@ class CheckCommand:
         parts = source if isinstance(source, list | tuple) else [source]
         if not all(isinstance(part, str | Path) for part in parts):
             return None
-        return cls.of(problem, [file for part in parts for file in run_files(part)])
+        return cls.for_runs(
+            problem, [file for part in parts for file in run_files(part)]
+        )
 
     def applying(self, words: Sequence[str]) -> Self:
         """Return the command that also applies repairs, by their names such as

@@ -712,7 +712,7 @@ class ProblemFields(JsonRecord):
     nominal_values: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, problem: Problem) -> ProblemFields:
+    def from_problem(cls, problem: Problem) -> ProblemFields:
         """Return what a file holds of a problem; bounds that are open on both sides are
         left out."""
         places = entries(problem.robot.links).items()

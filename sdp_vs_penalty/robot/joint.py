@@ -158,7 +158,9 @@ class ChannelNames(tuple[str, ...]):
     held: tuple[HeldJoint, ...] = ()
 
     @classmethod
-    def of(cls, names: Sequence[str], held: Sequence[HeldJoint]) -> "ChannelNames":
+    def with_held(
+        cls, names: Sequence[str], held: Sequence[HeldJoint]
+    ) -> "ChannelNames":
         """Return a list of the driven joints' names that also holds, as its attribute
         ``held``, the joints that stand still: readers of logs leave out their channels.
         """

@@ -251,7 +251,7 @@ class Robot(JsonRecord):
     @cached_property
     def joint_names(self) -> ChannelNames:
         """(n,) names of the driven joints; the joints that are held are attached."""
-        return ChannelNames.of([joint.name for joint in self.joints], self.held)
+        return ChannelNames.with_held([joint.name for joint in self.joints], self.held)
 
     @cached_property
     def position_units(self) -> tuple[str, ...]:

@@ -59,7 +59,7 @@ def urdf_of_sdf(root: Any) -> Any:
         if (inner := model.find(tag)) is not None:
             what = f"line {inner.sourceline}: a <{tag}> in the model is not read"
             raise InputError(what, "write one model with all its links (`gz sdf -p`)")
-    return _Model.of(model).urdf()
+    return _Model.from_element(model).urdf()
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class _Model:
     links: Mapping[str, str]
 
     @classmethod
-    def of(cls, model: Any) -> "_Model":
+    def from_element(cls, model: Any) -> "_Model":
         """Resolve the poses of all frames, each relative to another one."""
         # What each frame's pose is relative to where it does not say.
         default = {str(x.get("name")): _MODEL for x in model.findall("link")}

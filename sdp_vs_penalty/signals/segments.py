@@ -59,7 +59,7 @@ Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
 
 @dataclass(frozen=True)
-class ColumnCache:
+class SegmentColumns:
     """Low-passed columns of effects at the rows of all segments."""
 
     #: Low-pass (M, N) from the column grid to the rows, and motion, of each segment.
@@ -69,7 +69,7 @@ class ColumnCache:
     #: this model.
     cache: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
 
-    def of(self, effect: Effect, keep: bool) -> list[Block]:
+    def blocks(self, effect: Effect, keep: bool) -> list[Block]:
         """Return an effect's blocks of low-passed columns (M, k), one for each joint,
         per unit of true torque.
 
@@ -167,7 +167,7 @@ class SegmentedRuns:
     #: Names of the runs.
     names: tuple[str, ...]
     #: Columns of effects on the rows.
-    columns: ColumnCache
+    columns: SegmentColumns
     #: Returns the rows whose motion comes back, and where.
     repeats: Callable[[], tuple[Repeat, ...]]
     #: Returns each run by itself, without a model, read by encoders whose steps lie
@@ -386,7 +386,7 @@ class SegmentedRuns:
         """
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, add_others(s.motion)) for s in segments]
-        columns = ColumnCache(parts, (self.columns.cache[0], {}))
+        columns = SegmentColumns(parts, (self.columns.cache[0], {}))
         model = attach, add_others, gains
         return replace(self, segments=segments, columns=columns, attached=model)
 
@@ -405,7 +405,7 @@ class SegmentedRuns:
             (low_pass, turning(motion, effect))
             for low_pass, motion in self.columns.parts
         ]
-        return replace(self, columns=ColumnCache(parts, (self.columns.cache[0], {})))
+        return replace(self, columns=SegmentColumns(parts, (self.columns.cache[0], {})))
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """Return an effect's columns at the rows, as the torque channels read them;
@@ -416,7 +416,7 @@ class SegmentedRuns:
         list of Block
             Columns (M, k), one block for each joint.
         """
-        column_blocks = self.columns.of(effect, keep)
+        column_blocks = self.columns.blocks(effect, keep)
         if self.gains is None or effect.needs_torque:
             return column_blocks
         return [
@@ -462,7 +462,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
         state_cutoff=settings.state_cutoff,
         rate=rate,
         names=measurements.names,
-        columns=ColumnCache([(s.low_pass, s.motion) for s in segments]),
+        columns=SegmentColumns([(s.low_pass, s.motion) for s in segments]),
         # A report whose noise is known never asks for repeats.
         repeats=cache(partial(find_repeats, segments)),
         with_shifted_encoders=(

@@ -155,7 +155,7 @@ def sharpest_cutoff(
     """
     n_octaves = np.log2(max(min(c.WIDER, highest / torque_cutoff), 1.0))
     widths = 2.0 ** np.linspace(n_octaves, 0.0, 1 + int(np.ceil(4.0 * n_octaves)))
-    spectra = [_PositionSpectrum.of(run) for run in runs]
+    spectra = [_PositionSpectrum.from_run(run) for run in runs]
     for cutoff in torque_cutoff * widths:
         early = max(x.time_of_noise(cutoff, torque_cutoff) for x in spectra)
         if early < c.EARLY / (2.0 * np.pi * torque_cutoff):
@@ -177,7 +177,7 @@ class _PositionSpectrum:
     dt: float
 
     @classmethod
-    def of(cls, run: Measurements) -> Self:
+    def from_run(cls, run: Measurements) -> Self:
         """Estimate the spectrum of a run."""
         part = max(split_at_gaps(run), key=lambda p: p.count)
         powers, frequency = _power(part, part.q[:, moving_joints(run)])

@@ -162,7 +162,7 @@ def friction_laws(motion: Motion, joint: int) -> Array:
         Columns: Dahl's law for each of a grid of presliding travels, Coulomb friction
         (smoothed sign of the velocity), viscous friction (the velocity), a constant.
     """
-    path = Legs.of(motion.q[:, joint])
+    path = Legs.along(motion.q[:, joint])
     dq = motion.dq[:, joint]
     start = float(np.sign(dq[0]))
     memory = [dahl(path, travel, start) for travel in PRESLIDING_TRAVELS]

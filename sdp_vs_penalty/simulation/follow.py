@@ -57,7 +57,7 @@ class Ahead(JsonRecord):
     naive: Array
 
     @classmethod
-    def of(cls, seconds: float, error: Array, naive: Array) -> Self:
+    def from_errors(cls, seconds: float, error: Array, naive: Array) -> Self:
         """Summarise the errors of K windows at one horizon.
 
         Parameters
@@ -417,8 +417,8 @@ def follow(
     return Following(
         drive,
         estimate.robot.position_units,
-        one_step=Ahead.of(courses[0].dt, one, naive_one),
-        ahead=Ahead.of(horizon, far, naive_far),
+        one_step=Ahead.from_errors(courses[0].dt, one, naive_one),
+        ahead=Ahead.from_errors(horizon, far, naive_far),
         free=tuple(free),
         left_out=plant.left_out,
     )

@@ -75,7 +75,7 @@ def test_a_curve_reads_a_combination_of_joints():
         ],
         robot,
     )
-    assert [e.of(1) for e in (both, fast)] == [("q2-2q3",), ("dq1+dq2",)]
+    assert [e.variable_names(1) for e in (both, fast)] == [("q2-2q3",), ("dq1+dq2",)]
     q = motion.q
     dq = motion.dq
     for effect, x in ((both, q[:, 1] - 2.0 * q[:, 2]), (fast, dq[:, 0] + dq[:, 1])):

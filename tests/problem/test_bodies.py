@@ -134,7 +134,7 @@ def test_the_published_truths_and_nominal_robots_fit():
 def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
     problem = load_problem(random_arm(tmp_path, seed))
     assert np.all(fits(problem, problem.nominal_links) > 0.3)
-    again = ProblemFields.of(problem).problem(problem.robot)
+    again = ProblemFields.from_problem(problem).problem(problem.robot)
     for old, new in zip(problem.link_bodies, again.link_bodies, strict=True):
         np.testing.assert_array_equal(old.quadric, new.quadric)
         assert (old.source, old.volume) == (new.source, new.volume)

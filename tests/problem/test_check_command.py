@@ -45,8 +45,8 @@ def test_a_gravity_that_begins_with_a_minus_is_one_word(gravity, words):
 
 def test_the_gravity_of_a_problem_on_its_side_is_carried(two_link: Problem):
     problem = two_link.with_gravity((9.81, 0.0, 0.0))
-    assert CheckCommand.of(problem, ["a.csv"]).gravity == "9.81,0,0"
-    assert CheckCommand.of(two_link, ["a.csv"]).gravity is None
+    assert CheckCommand.for_runs(problem, ["a.csv"]).gravity == "9.81,0,0"
+    assert CheckCommand.for_runs(two_link, ["a.csv"]).gravity is None
 
 
 def test_the_line_about_explanations_names_the_command_that_tries_them():

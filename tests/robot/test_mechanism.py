@@ -103,7 +103,7 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
     assert np.linalg.norm(torque - tau) < 0.01 * np.linalg.norm(tau)
     assert len(estimate.theta) == links.size + robot.n
     assert estimate.certificate.worst == 0.0
-    content = Content.of(estimate)
+    content = Content.from_estimate(estimate)
     for name, text in (
         ("new.urdf", make_urdf(robot, content)),
         ("own.urdf", edit_urdf(urdf, robot, content)),

@@ -56,7 +56,8 @@ def verb(
             noise_from=runs_given.all_runs,
             judged_recordings=runs_given.judged_recordings,
             gain_uncertainty=gain_uncertainty,
-            check=not no_check and runs.gate(CheckCommand.of(estimate.problem, data)),
+            check=not no_check
+            and runs.gate(CheckCommand.for_runs(estimate.problem, data)),
         )
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     words += _written(
@@ -68,7 +69,7 @@ def verb(
         }
     )
     files = Files(
-        check=CheckCommand.of(estimate.problem, data),
+        check=CheckCommand.for_runs(estimate.problem, data),
         model=model,
         findings=json_,
         data=words,

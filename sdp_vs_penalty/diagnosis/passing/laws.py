@@ -77,7 +77,7 @@ class LinkWeight(Effect):
         return np.concatenate(columns, axis=2)
 
 
-class DryFriction(JointEffect):
+class ChangedFriction(JointEffect):
     """A change of dry friction, with the sign of the velocity that the model has."""
 
     name = "dry_friction"
@@ -139,7 +139,7 @@ def joint_laws(data: WhiteData) -> list[Law]:
     change of dry friction."""
     kinds: dict[str, type[Effect]] = {
         "torque": standard_effect("offset"),
-        "friction": DryFriction,
+        "friction": ChangedFriction,
     }
     out = []
     for kind, effect_type in kinds.items():

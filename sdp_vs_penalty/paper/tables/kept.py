@@ -41,7 +41,7 @@ def table_once(spec: TableSpec, study: Study) -> StudyTable:
         spec.name,
         study.budget,
         study.seed,
-        ProblemFields.of(problem).to_dict(),
+        ProblemFields.from_problem(problem).to_dict(),
         problem.robot.to_dict(),
         _files([*folder.glob("*.toml"), *folder.glob("published/*")] if folder else ()),
         _files((data / problem.name).glob("*") if data else ()),
