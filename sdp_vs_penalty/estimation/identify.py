@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.build_problem import (
