@@ -201,8 +201,8 @@ def said_of(folder: Path, robot: str) -> tuple[list[Claim], str, tuple[str, str]
             wrong = [i for i in issues if i.severity == "error"]
             if wrong:
                 return claims, f"{wrong[0].kind}: {wrong[0].what}", nothing
-            model = identify(problem, runs, check=False)
-            found = diagnose(model, runs, check=False)
+            model = identify(problem, runs)
+            found = diagnose(model, runs)
         except InputError as error:
             return claims, str(error), nothing
         claims += claims_of_diagnosis(found)

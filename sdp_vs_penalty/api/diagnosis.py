@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.api.identification import gate_of
 from sdp_vs_penalty.arguments import checked_arguments
+from sdp_vs_penalty.checks.certainty import POSSIBLE
 from sdp_vs_penalty.checks.gate import Gate, needs_check, raise_on_errors
+from sdp_vs_penalty.checks.issue import EXPLANATION
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
@@ -15,10 +20,12 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
+from sdp_vs_penalty.effects import EFFECTS
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
+from sdp_vs_penalty.results.remedy import Remedy
 
 
 @checked_arguments
@@ -92,9 +99,10 @@ def diagnose(
         what="diagnose(measurements=...)",
     )
     model.require_joints(recording, "measurements")
+    issues: Mapping[str, Sequence[Mapping[str, Any]]] = {}
     if check and needs_check(model, recording):
         progress("checking the measurements")
-        raise_on_errors(
+        issues = raise_on_errors(
             model.problem,
             recording,
             "diagnose",
@@ -114,6 +122,7 @@ def diagnose(
         gain_uncertainty=gain_uncertainty,
         judged_recordings=judged,
     )
+    diagnosis = diagnosis.beside_faults_of_log(_likely_faults(issues, diagnosis))
     diagnosis, _ = add_certain_findings(
         diagnosis,
         model,
@@ -126,6 +135,28 @@ def diagnose(
         gain_uncertainty=gain_uncertainty,
     )
     return diagnosis
+
+
+def _likely_faults(
+    issues: Mapping[str, Sequence[Mapping[str, Any]]], diagnosis: Diagnosis
+) -> list[Remedy]:
+    """Return what the check calls certain or likely of a log that a repair of all rows
+    would mend, each once, but for what a finding states too.
+
+    A log has one explanation: these have more evidence than any effect of the arm.
+    """
+    likely = {}
+    for issue in chain.from_iterable(issues.values()):
+        is_likely = str(issue["certainty"]).partition(":")[0] != POSSIBLE
+        joints = tuple(issue["figures"].get("joints", ()))
+        is_stated = any(
+            issue["kind"] in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
+            for f in diagnosis.effects
+        )
+        is_repaired = issue["nature"] == EXPLANATION and bool(issue["apply"])
+        if is_repaired and is_likely and not is_stated:
+            likely[issue["what"]] = Remedy.from_dict(issue["remedies"][0])
+    return list(likely.values())
 
 
 def _read_runs(model: Estimate, source: Source, argument: str) -> Measurements | None:

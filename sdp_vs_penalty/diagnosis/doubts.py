@@ -29,6 +29,7 @@ REASONS: Mapping[str, str] = {
     "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
+    "log": "the log itself is likely wrong, which explains more: mend it first",
     "at_end": "it lies at the end of the range in which it was looked for",
 }
 
@@ -48,6 +49,7 @@ TORQUE_IS_OPEN = (
     "stand_in",
     "both_ways",
     "curve",
+    "log",
     "at_end",
 )
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -123,6 +123,10 @@ class Rated(JsonRecord):
             from_json(tuple[str, ...], data.get("remarks", ()))
         )
         return {**data, "doubts": [doubt.to_dict() for doubt in doubts]}
+
+
+#: A finding or a re-estimated constant.
+_Rated = TypeVar("_Rated", bound=Rated)
 
 
 def is_law_of(name: str, other: str) -> bool:
@@ -585,6 +589,9 @@ class Diagnosis(Record, JsonRecord):
     #: How long the arm stands still in the runs of the errors [s]; these rows are left
     #: out.
     standstill_left_out: float = 0.0
+    #: What the check calls likely of the log, with the repair; nothing is sure beside
+    #: it. None where a finding states the same.
+    log_faults: tuple[Remedy, ...] = ()
 
     def __post_init__(self) -> None:
         """Number the findings."""
@@ -602,6 +609,27 @@ class Diagnosis(Record, JsonRecord):
         if not self.torque_units:
             return "N m or N"
         return plain_unit(self.torque_units[joint - 1])
+
+    def beside_faults_of_log(self, faults: Sequence[Remedy]) -> Diagnosis:
+        """Return the diagnosis of a log that is likely wrong: every finding is weak, and
+        neither curves nor spans are drawn. The same one without faults.
+        """
+        if not faults:
+            return self
+
+        def doubted(found: _Rated) -> _Rated:
+            """Return a finding or a constant with the doubt that the log is wrong."""
+            doubts = *found.doubts, Doubt("log")
+            return replace(found, confidence="weak", doubts=doubts)  # type: ignore
+
+        return replace(
+            self,
+            log_faults=tuple(faults),
+            effects=tuple(map(doubted, self.effects)),
+            retuned=tuple(map(doubted, self.retuned)),
+            curves=(),
+            passing=(),
+        )
 
     def selected(
         self, numbers: Sequence[float] | None = None, confident: bool = False
@@ -801,7 +829,7 @@ class Diagnosis(Record, JsonRecord):
         """What would mend the model, the most useful first: all that is sure, then each
         re-estimated constant and finding, then the runs that decide what is open.
         """
-        remedies = []
+        remedies = [*self.log_faults]
         if self.sure or self.curves or self.passing:
             remedies.append(self._all_that_is_sure)
         remedies += [constant.remedy for constant in self.retuned]
@@ -875,6 +903,9 @@ class Diagnosis(Record, JsonRecord):
         finding.
         """
         sentences = [self._missing]
+        if self.log_faults:
+            faults = "; ".join(x.problem.rstrip(".") for x in self.log_faults)
+            sentences.insert(0, f"It looks as if {faults}. Mend the log first.")
         if self.passing:
             passing = passing_sentence(self.passing)
             most = max((f.gain for f in self.effects), default=0.0)

@@ -60,6 +60,7 @@ class TorqueGain(JointEffect):
     symbol = "g"
     units = ("-", "-")
     usual = (_LARGEST, _LARGEST)
+    faults = ("torque gain",)
     needs_torque = True
     forward = "channel"
 
@@ -192,6 +193,7 @@ class TorqueDelay(ChannelDelay, JointEffect):
     )
     on_the_arm = "the torque of {joint} is logged {time} later than its position"
     symbol = "T_d"
+    faults = ("channel delay", "channel filter")
 
     def column(self, motion: Motion, joint: int) -> Array:
         """Return the change of the current model's torque over the delay T, divided by
@@ -209,6 +211,7 @@ class GlobalDelay(ChannelDelay):
     )
     on_the_arm = "all torques are logged {time} {sign:later|earlier} than the positions"
     symbol = "T_g"
+    faults = ("delay", "torque filter")
     lower = -np.inf
     shapes = {
         "T": ShapeConstant(
@@ -239,6 +242,7 @@ class TorqueFilter(DelayedTorque):
         "all torques have passed a filter of {time} that the positions have not"
     )
     symbol = "T_f"
+    faults = ("delay", "torque filter")
     forward = "left out"  # no instant's torque is known from that instant's reading
     whole_robot = True
     shapes = {

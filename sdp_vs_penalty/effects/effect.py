@@ -207,6 +207,8 @@ class Effect(ABC):
     #: The shape constant that is as large as the effect itself, and follows it (a
     #: delay's).
     sized_shape: ClassVar[str] = ""
+    #: Kinds of fault of a log, in the words of `check`, that make the same torque.
+    faults: ClassVar[tuple[str, ...]] = ()
     #: True where no column holds the sign of a velocity: nothing of it is particular to
     #: reversals, and what looks like it there alone is dry friction's own error.
     signless: ClassVar[bool] = False

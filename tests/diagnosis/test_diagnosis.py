@@ -457,3 +457,29 @@ def test_a_constant_is_chosen_where_the_models_own_friction_may_not_fall_below_z
     bigger = add(model, found, run)
     before, after = (compare(m, run)[0] for m in (model, bigger))
     assert after.rmse[1] < 1.05 * before.noise_floor[1]
+
+
+def test_beside_a_likely_fault_of_the_log_nothing_is_sure(plain_run):
+    tau = plain_run.tau * [1.0, -1.0]
+    run = replace(plain_run, tau=tau)
+    with pytest.warns(UserWarning, match="wrong sign"):
+        model = identify("two_link", run)
+    with pytest.warns(UserWarning, match="wrong sign"):
+        found = diagnose(model, run)
+    assert found.remedies[0].change.arguments == {"apply": ["sign:tau2"]}
+    assert found.headline.startswith(
+        "It looks as if the torque of joint 2 has the wrong"
+    )
+    assert not (found.sure or found.curves or found.passing)
+
+
+def test_a_delay_that_the_check_names_too_is_sure(plain_run):
+    t = plain_run.t
+    late = [np.interp(t - 0.05, t, x) for x in plain_run.tau.T]
+    run = replace(plain_run, tau=np.column_stack(late))
+    with pytest.warns(UserWarning, match="late"):
+        model = identify("two_link", run)
+    with pytest.warns(UserWarning, match="late"):
+        found = diagnose(model, run)
+    assert {f.effect for f in found.sure} & {"global_delay", "torque_filter"}
+    assert found.log_faults == ()
