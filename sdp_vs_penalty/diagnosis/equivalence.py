@@ -113,7 +113,7 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
     theta = explanation.estimate.theta
     estimate = replace(explanation.first, theta=theta, certificate=NOT_CERTIFIED)
     held_out = judge.held_out_errors(search.data.rows, effects, estimate)
-    rivals_by_term = {t: list(t.rivals) for t in search.terms}
+    rivals_by_term = {t: list[ScoredEffect]() for t in search.terms}
     first_rival = len(explanation.terms)
     for number, (group, rival) in enumerate(pairs, start=first_rival):
         if _predicts_as_well(explanation, held_out, group, number):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence, Set
 from copy import copy
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,9 +24,6 @@ from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
-
-#: The candidates that fit about as well as a chosen effect.
-Rivals = tuple[ScoredEffect, ...]
 
 
 def search(
@@ -113,8 +109,8 @@ class Search:
         if like is not None and like._has_columns_of_motion(data):
             self._columns_of_motion = like._columns_of_motion
         #: By a chosen effect's key: the effects on its joints when no exchange was
-        #: found for it, and its rivals then.
-        self._not_exchanged = dict[Key, tuple[frozenset[str], Rivals]]()
+        #: found for it.
+        self._not_exchanged = dict[Key, frozenset[str]]()
         self.terms: list[ScoredEffect] = []
         #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
@@ -209,12 +205,10 @@ class Search:
     ) -> ScoredEffect:
         """Score a chosen effect again, in a fit with other effects and all nuisances.
 
-        Nuisances are columns of small errors of friction laws that are tolerated. The
-        effect's list of rivals is carried over unchanged.
+        Nuisances are columns of small errors of friction laws that are tolerated.
         """
         fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
-        judged = self.score.evidence_of(fit, term.form, term.columns)
-        return replace(judged, rivals=term.rivals)
+        return self.score.evidence_of(fit, term.form, term.columns)
 
     def refined(
         self, fit: WhiteFit, start: ScoredEffect, fixed: Set[str] = frozenset()
@@ -496,7 +490,7 @@ class Search:
                     terms = others
                     has_changed = True
                     continue
-                terms[terms.index(term)] = replace(judged, rivals=term.rivals)
+                terms[terms.index(term)] = judged
                 if judged.text != term.text:  # its shape constants have changed
                     has_changed = True
                     all_terms = self.nuisances.with_law_misfits(terms)
@@ -542,25 +536,22 @@ class Search:
         -------
         list of ScoredEffect or None
             The effects after the exchange, or None if none is better. ``self.terms``
-            are then the same effects, each with its rivals: the candidates that fit
-            about as well.
+            are then the same effects, judged beside each other.
         """
-        with_rivals = []
+        judged_terms = []
         for term in terms:
             others = [t for t in terms if t is not term]
             fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
             judged = self.score.evidence_of(fit, term.form, term.columns)
             on_its_joints = frozenset(t.text for t in terms if t.joints & term.joints)
-            before, rivals = self._not_exchanged.get(term.key, (None, ()))
-            if before != on_its_joints:
+            if self._not_exchanged.get(term.key) != on_its_joints:
                 candidates = self._candidates_to_replace(judged, others, fit)
                 exchanged = self._exchange(judged, candidates, others)
                 if exchanged is not None:
                     return exchanged
-                rivals = self.equivalence_set(judged, candidates)
-                self._not_exchanged[term.key] = on_its_joints, rivals
-            with_rivals.append(replace(judged, rivals=rivals))
-        self.terms = with_rivals
+                self._not_exchanged[term.key] = on_its_joints
+            judged_terms.append(judged)
+        self.terms = judged_terms
         return None
 
     def _candidates_to_replace(
@@ -649,29 +640,6 @@ class Search:
         after = self.drop_weak([*others, other])
         stays = any(t.key == other.key for t in after)
         return after if stays else None
-
-    def equivalence_set(
-        self, term: ScoredEffect, candidates: Sequence[ScoredEffect]
-    ) -> tuple[ScoredEffect, ...]:
-        """Return the candidates that these rows do not distinguish from an effect.
-
-        Their evidence J is less than 6 (odds of 20 to 1) below that of the chosen
-        effect ``term``, computed with the same number of correlated rows that count as
-        one. Left out are other values of the model's shape constants, which are no
-        effects, candidates that generalise the effect, and those that make more torque
-        than was measured where the effect does not.
-        """
-        threshold = term.evidence - EVIDENCE_TO_DISTINGUISH
-        is_possible = not self.is_impossible(term)
-        return tuple(
-            t
-            for t in candidates
-            if t.key != term.key
-            and not t.form.replaces_own_constant
-            and t.evidence_with_worth_of(term) > threshold
-            and not t.form.generalises(term.form)
-            and not (is_possible and self.is_impossible(t))
-        )
 
     def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
         """Return a copy of the search with those of ``terms`` that the rows support.

@@ -295,13 +295,18 @@ def test_one_cell_that_errs_most_is_chance():
     assert chance_of_groups(np.arange(50) < 3) < 0.01
 
 
-@pytest.mark.parametrize(("joints", "chance"), [([0], 1.0), ([0, 2, 3], 0.02**2)])
-def test_one_cell_in_which_several_joints_err_most_is_no_chance(joints, chance):
-    """One of 50 cells: each further joint has it by chance with a share of .02."""
+@pytest.mark.parametrize(
+    ("joints", "left", "chance"),
+    [([0], [], 1.0), ([0, 2, 3], [], 0.02**2), ([0, 2, 3], [2, 3], 1.0)],
+)
+def test_one_cell_in_which_several_joints_err_most_is_no_chance(joints, left, chance):
+    """One of 50 cells: each further joint that the cause explains has it by chance with
+    a share of .02."""
     rng = np.random.default_rng(0)
     after = rng.normal(size=(4, 500))
     before = after.copy()
     before[joints, 70:80] += 20.0
+    after[left, 70:80] += 20.0
     cells = Cells(np.repeat(np.arange(50), 10), np.zeros(50, int))
     found = standing(before, after, cells, 1.0 * (np.arange(50) == 7))
     assert found.over_elsewhere > 1.0

@@ -353,7 +353,7 @@ def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model
     for form in (columns_stay, depends_on_model):
         term = other.evidence_of(other.fit, form)
         other.terms.append(term)
-        other._not_exchanged[term.key] = frozenset([term.text]), ()
+        other._not_exchanged[term.key] = frozenset([term.text])
     other.barred.add(("joint_resonance", 1))
     search.take_attempts_of(other)
     assert set(search._not_exchanged) == {columns_stay.key}
@@ -608,30 +608,6 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
             <= {*found.tolist()}
             <= {*range(begin - 40, begin + 40)}
         )
-
-
-def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
-    def term(name: str, lead: float) -> Any:
-        J = 50.0 + EVIDENCE_TO_DISTINGUISH * lead
-        form = SimpleNamespace(
-            replaces_own_constant=name == "own",
-            generalises=lambda other: name == "general",
-        )
-        return SimpleNamespace(
-            key=(name, 0), form=form, evidence=J, evidence_with_worth_of=lambda other: J
-        )
-
-    mine = term("mine", 0.0)
-    near = term("near", -0.9)
-    others = [
-        term("far", -1.1),
-        term("own", 0.9),
-        term("general", 0.9),
-        term("impossible", 0.9),
-    ]
-    search = SimpleNamespace(is_impossible=lambda t: t.key[0] == "impossible")
-    candidates = [mine, near, *others]
-    assert Search.equivalence_set(search, mine, candidates) == (near,)
 
 
 def test_the_columns_of_candidates_are_counted(two_link):

@@ -95,7 +95,7 @@ class PassingSearch:
         finer = [
             self.with_finer_edges(t, n_laws)
             for t in trials
-            if t.drop > _WORTH_A_LOOK * most
+            if (t.stands_out or t.errs_apart) and t.drop > _WORTH_A_LOOK * most
         ]
         return best_of([*finer, *self._wandering(n_laws)]) if finer else None
 

@@ -104,13 +104,19 @@ class Trial:
         return self.evidence > EVIDENCE_TO_ADD and self.over_elsewhere > _LARGER
 
     @property
+    def errs_apart(self) -> bool:
+        """Whether the error in its spans is larger than any elsewhere, by more than
+        chance: so it is before its edges are known to less than a cell."""
+        return self.over_elsewhere > _LARGER and self.chance < _CHANCE
+
+    @property
     def is_proven(self) -> bool:
         """Whether it stands out by more than chance, explains more than it leaves, and
         has a size whose standard deviation is below a fifth of it, as confident
         findings have."""
         return (
             self.stands_out
-            and self.chance < _CHANCE
+            and self.errs_apart
             and self.share > _MOST
             and self.std < UNCERTAIN * abs(self.size)
             and not self.is_far_off
@@ -175,8 +181,8 @@ def standing(before: Array, after: Array, cells: Cells, x: Array) -> Standing:
         sum_{r <= g} (a-1 over r-1) (C-a+1 over r) / (C over a)
 
     (runs of two kinds of elements: Wald, Wolfowitz, Ann. Math. Stat. 1940). One cell
-    proves something where several joints err most in it: each further one would do so
-    by chance with the share of the spans in all cells.
+    proves something where several joints err most in it and the cause explains each:
+    a further one would err so by chance with the share of the spans in all cells.
 
     Cells beside an edge are left out elsewhere: an edge is known to a part of a cell.
 
@@ -199,8 +205,9 @@ def standing(before: Array, after: Array, cells: Cells, x: Array) -> Standing:
     elsewhere = with_cause[~is_beside]
     largest = max(float(elsewhere.mean(axis=1).max()), 1e-12)
     stands_out = (x > 0.0) & (without.mean(axis=1) > largest)
-    in_spans = np.mean(before[:, acts] ** 2, axis=1)
-    n_joints = int(np.sum(in_spans > elsewhere.max(axis=0)))
+    in_spans, left = (np.mean(error[:, acts] ** 2, axis=1) for error in (before, after))
+    is_explained = left < (1.0 - _MOST) * in_spans
+    n_joints = int(np.sum(is_explained & (in_spans > elsewhere.max(axis=0))))
     share = float(np.mean(x > 0.0))
     return Standing(
         over_elsewhere=float(in_spans.mean()) / largest,
