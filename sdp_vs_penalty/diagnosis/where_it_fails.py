@@ -480,17 +480,13 @@ class Failures(Record, JsonRecord):
         return (np.flatnonzero(badness * _SCATTER_KNOWN >= badness.max()) + 1).tolist()
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a table with one row a joint (from 1): rmse, noise_floor, share of
-        each cause (:data:`SHARES`).
-        """
+        """Return the numbers of each joint (from 1), a row each, as
+        :meth:`JointFailure.numbers` names them."""
         import pandas
 
-        rows = [
-            {"rmse": f.rmse, "noise_floor": f.noise_floor, **f.shares} for f in self
-        ]
-        return pandas.DataFrame(rows, [f.joint for f in self], dtype=float).rename_axis(
-            "joint"
-        )
+        rows = {failure.joint: failure.numbers() for failure in self}
+        frame = pandas.DataFrame.from_dict(rows, orient="index", dtype=float)
+        return frame.rename_axis("joint")
 
     def _summary(self) -> Summary:
         """Return the printed summary: a headline, for each joint its label and

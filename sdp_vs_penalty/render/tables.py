@@ -49,7 +49,7 @@ def model_table(
         (name, grade, *(facts[x].texts[0] if x in facts else "" for x in columns))
         for name, grade, facts in models
     ]
-    are_words = [isinstance(one.value, str | bool) for one in columns.values()]
+    are_words = [isinstance(one.value, bool) for one in columns.values()]
     return Table(
         (what, "verdict", *(one.column for one in columns.values())),
         rows,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded import refusal
 from sdp_readers import outside_optimum
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
@@ -96,3 +97,30 @@ def test_a_default_file_for_cbf_is_the_default_method(two_link, tmp_path):
     estimate = identify(two_link, run, check=False)
     found = (estimate.certificate.lower, estimate.certificate.upper)
     np.testing.assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)
+
+
+def test_options_are_read_from_texts_and_what_is_not_given_is_the_default():
+    asked = PoseOptions.from_texts(
+        known="kp2=600,kd2=20",
+        gain_uncertainty="0.01",
+        known_loads=["load.csv:2.5"],
+        effects=None,
+        seed=None,
+    )
+    assert asked == PoseOptions(
+        known={"kp2": 600.0, "kd2": 20.0},
+        gain_uncertainty=0.01,
+        known_loads=[(Path("load.csv"), 2.5)],
+    )
+
+
+@pytest.mark.parametrize(
+    ("texts", "word"),
+    [
+        ({"known": "kp2"}, "--known"),
+        ({"known_loads": ["load.csv"]}, "--known-load"),
+        ({"gain_uncertainty": "a"}, "gain uncertainty"),
+    ],
+)
+def test_a_text_that_is_no_option_is_refused(texts, word):
+    refusal(lambda: PoseOptions.from_texts(**texts), word)
