@@ -170,18 +170,19 @@ class Registry(Generic[P]):
 
     def has(self, plugin: P) -> bool:
         """Tell whether a plug-in is the one that its name stands for."""
-        return self.all().get(self.name_of(plugin)) is plugin
+        return self.find(self.name_of(plugin)) is plugin
 
     def provider(self, name: str) -> str:
         """Return the package that brings a plug-in, with its version: "theirs 1.0"; ""
         for ours, and for a name that is unknown."""
-        if name in self.of_folder or name not in self.all():
+        plugin: Any = self.find(name)
+        home = getattr(plugin, "__module__", getattr(plugin, "__name__", ""))
+        if plugin is None or home.startswith(f"{self.package}."):
             return ""
-        plugin: Any = self.all()[name]
         for point in installed_entry_points().select(group=self.package):
             if point.load() is plugin:
                 return _distribution(point)
-        return getattr(plugin, "__module__", getattr(plugin, "__name__", ""))
+        return str(home)
 
 
 def _last_part(plugin: Any) -> str:

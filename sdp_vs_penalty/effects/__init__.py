@@ -129,12 +129,13 @@ def __getattr__(name: str) -> Any:
     this folder's modules; both are imported when they are first used."""
     if name in _PARTS:
         return lazy_exports(__name__, **{_PARTS[name]: name})(name)
-    types = {kind.__name__: kind for kind in effect_types().values()}
-    if name not in types:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return types[name]
+    for kind in EFFECTS.of_folder.values():
+        if kind.__name__ == name:
+            return kind
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     """List the names of this module and of all effects' classes."""
-    return sorted({*globals(), *(kind.__name__ for kind in effect_types().values())})
+    kinds = EFFECTS.of_folder.values()
+    return sorted({*globals(), *(kind.__name__ for kind in kinds)})

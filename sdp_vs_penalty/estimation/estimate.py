@@ -790,8 +790,7 @@ class Estimate(Record):
         ``{"plugins": {name: package and version}}``; {} if it needs none."""
         found = {e.name: EFFECTS.provider(e.name) for e in self.model.effects}
         found[self.method] = ESTIMATORS.provider(self.method)
-        if "solver" in self.settings:
-            solver = str(self.settings["solver"])
+        if isinstance(solver := self.settings.get("solver"), str):
             found[solver] = SOLVERS.provider(solver)
         known = self.provenance.get("plugins", {})
         plugins = {n: p or known[n] for n, p in found.items() if p or n in known}
