@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
-    JointErrors,
+    ErrorsBesideNoise,
     NoiseFloor,
     Verdict,
     doubt_of_log,
@@ -114,9 +114,9 @@ class Comparison(Record):
     still: float = field(default=0.0, metadata=stored_as("standstill_left_out"))
 
     @property
-    def errors(self) -> JointErrors:
+    def errors(self) -> ErrorsBesideNoise:
         """The errors beside noise and torque, joint by joint."""
-        return JointErrors(
+        return ErrorsBesideNoise(
             rmse=self.rmse,
             floor=self.noise_floor,
             torque=self.torque_rms,

@@ -120,7 +120,7 @@ MEANINGS = {
 }
 
 
-class Wave(NamedTuple):
+class TurnWave(NamedTuple):
     """A wave of a joint's error over the joint's turns."""
 
     #: Waves per revolution.
@@ -173,7 +173,7 @@ class JointFailure(JsonRecord):
     #: NaN where there is no row of either kind.
     reversal_lift: float = np.nan
     #: Waves over the joint's turns, the most conspicuous first.
-    orders: tuple[Wave, ...] = ()
+    orders: tuple[TurnWave, ...] = ()
     #: Stretches where the error is large, with the cause seen there.
     stretches: tuple[FailingStretch, ...] = ()
     #: By cause, the share of the whole residual that a function of the cause explains
@@ -642,7 +642,7 @@ class _Judge:
             ),
         )
 
-    def orders(self, j: int, series: Sequence[_FullRate]) -> tuple[Wave, ...]:
+    def orders(self, j: int, series: Sequence[_FullRate]) -> tuple[TurnWave, ...]:
         """Find the waves per turn in the residual of joint j (from 0).
 
         Parameters
@@ -652,7 +652,7 @@ class _Judge:
 
         Returns
         -------
-        tuple of Wave
+        tuple of TurnWave
             Empty for a prismatic joint.
         """
         if self.estimate.robot.joints[j].kind != "revolute":
@@ -868,7 +868,7 @@ _WAVE = 6.0
 _MOST_WAVES = 5
 
 
-def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[Wave, ...]:
+def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[TurnWave, ...]:
     """Find waves per turn in residuals, by their amplitude over that of neighbouring
     orders.
 
@@ -887,7 +887,7 @@ def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[Wave, ...]:
 
     Returns
     -------
-    tuple of Wave
+    tuple of TurnWave
         Up to five, the largest amplitude first.
     """
     turn = 2.0 * np.pi
@@ -930,7 +930,7 @@ def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[Wave, ...]:
         waves[order] = float(over)
         columns, sizes, amplitude = with_wave, sizes_with, left
     found = [
-        Wave(order, float(np.hypot(*size)), over)
+        TurnWave(order, float(np.hypot(*size)), over)
         for (order, over), size in zip(
             waves.items(), sizes[n_smooth:].reshape(-1, 2), strict=True
         )

@@ -16,6 +16,6 @@ __getattr__ = lazy_exports(
     link_figures="consistent positive_definite_share",
     shapes="ShapeEstimate",
     uncertainty="Interval NOT_SEEN Sandwich Uncertainty counts of_regression",
-    verdict="GRADES JointErrors MISSING PREDICTION Verdict changes judge over_noise",
+    verdict="GRADES ErrorsBesideNoise MISSING PREDICTION Verdict changes judge over_noise",
     constants="LEVEL NORMAL_95",
 )

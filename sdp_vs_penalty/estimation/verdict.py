@@ -186,7 +186,7 @@ NOT_JUDGED = (
 
 def judge(
     *,
-    errors: JointErrors,
+    errors: ErrorsBesideNoise,
     r2: Array,
     noise_source: str,
     new_share: float | None,
@@ -209,7 +209,7 @@ def judge(
 
     Parameters
     ----------
-    errors : JointErrors
+    errors : ErrorsBesideNoise
         Error, noise and torque of each joint.
     r2 : (n,) array
         Coefficient of determination of each joint [-]; negative: worse than the mean.
@@ -335,7 +335,7 @@ def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 @dataclass(frozen=True)
-class JointErrors:
+class ErrorsBesideNoise:
     """Errors of a model, joint by joint, beside noise and torque. Every multiple of a
     noise, and every share of a joint's torque, is computed here."""
 
@@ -428,7 +428,7 @@ def _percent_of_all(part: Array, whole: Array) -> float:
 
 
 def _fit(
-    errors: JointErrors, source: str, is_worse_than_constant: NDArray[np.bool_]
+    errors: ErrorsBesideNoise, source: str, is_worse_than_constant: NDArray[np.bool_]
 ) -> Line:
     """Return the verdict's line on how well the model fits the torque.
 
@@ -459,7 +459,7 @@ def _fit(
     return Line(FIT, grade, f"{sentence}.")
 
 
-def _worst_in_words(errors: JointErrors, over: Array) -> str:
+def _worst_in_words(errors: ErrorsBesideNoise, over: Array) -> str:
     """Return the joint that errs most, in multiples of its noise and in its unit.
 
     ``over`` (n,) is the ratio of error and noise of each joint.
@@ -471,7 +471,7 @@ def _worst_in_words(errors: JointErrors, over: Array) -> str:
 
 
 def _prediction(
-    errors: JointErrors,
+    errors: ErrorsBesideNoise,
     share: float | None,
     far: bool,
     end: str,

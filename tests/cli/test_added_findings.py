@@ -19,7 +19,7 @@ from sdp_vs_penalty import InputError, Problem, identify
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
 from sdp_vs_penalty.effects import MeasuredCurve
-from sdp_vs_penalty.estimation.verdict import JointErrors
+from sdp_vs_penalty.estimation.verdict import ErrorsBesideNoise
 from tests.cli.test_printed_commands import told
 
 Run = Callable[..., str]
@@ -188,7 +188,7 @@ def test_findings_that_raise_a_joints_error_beyond_noise_are_not_added(floor, re
 
     def compared(*rmse: float) -> SimpleNamespace:
         noise = None if floor is None else np.full(2, floor)
-        errors = JointErrors(np.array(rmse), noise, np.ones(2), ("N*m", "N*m"))
+        errors = ErrorsBesideNoise(np.array(rmse), noise, np.ones(2), ("N*m", "N*m"))
         return SimpleNamespace(rmse=errors.rmse, errors=errors)
 
     before, after = compared(1.0, 0.5), compared(0.4, 0.79)

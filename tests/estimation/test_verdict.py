@@ -11,7 +11,7 @@ from sdp_vs_penalty.estimation import (
     MISSING,
     PREDICTION,
     Certificate,
-    JointErrors,
+    ErrorsBesideNoise,
     Verdict,
     judge,
     over_noise,
@@ -35,7 +35,7 @@ def verdict(
     its torque], or ``shares`` (n,)."""
     torque = 100.0 * RMSE / (relative if shares is None else shares)
     found: dict[str, Any] = {
-        "errors": JointErrors(RMSE, floor, torque, units=("N*m", "N*m")),
+        "errors": ErrorsBesideNoise(RMSE, floor, torque, units=("N*m", "N*m")),
         "r2": R2,
         "noise_source": "repetition",
         "outside": 0.0,
