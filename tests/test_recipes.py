@@ -1,6 +1,7 @@
 """The recipes of CONTRIBUTING: one new file is found by everything that lists, runs and
 compares."""
 
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,69 +32,28 @@ from sdp_vs_penalty.simulation import (
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.testing import contracts
 
-ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""
-
-from dataclasses import dataclass
-from typing import ClassVar
-
-import numpy as np
-
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
-from sdp_vs_penalty.solvers.objective import Objective
-
-
-@dataclass(frozen=True)
-class Ridge(Estimator):
-    name: ClassVar[str] = "ridge"
-    description = "least squares pulled to the nominal parameters"
-
-    weight: float = 1e-3
-
-    def fit(self, task: Task) -> Fit:
-        data, p = task.data, len(task.nominal)
-        scale = self.weight * np.sqrt(data.tau_squared) / np.maximum(task.bound, 1e-9)
-        rows = np.vstack([data.R, np.diag(scale)])
-        right = np.concatenate([data.rho, scale * task.nominal])
-        theta = np.linalg.lstsq(rows, right, rcond=None)[0]
-        return Fit(theta, Objective(data), task.constraints)
-'''
-
-SOLVER = '''"""Clarabel under another name, asked for half the digits."""
-
-from sdp_vs_penalty.solvers.clarabel import Clarabel
-
-WARM = []
-
-
-class HalfHearted(Clarabel):
-    name = "half-hearted"
-    finest = 1e-9
-
-    def options(self, accuracy, tuned=True):
-        return super().options(10.0 * accuracy, tuned)
-
-    def warm_up(self):
-        WARM.append(True)
-'''
+#: The files of a package of plug-ins (tests/testing), as if they were written here.
+THEIRS = Path(__file__).parent / "testing" / "theirs" / "theirs"
+NAME = "rubber_spring"
 
 
 @pytest.fixture
 def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """One file more in each of three folders, as if it had been written there."""
     homes = (
-        (sdp_vs_penalty.estimators, "ridge", ESTIMATOR),
-        (sdp_vs_penalty.solvers, "half_hearted", SOLVER),
-        (sdp_vs_penalty.effects, NAME, FILE),
+        (sdp_vs_penalty.estimators, "ridge"),
+        (sdp_vs_penalty.solvers, "half_hearted"),
+        (sdp_vs_penalty.effects, "rubber"),
     )
-    for package, name, content in homes:
+    for package, name in homes:
         folder = tmp_path / package.__name__.rpartition(".")[2]
         folder.mkdir()
-        (folder / f"{name}.py").write_text(content)
+        shutil.copy(THEIRS / f"{name}.py", folder)
         monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
     monkeypatch.setitem(MAKERS, NAME, hardening)
     forget()
     yield
-    for package, name, _ in homes:
+    for package, name in homes:
         sys.modules.pop(f"{package.__name__}.{name}", None)
         vars(package).pop(name, None)
     monkeypatch.undo()
@@ -132,33 +92,6 @@ def test_a_solver_is_one_file(two_link, added):
     contestant = contestants()["half-hearted"]
     contestant.warm_up()
     assert not contestant.absent
-    assert sys.modules["sdp_vs_penalty.solvers.half_hearted"].WARM == [True]
-
-
-NAME = "hardening_spring"
-FILE = '''
-"""A spring that stiffens."""
-
-from __future__ import annotations
-
-import numpy as np
-
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
-
-
-class HardeningSpring(JointEffect):
-    name = "hardening_spring"
-    equation = "k_h q_0 sinh(q / q_0)"
-    explanation = "A spring that stiffens with the distance from zero, as rubber does."
-    reference = "Ogden, Non-Linear Elastic Deformations, 1984"
-    symbol = "k_h"
-    units = ("N*m/rad", "N/m")
-    shapes = {"q_0": ShapeConstant(0.5, POSITION, grid=(0.25, 0.5, 1.0), bounds=(0.1, 4.0))}
-
-    def column(self, motion: Motion, joint: int) -> Array:
-        return self.shape["q_0"] * np.sinh(motion.q[:, joint] / self.shape["q_0"])
-'''
 
 
 def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
@@ -182,7 +115,7 @@ def test_an_effect_of_one_file_is_exported_and_hidden(two_link, added, tmp_path)
     )
     assert export(estimate, tmp_path / "model.h") == ()
     code = (tmp_path / "model.h").read_text("utf-8")
-    assert "* 0.5 * sinh(q[1] / 0.5); /* hardening_spring */" in code
+    assert "* 0.5 * sinh(q[1] / 0.5); /* rubber_spring */" in code
 
 
 def test_one_file_keeps_the_contracts_and_is_listed(added):
@@ -190,4 +123,4 @@ def test_one_file_keeps_the_contracts_and_is_listed(added):
         contract()
     effect_contract.check_columns_are_the_hidden_torque(NAME)
     row = details("effects", NAME)
-    assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")
+    assert row[1:3] == ("k_r q_0 sinh(q / q_0)", "q_0=0.5")
