@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.arm_fit import ArmFit
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.results.remedy import Change
@@ -96,7 +96,9 @@ def _unexplained_joints(
     joints = contradicting_joints(log, repair)
     what = "does not fit the arm that explains the other joints' torques"
     if not len(joints):
-        if not leaves_more_than_usual(log, fit):
+        # What a law of friction or a spring explains is the model's matter.
+        with_laws = log.with_all_laws.fit(repair)
+        if not leaves_more_than_usual(log, with_laws):
             return
         joints = np.array([np.argmax(np.where(log.moving, fit.energy_left, 0.0))])
         percent_of_all = 100.0 * fit.unexplained**0.5
