@@ -341,7 +341,8 @@ def all_routes() -> str:
             " the best of ten. Published links are as printed; friction beside them is our"
             " fit, and its violation ours. The motion repeats after 13.3 s, and no stretch"
             " that was left out repeats one that was fitted. Times are of the fit alone, for"
-            " every method the median of three after a first one, on one thread."
+            " every method the median of three after a first one, beyond 10 s that of one"
+            " run, on one thread."
         ),
         shown(rows, ROUTE_COLUMNS),
         beside_least_squares(),

@@ -312,22 +312,22 @@ class PenalisedProblem:
 
         The objective increases with the weight. So the bound of a smaller weight still
         holds, and an optimum without violations stays the optimum; it is not computed
-        again.
+        again. The optimum at a smaller weight is a point at a larger one as well.
         """
         solve = solve or self.solve
         optima = list[PenalisedOptimum]()
         for weight in weights:
-            if optima:
-                before = optima[-1]
-                same = self.optimum(before.theta, weight, before.lower)
-                same = replace(same, n_cells=0)
-                if same.gap <= self.held_gap:
-                    optima.append(same)
-                    continue
-            solved = solve(weight)
-            if optima:
-                solved = replace(solved, lower=max(solved.lower, optima[-1].lower))
-            optima.append(solved)
+            if not optima:
+                optima.append(solve(weight))
+                continue
+            before = optima[-1]
+            held = replace(self.optimum(before.theta, weight, before.lower), n_cells=0)
+            if held.gap > self.held_gap:
+                solved = solve(weight)
+                lower = max(solved.lower, before.lower)
+                best = min(held, solved, key=lambda optimum: optimum.value)
+                held = replace(best, lower=lower, n_cells=solved.n_cells)
+            optima.append(held)
         return optima
 
     @cached_property
