@@ -107,6 +107,8 @@ def build_estimate(
     }
     if torque_unit:
         provenance["torque_unit"] = torque_unit
+    if read_as := getattr(measurements, "reading", ""):
+        provenance["reading"] = read_as
     return Estimate(
         problem=problem,
         model=task.model,

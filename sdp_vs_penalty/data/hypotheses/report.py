@@ -4,10 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from sdp_vs_penalty.data.formats import open_log
 from sdp_vs_penalty.data.hypotheses.channels import has_our_names
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
 from sdp_vs_penalty.data.hypotheses.renaming import expanded, parts_of
+from sdp_vs_penalty.data.hypotheses.weighing import CLOCK, unit_of_angles, unit_of_clock
 from sdp_vs_penalty.data.reading import (
     GROUPS,
     reading_sentence,
@@ -109,6 +112,14 @@ def describe_columns(
         except InputError as error:
             problem = str(error)
     pairs = {} if found is None else found.rename
+    for group, kind in (found.inferred if found else {}).items():
+        columns = [x for ours, x in pairs.items() if group_of(ours) == group]
+        head = np.concatenate(
+            [log.columns[x].head for x in columns if x in log.columns]
+        )
+        is_clock = kind == CLOCK
+        unit = unit_of_clock(head) if is_clock else unit_of_angles(head, kind)
+        found = found.with_unit(group, unit) if found else None
     if found is None:
         ours = {x: x for x in log.names if group_of(x) in ("t", *GROUPS)}
         pairs = {**ours, **expanded(rename or {}, log.names)}
