@@ -305,6 +305,7 @@ def _say_unused(log: Log, names: Sequence[str]) -> None:
 def _with_best_torque(found: Recognition, values: Values) -> Recognition:
     """Return the recognition with the most probable of several sets of torques, and what
     is said of the others."""
+    from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
     from sdp_vs_penalty.data.hypotheses.weighing import weigh, which_torque
 
     channels = {
@@ -317,7 +318,10 @@ def _with_best_torque(found: Recognition, values: Values) -> Recognition:
         for label, columns in found.torques.items()
     }
     priors = {label: 0.5**k for k, label in enumerate(channels, 1)}
-    hypotheses = which_torque(channels, priors)
+    torques = [
+        x for x, y in found.torques.items() if not is_current(next(iter(y.values())))
+    ]
+    hypotheses = which_torque(channels, priors, torques)
     best = weigh(hypotheses)
     others = [
         f"{x.answer}{f' ({x.why})' if x.why else ''}"
@@ -326,11 +330,8 @@ def _with_best_torque(found: Recognition, values: Values) -> Recognition:
     ]
     said = f"not used, of the same joints: {formatting.words(others)}"
     said += ": name them in --rename to take them"
-    return replace(
-        found,
-        rename={**found.rename, **found.torques[best.answer]},
-        said=(*found.said, said),
-    )
+    found = with_torque(found, found.torques[best.answer])
+    return replace(found, said=(*found.said, said))
 
 
 # -- 2. values ------------------------------------------------------------------------

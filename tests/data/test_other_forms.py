@@ -601,17 +601,24 @@ def test_a_torque_that_a_model_has_made_is_not_taken_beside_a_measured_one(tmp_p
     smooth = 10.0 * np.sin(np.outer(T, [4.0, 5.0, 6.0]))
     measured = smooth + 0.05 * TAU
     measured[30, 1] = np.nan
-    words = ("pos", "Torque", "TorqueSm", "Cur")
-    names = [f"{word}{k}" for word in words for k in (1, 2, 3)]
+    words = ("pos{}", "Torque{}", "TorqueSm{} [mNm]", "Cur{}")
+    names = [word.format(k) for word in words for k in (1, 2, 3)]
     path = tmp_path / "run.csv"
-    columns = (T, np.sin(np.outer(T, [1, 2, 3])), smooth, measured, measured / 9.13)
+    columns = (
+        T,
+        np.sin(np.outer(T, [1, 2, 3])),
+        smooth,
+        1e3 * measured,
+        measured / 9.13,
+    )
     table(path, ["time", *names], *columns)
     path.write_text(path.read_text().replace("nan", ""))
     run = silently(path)
     np.testing.assert_allclose(run.tau, np.delete(measured, 30, axis=0), atol=1e-7)
     said = remarks(path)
     assert "Torque1 to Torque3 (a model's: smooth)" in said
-    assert "tau1..tau3 = TorqueSm1 .. TorqueSm3" in said
+    assert "tau1..tau3 = TorqueSm1 [mNm] .. TorqueSm3 [mNm]" in said
+    assert "tau in mnm" in said
 
 
 def test_a_rate_is_proposed_in_the_units_of_the_names_and_across_lost_rows(tmp_path):

@@ -49,6 +49,7 @@ from sdp_vs_penalty.data.words.stamps import (
     fraction_column,
     has_fraction,
 )
+from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.data.words.units import SHARES, UNITS
 from sdp_vs_penalty.errors import InputError
 
@@ -496,18 +497,46 @@ def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Reco
             "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"
             " of them"
         )
-    torques = [said[x] for x in groups.get("tau", {}).values() if x in said]
-    is_current = any(
-        not _CURRENTS.isdisjoint(x.words) or x.unit in AMPERES for x in torques
-    )
-    if is_current:
+    are_currents = any(map(is_current, groups.get("tau", {}).values()))
+    if are_currents:
         more.append("tau is a current in A: --scale tau=... makes torques of it")
     return replace(
         found,
         scale=scale,
         units={**found.units, **units},
         said=(*more, *found.said),
-        torque_unit="A" if is_current else "",
+        torque_unit="A" if are_currents else "",
+    )
+
+
+def is_current(name: str) -> bool:
+    """Return whether a torque's column is a motor current by its name: by a word, or by
+    its unit."""
+    said = read_name(name)
+    return said is not None and (
+        not _CURRENTS.isdisjoint(said.words) or said.unit in AMPERES
+    )
+
+
+def with_torque(found: Recognition, columns: Mapping[str, str]) -> Recognition:
+    """Return the recognition with other columns of torques, by our names, and what their
+    names say about their unit."""
+    if columns.items() <= found.rename.items():
+        return found
+    kept = {x: y for x, y in found.scale.items() if group_of(x) != "tau"}
+    units = {x: y for x, y in found.units.items() if x != "tau"}
+    others = [x for x in found.said if not x.startswith("tau ")]
+    found = replace(found, scale=kept, units=units, said=tuple(others))
+    only_torques = replace(found, rename=dict(columns), units={}, said=())
+    said = {x: y for x in columns.values() if (y := read_name(x)) is not None}
+    of_torques = with_units_of_names(only_torques, said)
+    return replace(
+        found,
+        rename={**found.rename, **columns},
+        scale={**kept, **of_torques.scale},
+        units={**units, **of_torques.units},
+        said=(*of_torques.said, *others),
+        torque_unit=of_torques.torque_unit,
     )
 
 

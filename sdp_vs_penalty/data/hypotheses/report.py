@@ -118,8 +118,8 @@ def describe_columns(
             [log.columns[x].head for x in columns if x in log.columns]
         )
         is_clock = kind == CLOCK
-        unit = unit_of_clock(head) if is_clock else unit_of_angles(head, kind)
-        found = found.with_unit(group, unit) if found else None
+        shown = unit_of_clock(head) if is_clock else unit_of_angles(head, kind)
+        found = found.with_unit(group, shown) if found else None
     if found is None:
         ours = {x: x for x in log.names if group_of(x) in ("t", *GROUPS)}
         pairs = {**ours, **expanded(rename or {}, log.names)}

@@ -6,7 +6,7 @@ there are several answers. Whoever knows the arm can weigh the same hypotheses b
 torques.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,8 +42,9 @@ _EPOCHS = (
 )
 #: Steps of a clock in seconds are longer: no arm is logged at 50 kHz [s].
 _SHORTEST_STEP = 2e-5
-#: A measured torque carries noise; less than this share of its scatter is a model's.
-_LEAST_NOISE = 1e-4
+#: A measured torque carries noise; less than this share of its scatter is a model's, or
+#: the rounding of one, beside a torque with ten times as much.
+_LEAST_NOISE = 1e-3
 #: No robot measures a larger number, and its square would overflow.
 _LARGEST_SQUARABLE = 1e100
 
@@ -143,18 +144,19 @@ def unit_of_dates(stamps: Array) -> Hypothesis | None:
 
 
 def which_torque(
-    channels: dict[str, Array], priors: dict[str, float]
+    channels: dict[str, Array], priors: dict[str, float], torques: Collection[str]
 ) -> list[Hypothesis]:
     """Return the hypotheses that each of several channels (N, n) is the joints' torque.
 
-    A measured torque carries noise. Where some channels do and one does not, a model has
-    made that one. A channel that is another one times a constant is a conversion of it.
+    A measured torque carries noise. Where one of ``torques``, the channels that are no
+    currents by their words, does and another channel does not, a model has made that
+    one. A channel that is another one times a constant is a conversion of it.
     """
     stacked = np.hstack(list(channels.values()))
     whole = np.isfinite(stacked).all(axis=1)
     channels = {name: x[whole] for name, x in channels.items()}
     noise = {name: _noise(x) for name, x in channels.items()}
-    has_noise = max(noise.values(), default=0.0) > _LEAST_NOISE
+    has_noise = any(10.0 * _LEAST_NOISE < noise[x] < np.inf for x in torques)
     out = list[Hypothesis]()
     for name, values in channels.items():
         is_model = has_noise and noise[name] < _LEAST_NOISE
@@ -169,17 +171,19 @@ def which_torque(
 
 
 def _noise(values: Array) -> float:
-    """Return the largest share of noise in the scatter of channels (N, n), by the median
-    size of fourth differences."""
-    fourth = (
-        np.median(np.abs(np.diff(values, 4, axis=0)), axis=0)
-        if len(values) > 4
-        else 0.0
-    )
+    """Return the share of noise in the scatter of channels (N, n), the median of the
+    channels': by fourth differences, of which nine in ten are smaller, so that values
+    that repeat and a few jumps do not count."""
     scatter = np.std(values, axis=0)
+    repeated = (
+        np.mean(np.diff(values, axis=0) == 0.0, axis=0) if len(values) > 4 else 1.0
+    )
+    if np.median(repeated) > 0.1 or not scatter.any():
+        return np.inf  # it is constant, or slower than the log
     # Fourth differences of white noise have sqrt(70) times its deviation.
-    shares = fourth / (0.6745 * 70.0**0.5) / np.where(scatter > 0.0, scatter, np.inf)
-    return float(np.max(shares, initial=0.0))
+    fourth = np.quantile(np.abs(np.diff(values, 4, axis=0)), 0.9, axis=0)
+    shares = fourth / (1.645 * 70.0**0.5) / np.where(scatter > 0.0, scatter, np.nan)
+    return float(np.nanmedian(shares))
 
 
 def _ratio(values: Array, other: Array) -> float:
