@@ -317,6 +317,8 @@ def _with_best_torque(found: Recognition, values: Values) -> Recognition:
         )
         for label, columns in found.torques.items()
     }
+    if len({*map(len, channels.values())}) > 1:
+        return found  # with stamps of their own
     priors = {label: 0.5**k for k, label in enumerate(channels, 1)}
     torques = [
         x for x, y in found.torques.items() if not is_current(next(iter(y.values())))

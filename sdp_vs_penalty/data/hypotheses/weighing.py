@@ -156,10 +156,10 @@ def which_torque(
     whole = np.isfinite(stacked).all(axis=1)
     channels = {name: x[whole] for name, x in channels.items()}
     noise = {name: _noise(x) for name, x in channels.items()}
-    has_noise = any(10.0 * _LEAST_NOISE < noise[x] < np.inf for x in torques)
+    largest = max((noise[x] for x in torques if noise[x] < np.inf), default=0.0)
     out = list[Hypothesis]()
     for name, values in channels.items():
-        is_model = has_noise and noise[name] < _LEAST_NOISE
+        is_model = noise[name] < _LEAST_NOISE < largest > 10.0 * noise[name]
         why = "a model's: smooth" if is_model else ""
         for other, x in channels.items():
             ratio = _ratio(values, x)
@@ -174,10 +174,10 @@ def _noise(values: Array) -> float:
     """Return the share of noise in the scatter of channels (N, n), the median of the
     channels': by fourth differences, of which nine in ten are smaller, so that values
     that repeat and a few jumps do not count."""
+    if len(values) <= 4:
+        return np.inf
     scatter = np.std(values, axis=0)
-    repeated = (
-        np.mean(np.diff(values, axis=0) == 0.0, axis=0) if len(values) > 4 else 1.0
-    )
+    repeated = np.mean(np.diff(values, axis=0) == 0.0, axis=0)
     if np.median(repeated) > 0.1 or not scatter.any():
         return np.inf  # it is constant, or slower than the log
     # Fourth differences of white noise have sqrt(70) times its deviation.
