@@ -57,7 +57,7 @@ def list_candidates(data: WhiteData, progress: Progress = no_progress) -> Librar
     for number, form in enumerate(forms, start=1):
         if form.effect.name != said:
             said = form.effect.name
-            progress(f"columns of candidate {number} of {len(forms)}")
+            progress(f"trying effects: {number} of {len(forms)}")
         white = white_candidate(data, form)  # columns by joint (from 0)
         if white:  # it changes the torque of some joint
             own_key = form.key if form.replaces_own_constant else None

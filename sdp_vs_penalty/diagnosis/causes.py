@@ -39,8 +39,8 @@ TIME = "time"
 HUM = "hum"
 OTHER_JOINTS = "other joints"
 MODELLED_TORQUE = "modelled torque"
-TORQUE_RATE = "torque rate"
-TORQUE_CURVATURE = "torque curvature"
+TORQUE_RATE = "late torque"
+TORQUE_CURVATURE = "yielding gear"
 
 #: Seconds around a velocity reversal over which an error follows it.
 FOLLOWS = 0.4
@@ -400,7 +400,7 @@ def _modelled_torque_columns(states: States, joint_error: JointError) -> Array:
 
 
 def _torque_rate_columns(states: States, joint_error: JointError) -> Array:
-    """Return the column (M, 1) for the cause "torque rate": the derivative of the
+    """Return the column (M, 1) for the cause "late torque": the derivative of the
     model's torque by time.
 
     A torque tau that is logged later by d is tau - d dtau/dt to first order.
@@ -409,7 +409,7 @@ def _torque_rate_columns(states: States, joint_error: JointError) -> Array:
 
 
 def _torque_curvature_columns(states: States, joint_error: JointError) -> Array:
-    """Return the column (M, 1) for the cause "torque curvature": the second derivative
+    """Return the column (M, 1) for the cause "yielding gear": the second derivative
     of the torque that the gear transmits.
 
     A gear of stiffness k that yields by tau / k under the torque tau accelerates the

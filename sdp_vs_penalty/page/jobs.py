@@ -297,13 +297,16 @@ def _judged(job: JobRequest, state: State, uses: Sequence[str]) -> Answer:
     job.progress(f"checking {formatting.count(len(state.runs), 'run')}")
     reports = check_runs(problem, state.runs, problem.preprocessing, thorough=False)
     is_alone = len(state.runs) == 1
+    facts = robot_facts(job, problem)
+    if facts["hold"] != job["robot"].get("hold", ""):  # joints have other numbers
+        facts["meshes"] = _kept_meshes(job, problem)
     return {
         "runs": [
             keep(job, problem, run, report, use, is_alone)
             for run, report, use in zip(state.runs, reports, uses, strict=True)
         ],
         "remedies": to_json(list_remedies(reports)),
-        "robot": robot_facts(problem),
+        "robot": facts,
     }
 
 
@@ -643,17 +646,19 @@ def robot(job: JobRequest) -> Answer:
     its meshes, stored for the 3D view.
     """
     problem = job.problem
-    return robot_facts(problem) | {"meshes": _kept_meshes(job, problem)}
+    return robot_facts(job, problem) | {"meshes": _kept_meshes(job, problem)}
 
 
-def robot_facts(problem: Problem) -> Answer:
-    """Return what the page shows of a robot.
+def robot_facts(job: JobRequest, problem: Problem) -> Answer:
+    """Return what the page shows of a robot; store the motion of one joint after the
+    other, which shows their order.
 
     Returns
     -------
     dict
         Title, name, number of joints n, joint names, torque units, effects of a first
-        model, the arm's ellipsoids for the 3D view ("drawn"), gravity [m/s^2]
+        model, the arm's ellipsoids for the 3D view ("drawn") and the file of its motion
+        ("sweep"), gravity [m/s^2]
         ("gravity"), the held joints as text ("hold"), and a sentence on limits and
         filters ("known").
     """
@@ -671,10 +676,31 @@ def robot_facts(problem: Problem) -> Answer:
         "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links),
+        "sweep": _kept_sweep(job, problem.robot),
         "gravity": problem.robot.gravity,
         "hold": ",".join(f"{j.name}={j.value:.6g}" for j in joints.held),
         "known": known,
     }
+
+
+#: Swing of each joint in turn [rad, m], and instants of a swing, a tenth of a second each.
+_SWING = {"N*m": 0.5, "N": 0.1}
+_INSTANTS = 20
+
+
+def _kept_sweep(job: JobRequest, robot: Robot) -> str:
+    """Store a motion of one joint after the other, and return its file: instants (F,)
+    [s], poses (F, joints, 4, 4), and which joint moves, (F, n)."""
+    wave = np.sin(np.linspace(0.0, 2.0 * np.pi, _INSTANTS))
+    moves = np.kron(np.eye(robot.n), np.ones((_INSTANTS, 1)))
+    swing = np.array([_SWING.get(unit, 0.5) for unit in robot.torque_units])
+    q = moves * np.tile(wave, robot.n)[:, None] * swing
+    t = 0.1 * np.arange(len(q))
+    poses = robot.poses(robot.tree_state(q)[0]).astype(np.float32)
+    held = "-".join(str(joint.place) for joint in robot.joint_names.held)
+    file = f"sweep-{held}.npz"
+    save_arrays(job.folder / file, {"t": t, "tf": t, "poses": poses, "moves": moves})
+    return file
 
 
 def _kept_meshes(job: JobRequest, problem: Problem) -> list[Answer]:

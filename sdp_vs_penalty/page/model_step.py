@@ -24,8 +24,8 @@ SHOWN_BY = {
     "standstill": "dq",
     "waves per turn": "q",
     "modelled torque": "modelled",
-    "torque rate": "torque_rate",
-    "torque curvature": "torque_curvature",
+    "late torque": "torque_rate",
+    "yielding gear": "torque_curvature",
 }
 
 

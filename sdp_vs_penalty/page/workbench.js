@@ -56,8 +56,9 @@ document.addEventListener("click", (event) => {
 });
 
 addEventListener("popstate", (event) => {
-  const stage = event.state?.stage ?? location.hash.slice(1);
-  workbench.show(stage || "measure", null, true); // one stage back, or on again
+  const stage = event.state?.stage ?? (location.hash.slice(1) || "measure");
+  // One stage back, or on again; "skip to content" leads to no stage.
+  if (document.querySelector(`[data-stage="${CSS.escape(stage)}"]`)) workbench.show(stage, null, true);
 });
 document.addEventListener("click", async (event) => {
   if (!event.target.closest?.("[data-again]")) return;

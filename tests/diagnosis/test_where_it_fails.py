@@ -131,7 +131,7 @@ def test_the_play_of_a_gear_is_told_as_friction_that_turns_round(problem):
 
 #: What the torque channels do, the joint whose channel does it, and its cause.
 CHANNELS = {
-    "late": (delayed(np.array([0.0, 0.01, 0.0])), 2, "torque rate"),
+    "late": (delayed(np.array([0.0, 0.01, 0.0])), 2, "late torque"),
     "wrong gain": (scaled((1.0, 1.0, 1.2)), 3, "modelled torque"),
 }
 
@@ -157,7 +157,7 @@ def test_a_gear_that_yields_is_seen_in_the_curvature_of_its_torque(problem):
     q = trajectory.at(t) + links / stiffness
     run = Measurements(t, q + 1e-5 * noise, links + friction(q, t) + noise)
     worst = worst_of_runs(problem, run, run)
-    assert (worst.joint, dependences(worst)[0][0]) == (1, "torque curvature")
+    assert (worst.joint, dependences(worst)[0][0]) == (1, "yielding gear")
 
 
 def friction(q: Array, t: Array) -> Array:

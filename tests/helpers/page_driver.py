@@ -169,10 +169,9 @@ def choose(page: Page, robot: str, data: list[Path]) -> None:
 def errors(page: Page) -> list[list[float]]:
     """RMS errors of the history's table: a list a joint, of its models."""
     rows = page.locator("table.history tbody tr").all()
-    return [
-        [float(cell) for cell in row.locator("td").all_text_contents()[:-3]]
-        for row in rows
-    ]
+    heads = page.locator("table.history thead th").all_text_contents()
+    n = sum(head.startswith("error ") for head in heads)
+    return [list(map(float, row.locator("td").all_text_contents()[:n])) for row in rows]
 
 
 def barriers(page: Page) -> list[str]:

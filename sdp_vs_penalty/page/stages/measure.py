@@ -9,7 +9,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.arm_scene import chart_and_arm
+from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
@@ -45,6 +45,11 @@ def robot(view: View) -> None:
         f"Joints in order, with the units of torque: {', '.join(joints)}."
         f" {robot['known']}"
     )
+    if robot["drawn"]["bodies"]:
+        caption = "nominal links; the joint that moves lights up, in their order"
+        arm = ArmScene(view, robot["drawn"], caption, 1, None)
+        read = session.arrays(robot["sweep"])
+        arm.load(robot["sweep"], read, read["moves"])
     gravity, hold = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"])
     fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
@@ -270,7 +275,7 @@ def _list(view: View) -> None:
             for k, run in enumerate(session.runs):
                 with draw.tag("tr"):
                     draw.tag("th", run["name"], "name", scope="row")
-                    draw.tag("td", f"{run['seconds']:.3g} s")
+                    draw.tag("td", f"{formatting.number(run['seconds'])} s")
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
                         label = f"Use of {run['name']}"
@@ -307,10 +312,10 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
     split = run["split"]
     with draw.tag("div", style="split"):
         with draw.tag("p", style="soft row"):
-            text = f"{split['train_seconds']:.3g} s to identify from"
+            text = f"{formatting.number(split['train_seconds'])} s to identify from"
             draw.tag("span", text, "train-words")
             text = (
-                f"{split['test_seconds']:.3g} s kept for testing; behind the filters"
+                f"{formatting.number(split['test_seconds'])} s kept for testing; behind the filters"
                 f" {formatting.percent(split['judged_share'], 2)} of the run is judged"
             )
             draw.tag("span", text, "test-words")
