@@ -204,6 +204,7 @@ def test_of_a_dropped_run_only_its_samples_are_kept(here, hidden, tmp_path):
     refusal(lambda: do(s, s.read_files), "broken.csv")
     assert [run["name"] for run in s.runs] == ["dropped.csv", "own.csv"]
     kept = [run[what] for run in s.runs for what in ("file", "view")]
+    kept.append(s.robot["sweep"])
     assert sorted(p.name for p in s.folder.iterdir()) == sorted([*kept, "project.json"])
     assert (tmp_path / "own.csv").is_file()
 
