@@ -43,7 +43,7 @@ def methods(study: Study) -> StudyTable:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedMethod:
     """A method on a data set: what it is, its estimate, and processor time [s]."""
 
     estimator: str | Estimator
@@ -51,7 +51,7 @@ class Judged:
     seconds: float | None
 
 
-def _judged(study: Study, data: Data, method: str) -> Judged:
+def _judged(study: Study, data: Data, method: str) -> JudgedMethod:
     """Return a method's estimate from a data set, with its processor time.
 
     Reverse engineering identifies a black box (torques of the true links at chosen
@@ -63,12 +63,12 @@ def _judged(study: Study, data: Data, method: str) -> Judged:
     )
     if not needs_black_box:
         result = study.estimated(method, data)
-        return Judged(method, result, study.seconds(method, data))
+        return JudgedMethod(method, result, study.seconds(method, data))
     retrieved = study.reverse_engineered
     links = Frozen(retrieved.theta.reshape(-1, 10))
     theta = study.theta(links, data)
     # Its fit is to a black box: no time beside those of fits to torque.
-    return Judged(links, Result(theta, retrieved.certificate, {}), None)
+    return JudgedMethod(links, Result(theta, retrieved.certificate, {}), None)
 
 
 def _row(study: Study, data: Data, method: str) -> Row:
@@ -105,7 +105,7 @@ def _row(study: Study, data: Data, method: str) -> Row:
     }
 
 
-def _errors(study: Study, data: Data, judged: Judged) -> Row:
+def _errors(study: Study, data: Data, judged: JudgedMethod) -> Row:
     """Return a method's errors on unseen motion, on the worst fold, and
     repeatability.
     """
