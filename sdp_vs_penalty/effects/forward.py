@@ -38,7 +38,7 @@ _RESOLVENT_STEPS = 9
 _ARRIVED = 1e-11
 
 
-class State(NamedTuple):
+class PlantState(NamedTuple):
     """W simulations at one instant."""
 
     #: (W,) time [s].
@@ -56,9 +56,9 @@ class State(NamedTuple):
     #: (W, n) integrals of the positions over time [rad s, m s]; NaN where unknown.
     position_integral: Array
 
-    def rows(self, which: slice | NDArray[np.intp]) -> State:
+    def rows(self, which: slice | NDArray[np.intp]) -> PlantState:
         """Return the states of some simulations, chosen by a slice or indices."""
-        return State(*(x[which] for x in self))
+        return PlantState(*(x[which] for x in self))
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class Plant:
         q (W, n) [rad, m]."""
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
-    def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:
+    def terms(self, state: PlantState, h: float) -> tuple[Array, Array, Array, Array]:
         """Compute the terms of the equation of motion for W simulations at the middle
         of a step h [s].
 
@@ -247,7 +247,11 @@ class Plant:
         return mass, bias + smooth, slope, np.column_stack(dry)
 
     def _forces(
-        self, state: State, moves: Sequence[tuple[Array, Array]], signs: Array, h: float
+        self,
+        state: PlantState,
+        moves: Sequence[tuple[Array, Array]],
+        signs: Array,
+        h: float,
     ) -> Array:
         """Compute f, the force of all effects but the links', for P variants of the
         motion.
@@ -416,8 +420,12 @@ class Plant:
 
 
 def advance(
-    plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None
-) -> State:
+    plant: Plant,
+    state: PlantState,
+    torque: Array,
+    h: float,
+    damping: Array | None = None,
+) -> PlantState:
     """Take one step h [s] of all simulations; positions move with the mean velocity of
     the step.
 
@@ -435,7 +443,7 @@ def advance(
 
     Returns
     -------
-    State
+    PlantState
         The states after the step.
     """
     mass, force, slope, dry = plant.terms(state, h)
@@ -453,7 +461,7 @@ def advance(
     ddq = (dq - state.dq) / h
     z = plant.advanced(state.z, travel)
     position_integral = state.position_integral + h * (state.q + 0.5 * travel)
-    return State(
+    return PlantState(
         t=state.t + h,
         q=state.q + travel,
         dq=dq,
@@ -497,7 +505,7 @@ class ServoLoop:
             load = load + effect.torque(parameters, motion)
         return -load
 
-    def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
+    def start(self, command: Command, t: Array, q: Array, path: Array) -> PlantState:
         """Make the initial states of W simulations at instants t (W,) [s], with
         positions q (W, n) [rad, m], their integrals over time (W, n) [rad s, m s], and
         the velocity of the command."""
@@ -509,9 +517,9 @@ class ServoLoop:
             if self.plant.states
             else np.zeros((len(t), 0))
         )
-        return State(t, q, dq, zero, z, np.full_like(q, np.nan), path)
+        return PlantState(t, q, dq, zero, z, np.full_like(q, np.nan), path)
 
-    def step(self, state: State, command: Command, h: float) -> State:
+    def step(self, state: PlantState, command: Command, h: float) -> PlantState:
         """Take one step h [s] of the simulated control loop.
 
         The drives' stiffness and damping are implicit: their torque is linearised in

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.forward import Plant, State, advance
+from sdp_vs_penalty.effects.forward import Plant, PlantState, advance
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
@@ -36,7 +36,7 @@ class Course:
     #: Name of the run.
     name: str
     #: Positions, velocities and accelerations, an instant a row.
-    states: State
+    states: PlantState
     #: (N, n) measured torque [N m, N].
     torque: Array
     #: (N, n) which joints move.
@@ -98,7 +98,7 @@ def courses_of(
         if any(effect.needs_temperature for effect in estimate.model.effects):
             temperature = motion.joint_temperature
         path = unknown if motion.position_integral is None else motion.position_integral
-        states = State(
+        states = PlantState(
             motion.t, motion.q, motion.dq, motion.ddq, memory, temperature, path
         )
         course = Course(
@@ -140,7 +140,7 @@ class _Window:
     """From ``start`` in steps of h [s]: torque (K, n) in their middle, measured q (K,
     n) after."""
 
-    start: State
+    start: PlantState
     h: float
     torque: Array
     q: Array
@@ -322,8 +322,8 @@ def _padded(courses: Sequence[Array]) -> Array:
     return np.stack(padded, axis=1)
 
 
-def _repeated_start(windows: Sequence[_Window], count: int) -> State:
-    """Return the initial states of W windows, repeated ``count`` times, as one State.
+def _repeated_start(windows: Sequence[_Window], count: int) -> PlantState:
+    """Return the initial states of W windows, repeated ``count`` times, as one PlantState.
 
     Its arrays have count W rows: all windows once, then all again.
     """
@@ -332,7 +332,7 @@ def _repeated_start(windows: Sequence[_Window], count: int) -> State:
         values = np.concatenate(parts)
         repeats = (count,) + (1,) * (values.ndim - 1)
         fields.append(np.tile(values, repeats))
-    return State(*fields)
+    return PlantState(*fields)
 
 
 def _rms(error: Array) -> float:

@@ -33,7 +33,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True)
-class Change:
+class DetectedChange:
     """A change of the payload that is believed."""
 
     #: Likeliest instant of the change [s].
@@ -149,7 +149,7 @@ class ChangeDetector:
         self._next_slot = (place + 1) % self._n_slots
         self._count = min(self._count + 1, self._n_slots)
 
-    def search(self, *, may_judge: bool = True) -> Change | None:
+    def search(self, *, may_judge: bool = True) -> DetectedChange | None:
         """Judge the next few snapshots for a change of payload; return a confirmed one.
 
         Nothing is judged in a call without ``may_judge``; a suspect waits on.
@@ -224,7 +224,7 @@ class ChangeDetector:
         evidence_after = posterior.solve()
         return max(evidence_after, 0.0) - (evidence_of_both - evidence_before)
 
-    def _locate(self, place: int) -> Change | None:
+    def _locate(self, place: int) -> DetectedChange | None:
         """Find the most likely instant of a change near the snapshot in slot ``place``.
 
         With payloads x0 before and x1 after, the log likelihood of a change at t0 is,
@@ -266,7 +266,7 @@ class ChangeDetector:
         times = self._times[slots]
         lower = times[np.searchsorted(cumulative, 0.025)] - self._half_step
         upper = times[np.searchsorted(cumulative, 0.975)] + self._half_step
-        return Change(
+        return DetectedChange(
             time=float(self._times[place]),
             lower=float(lower),
             upper=float(upper),
@@ -305,18 +305,18 @@ class ChangeDetector:
         out.clear()
         out.add(window.matrix, window.weight(self._correlation))
 
-    def posterior_after(self, change: Change, out: Posterior) -> None:
+    def posterior_after(self, change: DetectedChange, out: Posterior) -> None:
         """Solve for the payload after a change.
 
         Parameters
         ----------
-        change : Change
+        change : DetectedChange
             A change that :meth:`search` has returned.
         """
         self._posterior_after(self._place(change), out)
         out.solve()
 
-    def _place(self, change: Change) -> int:
+    def _place(self, change: DetectedChange) -> int:
         """Return the ring buffer's slot at which the data after a change begin.
 
         Filters mix the time before and after a change within their delay. So the slot
@@ -327,12 +327,12 @@ class ChangeDetector:
         n_newer = (self._next_slot - 1 - place) % self._n_slots  # the ring wraps round
         return (place + min(self._n_mixed, n_newer)) % self._n_slots
 
-    def accept(self, change: Change) -> None:
+    def accept(self, change: DetectedChange) -> None:
         """Remove the data from before a change, and begin a new stretch of data.
 
         Parameters
         ----------
-        change : Change
+        change : DetectedChange
             A change that :meth:`search` has returned.
 
         Returns

@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.online.arm import ArmModel
-from sdp_vs_penalty.online.change import Change, ChangeDetector
+from sdp_vs_penalty.online.change import ChangeDetector, DetectedChange
 from sdp_vs_penalty.online.information import SIZE, WIDTH, PayloadPrior, Posterior
 from sdp_vs_penalty.online.noise import ResidualNoise
 from sdp_vs_penalty.online.projection import ConeProjection
@@ -506,7 +506,7 @@ class PayloadEstimator:
             self._is_published = True
         return True
 
-    def _believe(self, found: Change) -> PayloadChange | None:
+    def _believe(self, found: DetectedChange) -> PayloadChange | None:
         """Accept a detected change of payload and return it for the user.
 
         If a payload was picked up whose mass could be zero (its 95 % interval reaches

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.forward import Plant, ServoLoop, State, advance
+from sdp_vs_penalty.effects.forward import Plant, PlantState, ServoLoop, advance
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
@@ -445,7 +445,7 @@ class _Ride:
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
     def added(
-        self, state: State, k: NDArray[np.intp], share: float, h: float
+        self, state: PlantState, k: NDArray[np.intp], share: float, h: float
     ) -> tuple[Array, Array]:
         """Return the torque of the control loop, M(q) (w^2 e + 2 w de/dt), critically
         damped.
@@ -455,7 +455,7 @@ class _Ride:
 
         Parameters
         ----------
-        state : State
+        state : PlantState
             Simulated states of W windows.
         k : (W,) array
             Sample at which each window's step begins.
@@ -483,7 +483,7 @@ class _Ride:
         torque = np.einsum("kij,kj->ki", M, acceleration)  # M times vector, each window
         return torque, (2.0 * w + 0.5 * h * w * w) * M
 
-    def step(self, state: State, k: NDArray[np.intp]) -> State:
+    def step(self, state: PlantState, k: NDArray[np.intp]) -> PlantState:
         """Simulate from sample k (W,) of the measured run to the next one, for W
         windows.
 

@@ -32,7 +32,7 @@ _DENSE = 1 << 16
 
 
 @dataclass(frozen=True)
-class _Part:
+class _ConePart:
     """Cones of one kind and size."""
 
     #: Place among the kinds: 0 of rows, 1 of the entropy's links, 2 of further blocks.
@@ -167,7 +167,7 @@ class SmallCones:
 
 def _parts(
     constraints: ConstraintSet, links: Sequence[Constraint], groups: Sequence[ConeGroup]
-) -> list[_Part]:
+) -> list[_ConePart]:
     """Return the groups of cones in the order of the slacks.
 
     The order is: nonnegative rows, the links of the entropic prior, other blocks.
@@ -198,12 +198,14 @@ def _parts(
         # pad the diagonal of a smaller matrix.
         image, ones = _image(group.cone, group.constant.shape[1])
         begins = start + image.shape[1] * members  # first entry of each cone
-        parts.append(_Part(turn, image, ones, begins))
+        parts.append(_ConePart(turn, image, ones, begins))
         start += group.constant.size
     return sorted(parts, key=lambda part: part.turn)
 
 
-def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> scipy.sparse.csr_matrix:
+def _image_of_parts(
+    parts: Sequence[_ConePart], n_entries: int
+) -> scipy.sparse.csr_matrix:
     """Return the sparse map (slacks, entries) from the cones' entries to the slacks.
 
     All cones of a part have the same small map, ``part.image``; it is placed once for

@@ -12,7 +12,7 @@ from sdp_vs_penalty.effects import Model, effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import (
     Plant,
-    State,
+    PlantState,
     _solve_friction_impulses,
     advance,
 )
@@ -38,15 +38,15 @@ def plant(name: str, effects: str, **sizes: float) -> Plant:
     return Plant(model, theta)
 
 
-def at_rest(p: Plant, q: float = 0.3) -> State:
+def at_rest(p: Plant, q: float = 0.3) -> PlantState:
     n = p.robot.n
     zero = np.zeros((1, n))
-    return State(
+    return PlantState(
         np.zeros(1), np.full((1, n), q), zero, zero, np.zeros((1, p.states)), zero, zero
     )
 
 
-def run(p: Plant, state: State, torque: Array, h: float) -> State:
+def run(p: Plant, state: PlantState, torque: Array, h: float) -> PlantState:
     for row in torque:
         state = advance(p, state, row[None], h)
     return state
