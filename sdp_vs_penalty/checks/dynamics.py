@@ -255,7 +255,7 @@ class LoggerJudge:
         of other runs, and with the instants of its own by its own clock."""
         events = []
         for event in net.events:
-            if not isinstance(event.at, float):
+            if event.at is None:
                 events.append(event)
             elif (at := self._time_in_run(number, event.at)) is not None:
                 events.append(replace(event, at=at))

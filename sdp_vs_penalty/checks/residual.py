@@ -162,7 +162,7 @@ def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue
     event: the error has to be as large with the motion low-passed like the torque.
     """
     t = log.data.motion.t
-    steps = [event.at for event in repair.events if isinstance(event.at, float)]
+    steps = [event.at for event in repair.events if event.at is not None]
     known = np.array([t[0], t[-1], *steps])
     for j in log.joints:
         error = np.abs(fit.residual[j])

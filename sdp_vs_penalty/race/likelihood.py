@@ -465,7 +465,7 @@ class Likelihood:
         if not events:
             return basis
         columns = [self.data.own_columns[list(order)]]
-        columns += [self._columns_of_event(event, order) for event in events]
+        columns += [self._columns_of_event(event) for event in events]
         used = np.concatenate(columns, axis=2)
         used = used * self.data.torque_mask.T[list(order)][:, :, None]
         # Joints without an event keep their basis. It cannot have more vectors than rows.
@@ -481,19 +481,11 @@ class Likelihood:
         channel makes, without events."""
         return orthonormal(self.data.own_columns * self.data.torque_mask.T[:, :, None])
 
-    def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
-        """Return the columns (n, M, r) of an event of one joint's torque; 0 for other
-        joints.
-
-        The event is a law of the joint's motion (its name stands in ``event.at``), a
-        step at an instant, or a drift over the whole log. order : channel of each
-        joint's position.
-        """
-        if isinstance(event.at, str):
-            shape = self.data.laws[event.at][[order[event.joint]]]
-        else:
-            shape = event.shape(self.data.motion.t)[None]
+    def _columns_of_event(self, event: LogEvent) -> Array:
+        """Return the column (n, M, 1) of an event of one joint's torque, a step or a
+        drift; 0 for other joints."""
         is_joint = np.arange(self.n)[:, None] == event.joint
+        shape = event.shape(self.data.motion.t)[None]
         return np.asarray(shape * is_joint[:, :, None])
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:

@@ -49,7 +49,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     for event in chain.events:
         if event.at is None:
             yield _drift(log, chain, event)
-        elif isinstance(event.at, float):
+        else:
             yield _step(log, chain, event, event.at)
 
 
