@@ -27,8 +27,8 @@ def verb(
     `shootout judge ANSWERS.json` judges answers to these that were made elsewhere.
     Example: sdp-vs-penalty shootout --quick --out shootout
 
-    words judge ANSWERS.json ...: Answers made elsewhere: a list of {"problem", "solver", "claimed",
-        "x" (variables of problem.cbf) or "theta" [SI], "seconds"}; they enter --out.
+    words judge ANSWERS.json ...: Answers made elsewhere: {"answers": [...]}, each {"problem", "solver",
+        "claimed", "x" (variables of problem.cbf) or "theta" [SI], "seconds"}; they enter --out.
     --solvers a,b,...: Solvers; default: all that are installed, by themselves.
     --problems a,b,...: Names or tags of instances, see --list; tags joined by + must all hold, such as
         tx40+measured; default: the declared sets.
