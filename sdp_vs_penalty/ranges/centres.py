@@ -34,8 +34,8 @@ from sdp_vs_penalty.robot.arrays import Array
 #: A mass that may be as small as this share of its greatest value may be zero [-].
 _NO_MASS = 1e-6
 #: Newton steps to a ratio's end: first with the common c, then with its own.
-_STEPS = 3
-_ROUGH, _FINE = 1e-3, 1e-9
+_STEPS = 2
+_ROUGH, _FINE = 1e-2, 3e-9
 #: Entries of a link that are moments: Ixx, Iyy, Izz.
 _MOMENTS = (4, 6, 9)
 

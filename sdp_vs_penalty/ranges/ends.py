@@ -27,15 +27,17 @@ from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.solvers.fit import Fit, dual_evidence
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof
-from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, lower_bound
+from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 
 #: Error of a search as a share of the function's local size: of the first, which only
 #: shows on what the end rests, and of the others.
-_ROUGH, _FINE = 1e-2, 1e-9
+_ROUGH, _FINE = 5e-2, 3e-9
 #: c is rounded up to a power of this, so that ends of nearly equal c share a start.
 _GRID = 1.1
 #: Searches of an end at most, until c is the one of what the end rests on.
 _ROUNDS = 3
+#: Gap of an end as a share of its terms, up to which a quick certificate is enough.
+_CERTAIN = 1e-7
 #: Share of an end's size by which a proof's claim lies beyond it: what is proved to be
 #: empty must be so strictly.
 _CLEARANCE = 1e-6
@@ -263,6 +265,6 @@ class EndSearch:
             rounding = 4.0 * np.finfo(float).eps * (abs(least) + weight * limit)
             lowest = max(lowest, least - weight * limit - rounding)
             size = float(np.abs(g) @ np.abs(point.theta))
-            if float(g @ point.theta) - lowest <= TIGHT * size:
+            if float(g @ point.theta) - lowest <= _CERTAIN * size:
                 break
         return End(allowed, g, lowest, point.theta, c + self.more, weight, multipliers)

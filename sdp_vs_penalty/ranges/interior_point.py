@@ -31,14 +31,12 @@ _SHARE = 0.95
 _RIDGE = 1e-14
 #: Steps at most: twice what the slowest end of five arms takes.
 _STEPS = 60
-#: Solutions of a Newton system, each of what the ones before leave.
-_REFINED = 2
 #: Newton's decrement below which a point counts as the analytic centre.
 _CENTRAL = 0.1
 #: A shorter step cannot be told from rounding.
 _SHORTEST = 1e-8
 #: Local length of the first step away from the analytic centre.
-_FIRST = 0.7
+_FIRST = 2.0
 
 
 @dataclass(frozen=True)
@@ -196,9 +194,14 @@ class _Newton:
         return np.asarray(self.cones.adjoint @ moved + by_ball)
 
     def direction(
-        self, mu: float, bent: Array | float = 0.0, bent_ball: float = 0.0
+        self,
+        mu: float,
+        bent: Array | float = 0.0,
+        bent_ball: float = 0.0,
+        refined: bool = False,
     ) -> _Direction:
-        """Return the changes that aim at a complementarity mu.
+        """Return the changes that aim at a complementarity mu, by one solution of the
+        Newton system, or by a second one of what the first leaves.
 
         bent and bent_ball are second-order terms of an earlier direction, of the
         multipliers of cones and ball.
@@ -209,8 +212,8 @@ class _Newton:
         target_ball = mu / state.ball_slack - bent_ball
         slope = self.g + target_ball * state.ball_gradient
         right = self.cones.adjoint @ target - slope
-        step = np.zeros_like(self.g)
-        for _ in range(_REFINED):
+        step = _solve(self.factor, right)
+        if refined:
             step = step + _solve(self.factor, right - self.times(step))
         slacks = self.cones.slack_map @ step
         ball_slack = -float(state.ball_gradient @ step)
@@ -266,9 +269,8 @@ class _Newton:
         centring = min(max(remaining ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
         bent = self.state.scaled(first.slacks, first.multipliers)
         bent_ball = first.ball_slack * first.ball - self.point.ball * first.ball_bend
-        d = self.direction(
-            centring * before / degree, bent, bent_ball / self.state.ball_slack
-        )
+        bent_ball /= self.state.ball_slack
+        d = self.direction(centring * before / degree, bent, bent_ball, refined=True)
         share = _SHARE + (0.999 - _SHARE) * reach**2
         return d, min(1.0, share * self.longest(d))
 

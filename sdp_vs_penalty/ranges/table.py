@@ -428,15 +428,20 @@ def _ends(
 ) -> list[tuple[End | NonlinearEnd, End | NonlinearEnd]]:
     """Return least and greatest end of each function over a set."""
     search = EndSearch(allowed, more)
-    out = dict[str, tuple[End | NonlinearEnd, End | NonlinearEnd]]()
-    linear = [f for f in chosen if f.g is not None]
-    ends = search.both([f.g for f in linear if f.g is not None])
-    out |= dict(zip((f.name for f in linear), ends, strict=True))
-    places = [f.place for f in chosen if f.place is not None]
-    links = sorted({link for link, _ in places})
-    unit = np.eye(len(allowed.bound))
-    masses = search.both([unit[allowed.task.links[link, 0]] for link in links])
-    for link, mass in zip(links, masses, strict=True):
+    parameters = allowed.task.model.parameters
+    unit = np.eye(len(parameters))
+    links = sorted({f.place[0] for f in chosen if f.place is not None})
+    mass_by_link = {k: parameters[allowed.task.links[k, 0]].name for k in links}
+    # Centres of mass and inertias about them need the masses' own ranges.
+    needed = {f.name: f.g for f in chosen if f.g is not None}
+    for link, name in mass_by_link.items():
+        needed.setdefault(name, unit[allowed.task.links[link, 0]])
+    ends = search.both(list(needed.values()))
+    out: dict[str, tuple[End | NonlinearEnd, End | NonlinearEnd]]
+    out = dict(zip(needed, ends, strict=True))
+    mass_ends = dict(zip(needed, ends, strict=True))
+    for link in links:
+        mass = mass_ends[mass_by_link[link]]
         indices = allowed.task.links[link]
         wanted = {f.name: f.place[1] for f in chosen if f.place and f.place[0] == link}
         moments = {name: e for name, e in wanted.items() if e >= 4}
