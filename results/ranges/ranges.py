@@ -17,6 +17,7 @@ import csv
 import os
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 os.environ |= dict.fromkeys(
@@ -109,10 +110,8 @@ def ends(given: argparse.Namespace) -> Rows:
                 one_over_radius.value = 1.0 / np.sqrt(allowed.limit(end.c))
                 unit = max(width, end.size)
                 certified = max(certified, end.gap / unit)
-                try:
+                with suppress(cp.SolverError):
                     problem.solve(solver=cp.CLARABEL)
-                except cp.SolverError:
-                    pass
                 if problem.status != "optimal":
                     failed += 1
                     continue

@@ -38,6 +38,8 @@ _GRID = 1.1
 _ROUNDS = 3
 #: Gap of an end as a share of its terms, up to which a quick certificate is enough.
 _CERTAIN = 1e-7
+#: Local lengths of the first step of further searches for an end.
+_OTHER_STARTS = (0.2, 2.0, 0.05)
 #: Share of an end's size by which a proof's claim lies beyond it: what is proved to be
 #: empty must be so strictly.
 _CLEARANCE = 1e-6
@@ -78,6 +80,11 @@ class End:
     def gap(self) -> float:
         """Distance between the certified end and the witness [unit of the function]."""
         return abs(self.attained - self.value)
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the witness is as near as a user can tell."""
+        return self.gap <= _CERTAIN * self.size
 
     @property
     def size(self) -> float:
@@ -210,10 +217,26 @@ class EndSearch:
             if not len(open_ones):
                 break
             c[open_ones] = better[is_wider]
-        return [
+        ends = [
             self.certified(g, point, float(x))
             for g, point, x in zip(functions, points, c, strict=True)
         ]
+        return [
+            end if end.is_certain else self._again(end, float(x))
+            for end, x in zip(ends, c, strict=True)
+        ]
+
+    def _again(self, end: End, c: float) -> End:
+        """Return the best of an end and of searches for it from other starts: where a
+        set is thin, rounding ends some paths early."""
+        best = end
+        for first in _OTHER_STARTS:
+            point = self.method(c).minimise(end.g, _FINE, first)
+            other = self.certified(end.g, point, c)
+            best = max(best, other, key=lambda end: (-end.gap, end.lowest))
+            if best.is_certain:
+                break
+        return best
 
     def both(self, functions: Sequence[Array]) -> list[tuple[End, End]]:
         """Return the least and the greatest value of each function g (p,)."""

@@ -35,8 +35,6 @@ _STEPS = 60
 _CENTRAL = 0.1
 #: A shorter step cannot be told from rounding.
 _SHORTEST = 1e-8
-#: Local length of the first step away from the analytic centre.
-_FIRST = 2.0
 
 
 @dataclass(frozen=True)
@@ -303,7 +301,7 @@ class InteriorPoint:
         #: (p,) point of the largest product of all slacks, nearly.
         self.centre = state.theta
 
-    def minimise(self, g: Array, accuracy: float) -> Point:
+    def minimise(self, g: Array, accuracy: float, first: float = 0.7) -> Point:
         """Return the point with the least g^T theta, strictly inside.
 
         Parameters
@@ -312,12 +310,14 @@ class InteriorPoint:
             Coefficients of the function.
         accuracy : float
             Largest error as a share of the function's local size at the centre.
+        first : float
+            Local length of the first step away from the analytic centre.
         """
         tangent = _solve(self._barrier, g)
         size = math.sqrt(max(float(g @ tangent), 0.0))
         if size <= 0.0:
             return Point(self.centre, np.zeros(len(self.cones.constant)), 0.0, 0.0)
-        mu = size / _FIRST
+        mu = size / first
         best = point = self._start(self.centre - tangent / mu, mu)
         for k in range(1, _STEPS + 1):
             try:
