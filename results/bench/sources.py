@@ -20,6 +20,8 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 
 #: Which one of so many corruptions of each arm is made.
 EVERY = 15
+#: What every drawn arm has (`corruptions/arms.py`).
+OF_THE_ARM = "^diagnose: (re-estimate|stribeck|asymmetric|rotor|.*ripple)"
 #: Worlds with nothing hidden, and with one strong effect.
 WORLDS = (("clean", 7), ("strong", 7))
 
@@ -59,7 +61,9 @@ def make_corruption(name: str, folder: Path) -> None:
     word = next(x for x in DRAWN if arm_name.startswith(x))
     axes = drawn(int(arm_name.removeprefix(word)), *DRAWN[word])
     truth = Truth(
-        with_words_alike(corruption.causes), tuple(j + 1 for j in corruption.joints)
+        with_words_alike(corruption.causes),
+        tuple(j + 1 for j in corruption.joints),
+        besides=OF_THE_ARM,
     )
     runs = [*map(columns, spoiled.runs()), columns(source.test)]
     write_log(folder, urdf(arm_name, axes), runs, truth, corruption.name)

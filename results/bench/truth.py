@@ -17,7 +17,7 @@ SAME = (
     "zero|offset",
     "load|force|wrench|two arms|disturbance|event",
     "friction",
-    "drift|step|warm",
+    "drift|step|warm|constant torque",
     "order|swap|coupl|motor",
     "limit|clip|satur|magnitude",
 )
