@@ -1,8 +1,8 @@
 """What a further measurement would tell of a range, before it is done.
 
 A weighed link is a bound on its mass, a known arm one on the sum of them: the range under
-that bound, at the estimate's own value, is what the scales would leave. More motion lets c
-go to zero: what remains then no motion can shorten, since it is consistency and bounds alone.
+that bound, at the value in the middle of the set, is what the scales would leave. Very much more
+motion takes c to nearly zero: what remains then consistency and bounds alone decide.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Relative accuracy of the scales [-].
 SCALES = 0.01
-#: Share of c that perfect data would leave [-].
-_PERFECT = 1e-4
+#: Share of each interval that very much more motion would leave [-].
+_PERFECT = 1e-2
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def what_to_measure(
     """Return what measurements would leave of a linear function's range, the best
     first.
 
-    Each assumes that the scales show the model's own value, to a hundredth.
+    Each assumes that the scales show the value in the middle of the set, to a hundredth.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ def what_to_measure(
         what = f"{function} is not linear in the parameters"
         raise InputError(what, "name a standard parameter, such as m4 or mx4")
     before = _length(allowed, chosen.g)[2]
-    perfect = replace(allowed.ball, spread=lambda w: _PERFECT * allowed.ball.spread(w))
-    after = {"any motion, as long as you like": replace(allowed, ball=perfect)}
+    middle = allowed.optimiser(allowed.first_c).centre
+    after = {"any motion, as long as you like": _moved(allowed, middle)}
     for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
         if scale.name != function and scale.g is not None:
             what = "the arm" if scale.name == TOTAL else f"link {scale.name[1:]}"
-            after[f"weigh {what}"] = _weighed(allowed, scale.g)
+            after[f"weigh {what}"] = _weighed(allowed, middle, scale.g)
     out = []
     for measurement, smaller in after.items():
         least, greatest, length = _length(smaller, chosen.g)
@@ -89,15 +89,23 @@ def _length(allowed: AllowedSet, g: Array) -> tuple[float, float, float]:
     return low.value, high.value, high.value - low.value
 
 
-def _weighed(allowed: AllowedSet, g: Array) -> AllowedSet:
-    """Return the set with g^T theta within SCALES of its value at the best fit."""
-    value = float(g @ allowed.fit)
+def _moved(allowed: AllowedSet, middle: Array) -> AllowedSet:
+    """Return the set of what very much more motion would leave, were the model in the
+    middle (p,) the true one."""
+    ball = allowed.ball
+    exact = replace(ball, a=ball.A @ middle, spread=lambda w: _PERFECT * ball.spread(w))
+    return replace(allowed, ball=exact, fit=middle, interior=middle)
+
+
+def _weighed(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:
+    """Return the set with g^T theta within SCALES of its value in the middle (p,)."""
+    value = float(g @ middle)
     places = np.flatnonzero(g)
     rows = np.outer(g[places], [1.0, -1.0])
     ends = [-(1.0 - SCALES) * value, (1.0 + SCALES) * value]
     scales = build.linear("scales", "the measurement", places, rows, ends)
     return replace(
-        allowed, constraints=allowed.constraints.plus([scales]), interior=allowed.fit
+        allowed, constraints=allowed.constraints.plus([scales]), interior=middle
     )
 
 
