@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import Certainty, likely, possible
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, with_rival_effects
 from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.constants import LOG_ODDS_OF_LIKELY
 from sdp_vs_penalty.race.fault import APPLY, Fault, joints_text
 from sdp_vs_penalty.race.kinds import list_faults
 from sdp_vs_penalty.race.likelihood import Likelihood
@@ -107,7 +106,7 @@ def _of_fault(
         severity="warning",
         where=fault.place or joints_text(fault.joints),
         what=what,
-        certainty=_certainty(figures["log_odds"], _reason(log, fault, net)),
+        certainty=likely(_reason(log, fault, net)),
         remedy=fault.remedy,
         repair=keep_only(log, net, fault).apply if fault.is_repairable else None,
         figures=figures,
@@ -118,11 +117,6 @@ def _of_fault(
     )
     effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]
     return with_rival_effects(issue, effects)
-
-
-def _certainty(log_odds: float, why: str) -> Certainty:
-    """Return how sure a claim is, by its odds, and why."""
-    return likely(why) if log_odds > LOG_ODDS_OF_LIKELY else possible(why)
 
 
 def _words_of_rival(log: Likelihood, rival: Scored, claims: Sequence[Claim]) -> str:
@@ -232,10 +226,9 @@ def issue_of_difference(
         severity="warning",
         where=joints_text(h.joints) if h.joints else "the run",
         what=f"{what}, beside the others.",
-        certainty=_certainty(
-            claim.log_odds,
+        certainty=likely(
             "one arm for all leaves of a joint's torque"
-            f" {float(np.exp(0.5 * share)):.2g} times as much",
+            f" {float(np.exp(0.5 * share)):.2g} times as much"
         ),
         remedy=remedy,
         figures={

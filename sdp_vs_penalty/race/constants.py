@@ -37,12 +37,10 @@ LOG_ODDS_AGAINST_EVENT = 3.0 * LOG_ODDS_AGAINST_FAULT
 SAME_FIT = 0.02
 
 # -- the race
-#: Log-odds from which on a hypothesis is taken: 20 to 1.
-LOG_ODDS_OF_A_CLAIM = 3.0
-#: Log-odds from which on a claim is likely, and not only possible: arms have what no
-#: hypothesis has, and odds are too bold by a factor. On worlds of a stranger the
-#: prototype's were by 20, of all rows; of as few rows as here 10, and e^2 is 88 %.
-LOG_ODDS_OF_LIKELY = 20.0
+#: Log-odds from which on a hypothesis is taken. Arms have what no hypothesis has, and odds are
+#: too bold by a factor: on worlds of a stranger the prototype's were by 20, of all rows; of
+#: as few rows as here 10, and e^2 is 88 %.
+LOG_ODDS_OF_A_CLAIM = 20.0
 #: Hypotheses that are less likely than the best by no more are told with it.
 AS_LIKELY = 6.0
 #: Hypotheses that are looked at on all rows, and the least log-odds at the first look.
