@@ -168,9 +168,11 @@ def choose(page: Page, robot: str, data: list[Path]) -> None:
 
 def errors(page: Page) -> list[list[float]]:
     """RMS errors of the history's table: a list a joint, of its models."""
-    rows = page.locator("table.history tbody tr").all()
-    heads = page.locator("table.history thead th").all_text_contents()
-    n = sum(head.startswith("error ") for head in heads)
+    rows = page.locator("[data-part=history] table.history tbody tr").all()
+    heads = page.locator(
+        "[data-part=history] table.history thead th"
+    ).all_text_contents()
+    n = sum(bool(re.fullmatch(r"error \d+", head)) for head in heads)
     return [list(map(float, row.locator("td").all_text_contents()[:n])) for row in rows]
 
 
