@@ -7,7 +7,7 @@ column holds: numbers, texts, lists, stamps or nothing.
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 from sdp_vs_penalty.data.formats.program_header import find_program_header
@@ -339,10 +339,14 @@ def _names_of_rows(rows: Cells) -> list[str]:
 def _is_unit(cell: str) -> bool:
     """Return whether a cell of a header holds a unit alone, "[deg]", or the mark of a
     number without one."""
-    bare = cell.strip("[](){} ").casefold()
-    return bare == "-" or any(
-        bare == unit.casefold() for units in units_in_names().values() for unit in units
-    )
+    return cell.strip("[](){} ").casefold() in _known_units()
+
+
+@cache
+def _known_units() -> frozenset[str]:
+    """Return the units of all quantities, and the mark of a number without one."""
+    units = units_in_names().values()
+    return frozenset({"-", *(unit.casefold() for row in units for unit in row)})
 
 
 def _n_separators_at_the_end(body: Cells, width: int) -> int:

@@ -46,9 +46,9 @@ def _rename_remedy(log: Log, missing: Sequence[str], n_joints: int | None) -> st
         pairs = _in_order(names, n_joints)
     pairs = pairs or _by_words(names, missing)
     words = ["--rename", ",".join(f"{group}={name}" for group, name in pairs.items())]
-    scale = dict[str, float]()
+    scale, alike = dict[str, float](), families(names)
     for ours, pattern in pairs.items():
-        column = families(names).get(pattern, [pattern])[0]
+        column = alike.get(pattern, [pattern])[0]
         said = read_name(column) if len(parts_of(pattern, names)) == 1 else None
         if said is not None and said.factor != 1.0 and pattern != "NAME":
             scale[ours.rstrip("*")] = said.factor
@@ -132,10 +132,10 @@ def _by_words(names: Sequence[str], missing: Sequence[str]) -> dict[str, str]:
     n_open = len({*missing} - {"t", *quantities.values()})
     is_one_to_one = len(unknown) == n_open and len(alike) > 1
     is_one_to_one &= len({*map(len, alike.values())}) == 1
+    said = {x: read_name(x) for x in names}
     pairs = dict[str, str]()
     for group in missing:
         patterns = [p for p, quantity in quantities.items() if quantity == group]
-        said = {x: read_name(x) for x in names}
         blocks = [
             x for x, m in said.items() if m and m.quantity == group and m.number is None
         ]

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 from sdp_vs_penalty.data.words import table
 
@@ -62,6 +62,7 @@ class NamedUnit:
     remainder: str
 
 
+@lru_cache(maxsize=1 << 14)
 def units_of_name(name: str) -> list[NamedUnit]:
     """List the units with which a column's name can end, the longest first; a joint's
     number may follow the unit, "pos_deg_3"."""
