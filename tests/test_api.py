@@ -228,10 +228,7 @@ def test_errors_name_what_was_given(estimate, two_link):
         (lambda: sdp.diagnose("nowhere.json", run), r"^nowhere.json: cannot be read"),
         (lambda: sdp.diagnose(estimate, object()), r"^diagnose\(measurements=<object"),
         (lambda: sdp.add(estimate, "joint_spring:1", 2.5), r"^add\(measurements=2.5\)"),
-        (
-            lambda: sdp.check("two_link", {"a": 1}),
-            r"^check\(measurements=...\): no column t or q or tau",
-        ),
+        (lambda: sdp.check("two_link", {"a": 1}), "^run1: no column t or q or tau"),
         (lambda: sdp.excite(None), r"^excite\(problem=None\)"),
         (lambda: sdp.export(None, "x.urdf"), r"^export\(estimate=None\)"),
     ]

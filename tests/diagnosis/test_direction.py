@@ -13,12 +13,13 @@ from point_mass_arm import PointMassArm, arm_problem
 
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
-from sdp_vs_penalty.diagnosis.direction import SwingBothWays, has_no_direction
+from sdp_vs_penalty.diagnosis.direction import has_no_direction
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects import JointResonance, JointSpring
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.links import _SwingBothWays as SwingBothWays
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 SWING = {"f": 2.5, "zeta": 0.05}

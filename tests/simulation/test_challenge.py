@@ -129,10 +129,11 @@ def test_cases_of_the_challenge_come_out_as_committed(name):
 
 FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
 #: Of the package, what a world may know: how measurements look, where Pinocchio is, how
-#: errors are said.
+#: errors are said, how a record becomes JSON.
 ALLOWED = {
     "sdp_vs_penalty.data.measurements",
     "sdp_vs_penalty.plugins",
+    "sdp_vs_penalty.records",
     "sdp_vs_penalty.errors",
     "sdp_vs_penalty.robot._pinocchio",
 }
