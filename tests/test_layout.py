@@ -37,7 +37,6 @@ ORDER = (
     "signals",
     "problem",
     "regression",
-    "race",
     "solvers",
     "estimators",
     "estimation",

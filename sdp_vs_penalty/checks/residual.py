@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.race.arm_fit import ArmFit
-from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.results.remedy import Change
@@ -96,9 +96,7 @@ def _unexplained_joints(
     joints = contradicting_joints(log, repair)
     what = "does not fit the arm that explains the other joints' torques"
     if not len(joints):
-        # What a law of friction or a spring explains is the model's matter.
-        with_laws = log.with_all_laws.fit(repair)
-        if not leaves_more_than_usual(log, with_laws):
+        if not leaves_more_than_usual(log, fit):
             return
         joints = np.array([np.argmax(np.where(log.moving, fit.energy_left, 0.0))])
         percent_of_all = 100.0 * fit.unexplained**0.5
@@ -162,7 +160,7 @@ def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue
     event: the error has to be as large with the motion low-passed like the torque.
     """
     t = log.data.motion.t
-    steps = [event.at for event in repair.events if event.at is not None]
+    steps = [event.at for event in repair.events if isinstance(event.at, float)]
     known = np.array([t[0], t[-1], *steps])
     for j in log.joints:
         error = np.abs(fit.residual[j])
