@@ -44,7 +44,7 @@ def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends():
 @pytest.mark.long
 def test_a_contact_is_an_event_not_an_effect():
     record = run_case(Case("disturbance", "encoder", 1000, 9))[1]
-    assert record["truth"][0]["kind"] == "contact"
+    assert record["truth"][0]["details"]["kind"] == "contact"
     assert judge.flagged(record)
     assert not record["events"] or judge.found_in_time(record)
 
