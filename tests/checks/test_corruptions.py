@@ -135,5 +135,9 @@ def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
     for f in found:
         np.testing.assert_allclose(f.gravity, (0.0, 0.0, -9.81), atol=0.1)
         assert f"{degrees:.0f} degrees away" in f.what
-        stated = [float(v) for v in f.remedy.partition("--gravity ")[2].split(",")]
+        (stated,) = (
+            remedy.change.arguments["gravity"]
+            for remedy in f.remedies
+            if remedy.change.verb == "mount"
+        )
         np.testing.assert_allclose(stated, f.gravity, atol=0.01)
