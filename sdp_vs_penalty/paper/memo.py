@@ -38,6 +38,9 @@ from sdp_vs_penalty.solvers.objective import Objective
 
 #: The variable that names the folder.
 VARIABLE = "SDP_VS_PENALTY_CACHE"
+#: Form of what is kept: raised where a result is kept in another shape, so that what an
+#: older version wrote is computed again.
+FORMAT = 2
 #: The folders whose sources an estimate depends on.
 _COMPUTING = ("robot", "effects", "regression", "solvers", "estimators", "estimation")
 #: What JSON holds.
@@ -66,7 +69,7 @@ def remembered(
     folder = memo_folder()
     if folder is None:
         return _plain(compute())
-    path = folder / f"{kind}-{content_key(content)}.json"
+    path = folder / f"{kind}-{content_key([FORMAT, *content])}.json"
     try:
         return json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
