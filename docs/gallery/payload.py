@@ -31,7 +31,7 @@ frame[frame["effect"] == "payload"][["value", "lower", "upper", "unit"]].round(4
 value = frame["value"]
 com = [value[f"payload_m{axis}"] / value["payload_m"] for axis in "xyz"]
 print(f"true mass {true['size']:.4f} kg, identified {value['payload_m']:.4f} kg")
-print("true centre of mass  ", np.round(true["com"], 4), "m")
+print("true centre of mass  ", np.round(true["details"]["com"], 4), "m")
 print("identified           ", np.round(com, 4), "m")
 
 # %% [markdown]

@@ -10,7 +10,7 @@ from typing import Any
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[2]
-_RESULT = re.compile(r"\]\((?:\.\./)+(results/[\w/]+\.(?:md|csv))(#[\w-]+)?\)")
+_RESULT = re.compile(r"\]\((?:\.\./)+(results/[\w/]+\.(?:md|csv|svg))(#[\w-]+)?\)")
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -24,11 +24,9 @@ def on_files(files: Any, config: Any) -> Any:
     for name in sorted(named):
         text = (ROOT / name).read_text(encoding="utf-8")
         # What a result refers to is not there: its links become their text.
-        files.append(
-            File.generated(
-                config, name, content=re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
-            )
-        )
+        if name.endswith(".md"):
+            text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+        files.append(File.generated(config, name, content=text))
     files.append(File.generated(config, "options.md", content=options_page()))
     return files
 
