@@ -38,9 +38,6 @@ from sdp_vs_penalty.solvers.objective import Objective
 
 #: The variable that names the folder.
 VARIABLE = "SDP_VS_PENALTY_CACHE"
-#: Form of what is kept: raised where a result is kept in another shape, so that what an
-#: older version wrote is computed again.
-FORMAT = 2
 #: The folders whose sources an estimate depends on.
 _COMPUTING = ("robot", "effects", "regression", "solvers", "estimators", "estimation")
 #: What JSON holds.
@@ -69,7 +66,7 @@ def remembered(
     folder = memo_folder()
     if folder is None:
         return _plain(compute())
-    path = folder / f"{kind}-{content_key([FORMAT, *content])}.json"
+    path = folder / f"{kind}-{content_key(content)}.json"
     try:
         return json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
@@ -176,15 +173,18 @@ def program_version() -> str:
 
 @cache
 def source_version() -> str:
-    """Return a hash of the sources that an estimate depends on."""
+    """Return a hash of the sources that a kept estimate depends on, this file's among
+    them: it says in which shape one is kept."""
     home = Path(__file__).parents[1]
-    sources = (path for name in _COMPUTING for path in (home / name).rglob("*.py"))
-    return content_key(path.read_text("utf-8") for path in sorted(sources))
+    computing = [path for name in _COMPUTING for path in (home / name).rglob("*.py")]
+    sources = sorted([Path(__file__), *computing])
+    return content_key(path.read_text("utf-8") for path in sources)
 
 
-#: To be raised where annealing, local search or the penalised loss change their numbers:
-#: runs of hours are kept beyond changes of other sources.
-ANNEALING_VERSION = 1
+#: To be raised where annealing, local search or the penalised loss change their numbers,
+#: or where these are kept in another shape: runs of hours are kept beyond changes of
+#: other sources.
+ANNEALING_VERSION = 2
 #: Every fit is timed so many times after a first one; the median counts.
 REPEATS = 3
 #: A run of so many seconds is timed once.

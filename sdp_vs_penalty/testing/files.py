@@ -22,20 +22,13 @@ from sdp_vs_penalty.exporters.interface import ExportFormat, Written
 from sdp_vs_penalty.plugins import summary_line
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.testing.demand import demand
-from sdp_vs_penalty.testing.robots import sines
+from sdp_vs_penalty.testing.robots import measured
 
 
 @cache
 def small_run() -> Measurements:
     """Return ten seconds of two joints, with velocities."""
-    problem = load_problem("two_link")
-    model = problem.model()
-    truth = problem.nominal(model)
-    truth[len(model.rigid_indices) :] = 0.4
-    motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3))
-    noise = 0.1 * np.random.default_rng(0).normal(size=motion.q.shape)
-    tau = model.torque(truth, motion) + noise
-    return Measurements(motion.t, motion.q, tau, motion.dq)
+    return measured(load_problem("two_link"), noise=0.1)
 
 
 @cache

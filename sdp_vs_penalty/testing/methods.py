@@ -10,7 +10,6 @@ from functools import cache
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimators.estimator import Estimator, Task, make_task
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
@@ -27,21 +26,16 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.rigorous_bounds import certainly_feasible
 from sdp_vs_penalty.solvers.solver import EVERYTHING, Solver
 from sdp_vs_penalty.testing.demand import demand
-from sdp_vs_penalty.testing.robots import sines
+from sdp_vs_penalty.testing.robots import measured
 
 
 @cache
 def small_task() -> Task:
     """Return a task of two links with friction, from ten seconds with noise."""
     problem = load_problem("two_link")
-    model = problem.model()
-    truth = problem.nominal(model)
-    truth[len(model.rigid_indices) :] = 0.4
-    t = np.arange(0.0, 10.0, 4e-3)
-    motion = sines(np.random.default_rng(5), problem.robot.n, t)
-    noise = 3.0 * np.random.default_rng(0).normal(size=motion.q.shape)
-    run = Measurements(t, motion.q, model.torque(truth, motion) + noise)
+    run = replace(measured(problem, noise=3.0), dq=None)
     filtered = FilteredRuns.of(run, problem.preprocessing.resolve(run))
+    model = problem.model()
     return make_task(problem, model, compress(filtered, model), seed=4)
 
 

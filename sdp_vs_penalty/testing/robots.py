@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.motion import Motion
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
@@ -89,3 +91,15 @@ def sines(
     c = np.cos(wt)
     q = s @ (a / w).T - c @ (b / w).T + rng.uniform(-1, 1, n)
     return Motion(t, q, c @ a.T + s @ b.T, -s @ (a * w).T + c @ (b * w).T)
+
+
+def measured(problem: Problem, noise: float) -> Measurements:
+    """Ten seconds of a problem's nominal robot with friction, logged with velocities and
+    with noise [N m, N] on its torques."""
+    model = problem.model()
+    truth = problem.nominal(model)
+    truth[len(model.rigid_indices) :] = 0.4
+    t = np.arange(0.0, 10.0, 4e-3)
+    motion = sines(np.random.default_rng(5), problem.robot.n, t)
+    error = noise * np.random.default_rng(0).normal(size=motion.q.shape)
+    return Measurements(t, motion.q, model.torque(truth, motion) + error, motion.dq)
