@@ -1,13 +1,13 @@
-"""One small log of a two-joint arm as each logger writes it; by ``python
-tests/helpers/logger_samples.py`` they are written to tests/data/logs.
+"""One small log of a two-joint arm as each logger writes it.
 
 The same numbers in all of them, so that a test can compare what is read.
 """
 
 import datetime
 import json
-import sys
+import tempfile
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,12 @@ from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, load_problem
 
-HOME = Path(__file__).parents[1] / "data" / "logs"
 #: When the logs with stamps of the day begin [s since 1970].
 START = 1_740_000_000
 JOINTS = ("joint_1", "joint_2")
 
 
+@cache
 def sample_run() -> Measurements:
     """Eight seconds of the two-link arm at 50 Hz, of five decimals."""
     run = small_run(load_problem("two_link"), seconds=8.0, rate=50.0)
@@ -300,7 +300,7 @@ def _two_parts(run: Measurements) -> tuple[list[str], list[str]]:
     return [str(x // 10**9) for x in whole], [str(x % 10**9) for x in whole]
 
 
-#: What writes each file of tests/data/logs.
+#: What writes each sample.
 SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "rtde.csv": rtde,
     "rtde_torque.csv": rtde_torque,
@@ -332,7 +332,13 @@ SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "commented.csv": commented,
 }
 
-if __name__ == "__main__":
-    HOME.mkdir(exist_ok=True)
-    for name in sys.argv[1:] or SAMPLES:
-        SAMPLES[name](HOME / name, sample_run())
+#: The folder of samples that were asked for; it goes with the process.
+FOLDER = tempfile.TemporaryDirectory()
+
+
+@cache
+def sample_file(name: str) -> Path:
+    """A sample as a file, which is written once."""
+    path = Path(FOLDER.name) / name
+    SAMPLES[name](path, sample_run())
+    return path
