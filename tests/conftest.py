@@ -7,7 +7,6 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,14 +33,13 @@ if (
 
 import pytest
 
-from sdp_vs_penalty import Measurements, Problem, load_measurements, load_problem
+from sdp_vs_penalty import load_measurements, load_problem
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.page import Sessions, WorkerPool
-    from sdp_vs_penalty.simulation import HiddenRuns
+    pass
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser):
     """Without pytest-xdist its options in pyproject.toml mean nothing."""
     if importlib.util.find_spec("xdist") is None:
         parser.addoption("--numprocesses")
@@ -49,7 +47,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         parser.addoption("--no-loadscope-reorder", action="store_true")
 
 
-def real_data_folder() -> Path | None:
+def real_data_folder():
     """Where the real measurements are: SDP_VS_PENALTY_DATA, or the shared folder beside
     a checkout."""
     named = os.environ.get("SDP_VS_PENALTY_DATA")
@@ -106,7 +104,7 @@ LONGEST_FIRST = (
 )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     place = {name: k for k, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: place.get(item.path.name, len(place)))
     if real_data_folder() is None:
@@ -118,36 +116,36 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(skip)
 
 
-def pytest_collection() -> None:
+def pytest_collection():
     """Of what is collected nothing is garbage before the end: it is not looked through,
     neither now nor in tests."""
     gc.disable()
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     gc.freeze()
     gc.enable()
 
 
 @pytest.fixture(scope="session")
-def data_folder() -> Path:
+def data_folder():
     """Tests that ask for it are marked as real_data."""
     return Path(os.environ["SDP_VS_PENALTY_DATA"])
 
 
 @pytest.fixture(scope="session")
-def panda_run(data_folder: Path) -> Measurements:
+def panda_run(data_folder):
     """The 20 544 samples of the paper's identification run."""
     return load_measurements(data_folder / "panda", joints=7)
 
 
 @pytest.fixture(scope="session")
-def panda() -> Problem:
+def panda():
     return load_problem("panda")
 
 
 @pytest.fixture(scope="session")
-def two_link() -> Problem:
+def two_link():
     return load_problem("two_link")
 
 
@@ -184,14 +182,14 @@ def _issues_say_what_they_mean():
 
 
 @pytest.fixture(scope="session")
-def scara_arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+def scara_arm(tmp_path_factory):
     from arms import scara
 
     return load_problem(scara(tmp_path_factory.mktemp("arm")))
 
 
 @pytest.fixture(scope="session")
-def hidden(two_link: Problem) -> HiddenRuns:
+def hidden(two_link):
     """Four runs of two joints, the first with pre-sliding hysteresis; of their thousand
     samples a second every fourth, since nothing that is asked of them needs more."""
     from dataclasses import replace
@@ -205,7 +203,7 @@ def hidden(two_link: Problem) -> HiddenRuns:
 
 
 @pytest.fixture(scope="module")
-def pool() -> Iterator[WorkerPool]:
+def pool():
     from sdp_vs_penalty.page import WorkerPool
 
     made = WorkerPool()
@@ -214,7 +212,7 @@ def pool() -> Iterator[WorkerPool]:
 
 
 @pytest.fixture
-def sessions(pool: WorkerPool) -> Iterator[Sessions]:
+def sessions(pool):
     from sdp_vs_penalty.page import Sessions
 
     made = Sessions(pool)

@@ -4,8 +4,6 @@ what was given."""
 import re
 import sys
 from collections import Counter
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,19 +21,17 @@ ARRAYS = ("t", "q", "dq", "tau")
 
 
 @pytest.fixture(scope="module")
-def files(
-    tmp_path_factory: pytest.TempPathFactory, two_link: sdp.Problem
-) -> list[Path]:
+def files(tmp_path_factory, two_link):
     folder = tmp_path_factory.mktemp("api")
     return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
 
 
 @pytest.fixture(scope="module")
-def estimate(files: list[Path]) -> sdp.Estimate:
+def estimate(files):
     return sdp.identify("two_link", files)
 
 
-def forms(path: Path) -> dict[str, Any]:
+def forms(path):
     """One run in every form that a user may have it in."""
     run = sdp.load_measurements(path)
     return {
@@ -65,7 +61,7 @@ def test_identify_reads_checks_and_filters_once(two_link):
     }
     calls = Counter()
 
-    def count(frame: Any, event: str, argument: Any) -> None:
+    def count(frame, event, argument):
         if event == "call" and frame.f_code.co_name in once:
             calls[frame.f_code.co_name] += 1
 

@@ -11,7 +11,6 @@ import shutil
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -35,11 +34,11 @@ PAGES = sorted(DOCS.glob("*.md"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def blocks(text: str, language: str) -> list[str]:
+def blocks(text, language):
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-def commands(page: str) -> list[str]:
+def commands(page):
     """The lines of a page's console blocks that are ours."""
     text = "".join(blocks((DOCS / page).read_text(encoding="utf-8"), "console"))
     return [
@@ -49,7 +48,7 @@ def commands(page: str) -> list[str]:
     ]
 
 
-def check_printed(page: str, said: str) -> None:
+def check_printed(page, said):
     """Every line that a page shows of outputs stands in them, however wide the terminal
     is."""
     whole = " ".join(said.split())
@@ -110,7 +109,7 @@ def test_every_command_runs_in_order(tmp_path, two_link, monkeypatch, capsys):
     assert (tmp_path / "comparison.json").exists()
 
 
-def run_all(lines: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+def run_all(lines, capsys):
     """Every command in order, each with exit code 0; what they said, by verb (the last
     of each), and all of it under "".
     """
@@ -244,7 +243,7 @@ def test_the_hobby_arm(tmp_path, monkeypatch, capsys):
     before, after = blocks(
         (DOCS / "hobby-arm.md").read_text(encoding="utf-8"), "python"
     )
-    names: dict[str, Any] = {}
+    names = {}
     exec(before, names)  # our own page
     said = run_all(commands("hobby-arm.md"), capsys)[""]
     exec(after, names)
@@ -321,7 +320,7 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
     run = experiment(load_problem("two_link")).training_run(seed=0)
     middle = float(run.t[0] + 0.5 * (run.t[-1] - run.t[0]))
     end = float(run.t[0] + 1.0 * (run.t[-1] - run.t[0]))
-    names: dict[str, Any] = {"first": run.window(float(run.t[0]), middle)}
+    names = {"first": run.window(float(run.t[0]), middle)}
     exec(recipe, names)  # our own page
     posed = names["fit"]
     again = names["renew"](run.window(middle, end))
@@ -331,7 +330,7 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """The files that the README's examples name."""
     out = tmp_path_factory.mktemp("readme")
     problem = load_problem(write_urdf(out / "my_arm.urdf", "my_arm", SCARA[1:3]))

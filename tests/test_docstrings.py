@@ -47,7 +47,7 @@ def test_examples_run(name):
     assert result.failed == 0
 
 
-def numpydoc_errors(name: str) -> list[str]:
+def numpydoc_errors(name):
     """What numpydoc misses in the docstring of a public name."""
     numpydoc = pytest.importorskip("numpydoc.validate")
     public = getattr(sdp_vs_penalty, name)

@@ -2,7 +2,6 @@
 long part walks each, and each effect's default form, through the verbs of a job."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,9 +29,7 @@ def test_every_built_in_problem_is_identified(name):
     assert model.provenance["verdict"]
 
 
-def walk(
-    problem: str, run: Path, test: Path, plainer: Path, added: str, *effects: str
-) -> None:
+def walk(problem, run, test, plainer, added, *effects):
     """Each verb ends with 0: check, identify (with ``effects``), compare, diagnose, add
     (to the model ``plainer``), export, report."""
     folder = plainer.parent
@@ -63,7 +60,7 @@ def test_every_built_in_problem_walks_through_a_job(name, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def runs(tmp_path_factory):
     """Two runs of the two links that log what any effect may need: commands, motors'
     positions, temperatures."""
     folder = tmp_path_factory.mktemp("runs")

@@ -18,7 +18,7 @@ from sdp_vs_penalty.data import save
 
 
 @pytest.fixture
-def log(tmp_path: Path) -> Path:
+def log(tmp_path):
     return write_run(tmp_path / "run.csv", load_problem("two_link"))
 
 
@@ -140,14 +140,14 @@ def test_a_fault_at_any_step_keeps_the_old_file(
     files.write_text(path, "old")
     whole = getattr(os, step, None)
 
-    def fails(*arguments: object, **named: object) -> object:
+    def fails(*arguments, **named):
         if step == "close":
             whole(*arguments)
         if error is None:
             os._exit(9)
         raise error
 
-    def write() -> None:
+    def write():
         with monkeypatch.context() as patch:
             patch.setattr(
                 f"sdp_vs_penalty.files.os.{step}", fails, raising=step != "content"
@@ -211,7 +211,7 @@ def test_threads_that_read_leave_the_limits_of_the_process(tmp_path, two_link):
         save(run, path)
     limits = []
 
-    def read(path: Path) -> None:
+    def read(path):
         with files.reading(path):
             limits.append([resource.getrlimit(kind) for kind in kinds])
         load_measurements(path)

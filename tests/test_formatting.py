@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.results import Shown, Summary, markdown_lines
+from sdp_vs_penalty.results import Shown, markdown_lines
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_markdown_table_has_a_head_and_rows():
 class Result(Shown):
     """A result with more lines, and longer ones, than are shown."""
 
-    def _summary(self) -> Summary:
+    def _summary(self):
         entries = [(f"name {k}", "x" * 98 + "y" * k) for k in range(6)]
         return "A <title>", entries
 

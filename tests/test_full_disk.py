@@ -3,7 +3,6 @@ nothing of before is lost."""
 
 import os
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.page import Session, Sessions
+from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.paper.tables import StudyTable
 
 #: Room of a disk [KiB]; the smallest pages of a file system have 4.
@@ -21,7 +20,7 @@ ROOMS = (4, 8, 12, 16, 20, 28, 40)
 
 
 @pytest.fixture
-def disk(tmp_path) -> Path:
+def disk(tmp_path):
     """A folder in the place of which a small file system can be."""
     with small_disk(tmp_path / "probe", 4) as is_small:
         if not is_small:
@@ -59,7 +58,7 @@ def test_what_was_there_before_stays(table, disk):
         assert {path.name: path.read_bytes() for path in disk.iterdir()} == before
 
 
-def disk_free(folder: Path) -> list[int]:
+def disk_free(folder):
     """The sizes of what still fits into the folder, pages of a new file aside."""
     state = os.statvfs(folder)
     return [state.f_bavail * state.f_frsize]
@@ -98,12 +97,12 @@ def test_a_page_on_a_full_disk_keeps_its_session(
             sessions.close()
 
 
-def read(session: Session, files: dict[str, Path]) -> None:
+def read(session, files):
     session.arrived.update(files)
     do(session, session.read_files)
 
 
-def assert_whole(session: Session) -> None:
+def assert_whole(session):
     """No file of the session is partial."""
     for path in session.folder.iterdir():
         assert path.suffix != ".part"

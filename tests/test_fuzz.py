@@ -14,7 +14,6 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -46,7 +45,7 @@ SECONDS = 20.0
 MEMORY = 500e6
 
 
-def damaged(content: bytes, rng: np.random.Generator) -> bytes:
+def damaged(content, rng):
     """A bit turned, a part lost, doubled or overwritten by something odd."""
     begin, end = sorted(rng.integers(len(content), size=2).tolist())
     before = content[:begin]
@@ -79,10 +78,7 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 #: Files that are read as a folder: its name, and what reads it.
-FOLDERS: dict[str, Callable[[Path], object]] = {
-    "arm": sdp.load_problem,
-    "log": sdp.load_measurements,
-}
+FOLDERS = {"arm": sdp.load_problem, "log": sdp.load_measurements}
 
 
 #: A conic problem of two unknowns, and what the programs csdp and sdpa answer to such.
@@ -102,7 +98,7 @@ ANSWERS = {
 }
 
 
-def read_answer(path: Path, name: str) -> object:
+def read_answer(path, name):
     """What a solver makes of the answer of a program."""
     is_csdp = name.startswith("csdp")
     program = solver_types()["csdp" if is_csdp else "sdpa-program"]()
@@ -112,7 +108,7 @@ def read_answer(path: Path, name: str) -> object:
         return program.answer(Path(folder), CONES)
 
 
-def sound_files(folder: Path) -> list[Path]:
+def sound_files(folder):
     """One of every kind that is read, and the files that broke a reader once."""
     problem = sdp.load_problem("two_link")
     run = small_run(problem, seconds=0.5)
@@ -149,16 +145,16 @@ def sound_files(folder: Path) -> list[Path]:
     return sorted([*alone, *answers, *parts, *CORPUS.iterdir()])
 
 
-def sources_by_format(sources: list[Path]) -> list[list[Path]]:
+def sources_by_format(sources):
     """The files of each format and kind, so that each is changed as often."""
-    groups: dict[str, list[Path]] = {}
+    groups = {}
     for path in sources:
         kind = path.name if path.suffix == ".json" else path.suffix
         groups.setdefault(kind, []).append(path)
     return list(groups.values())
 
 
-def read(path: Path, source: Path) -> Any:
+def read(path, source):
     """What the verbs make of such a file."""
     if source.name == "proof.json":
         return verify_proof_file(path)
@@ -188,7 +184,7 @@ def read(path: Path, source: Path) -> Any:
     return sdp.load_measurements(path)
 
 
-def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
+def outcome(case, act, size=np.inf):
     """What becomes of a case: a result or a sentence, no warning of NumPy, within
     seconds and memory."""
     begin = time.process_time()
@@ -211,7 +207,7 @@ def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
     return found
 
 
-def read_mutated(seed: int, sources: list[list[Path]], folder: Path) -> str:
+def read_mutated(seed, sources, folder):
     """Read one of the files, changed in one to six places; the kind of outcome.
 
     Half of the files are changed by the parts of their format alone, a quarter by bytes
@@ -239,7 +235,7 @@ def read_mutated(seed: int, sources: list[list[Path]], folder: Path) -> str:
     return f"{source.suffix} {found}"
 
 
-def verbs() -> dict[str, Callable[[sdp.Measurements], object]]:
+def verbs():
     """What is done with a log, by name."""
     problem = sdp.load_problem("two_link")
     model = sdp.identify(problem, small_run(problem))
@@ -255,7 +251,7 @@ def verbs() -> dict[str, Callable[[sdp.Measurements], object]]:
 CASES_PER_LOG = 200
 
 
-def numbers_of_cases(amount: str, first: int) -> Iterator[int]:
+def numbers_of_cases(amount, first):
     """So many numbers from the first on, or as many as there is time for ("60s")."""
     if not amount.endswith("s"):
         yield from range(first, first + int(amount))

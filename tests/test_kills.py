@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -40,21 +40,21 @@ N_KILLS, SEED = map(int, os.environ.get("SDP_VS_PENALTY_KILLS", "2:1").split(":"
 Results = Mapping[str, object]
 
 
-def command(words: str) -> Callable[[], None]:
+def command(words):
     """A command line, to be run where the process is."""
     return partial(main, words.split())
 
 
-def written_bytes(folder: Path) -> Results:
+def written_bytes(folder):
     """Every file of the folder ``out``, whole."""
     return {path.name: path.read_bytes() for path in (folder / "out").glob("*")}
 
 
-def nothing(folder: Path) -> Results:
+def nothing(folder):
     return {}
 
 
-def shootout_classes(folder: Path) -> Results:
+def shootout_classes(folder):
     """What a shootout has found; its files hold times, too."""
     return {
         (row["problem"], row["solver"], row["settings"]): row["outcome"]
@@ -62,7 +62,7 @@ def shootout_classes(folder: Path) -> Results:
     }
 
 
-def shootout_rows(folder: Path) -> dict[str, dict[str, str]]:
+def shootout_rows(folder):
     """Finished runs, with the time that each took."""
     path = folder / "out" / "runs.csv"
     if not path.exists():
@@ -75,13 +75,13 @@ def shootout_rows(folder: Path) -> dict[str, dict[str, str]]:
 KEY = ("problem", "solver", "settings")
 
 
-def challenge_cases(folder: Path) -> dict[str, object]:
+def challenge_cases(folder):
     """Finished cases, with the time that each took."""
     path = folder / "out" / "challenge.json"
     return dict(json.loads(path.read_text())["cases"]) if path.exists() else {}
 
 
-def challenge_findings(folder: Path) -> Results:
+def challenge_findings(folder):
     """What the challenge has found, without times."""
     timed = {"seconds", "identify_seconds"}
     return {
@@ -90,18 +90,18 @@ def challenge_findings(folder: Path) -> Results:
     }
 
 
-def challenge() -> None:
+def challenge():
     cases = [Case("clean", "encoder", 1000, k) for k in range(2)]
     run_challenge(cases, 1000, Path("out"), jobs=2)
 
 
-def page_job() -> None:
+def page_job():
     """A page's server: a worker identifies, the answer is kept; then it ends."""
     from page_sessions import finish
 
     from sdp_vs_penalty.page import Sessions, WorkerPool
 
-    async def identify_in_a_tab() -> None:
+    async def identify_in_a_tab():
         session = sessions.new()
         await finish(session, lambda: session.choose_robot("two_link"))
         session.arrived.update({"a.csv": Path("a.csv").resolve()})
@@ -158,7 +158,7 @@ STORIES = {
 
 
 @pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def inputs(tmp_path_factory):
     """A folder with two runs and a model."""
     folder, problem = tmp_path_factory.mktemp("inputs"), load_problem("two_link")
     write_run(folder / "a.csv", problem)
@@ -191,7 +191,7 @@ def test_a_killed_command_leaves_nothing_and_runs_again(name, inputs, tmp_path):
             assert finished.items() <= story.finished(tmp_path).items()
 
 
-def undisturbed(story: Story, folder: Path) -> tuple[Results, float]:
+def undisturbed(story, folder):
     """What a story ends with, and its seconds once its libraries are loaded."""
     end_well(story, folder)
     shutil.rmtree(folder / "out", ignore_errors=True)
@@ -201,7 +201,7 @@ def undisturbed(story: Story, folder: Path) -> tuple[Results, float]:
     return right, seconds
 
 
-def end_well(story: Story, folder: Path) -> float:
+def end_well(story, folder):
     """The seconds of a story that nobody kills; it leaves no temporary file."""
     code, seconds = killing.run_to_end(story.act, folder)
     assert code == 0, (folder / "printed").read_text()
@@ -224,7 +224,7 @@ CLUSTER = """if True:
 
 
 @contextmanager
-def local_cluster(folder: Path) -> Iterator[tuple[str, int, list[int]]]:
+def local_cluster(folder):
     """The address of a Dask cluster, and the processes of its scheduler and workers."""
     script = folder / "cluster.py"
     script.write_text(CLUSTER)
@@ -329,7 +329,7 @@ def test_a_writer_waits_for_another_one(tmp_path):
         assert not holder.is_alive() or holder.join(1.0) is None
 
 
-def hold_lock(folder: Path, seconds: float) -> None:
+def hold_lock(folder, seconds):
     with folder_lock(folder, patience=5.0):
         time.sleep(seconds)
 

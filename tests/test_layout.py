@@ -61,7 +61,7 @@ DOOR = PACKAGE
 
 
 @cache
-def nodes(path: Path) -> list[ast.Call | ast.Import | ast.ImportFrom]:
+def nodes(path):
     """The calls and imports of a file, which is parsed once for all tests."""
     return [
         node
@@ -70,7 +70,7 @@ def nodes(path: Path) -> list[ast.Call | ast.Import | ast.ImportFrom]:
     ]
 
 
-def modules() -> dict[str, Path]:
+def modules():
     """Every module by its dotted name; a package by its own."""
     found = {}
     for path in sorted(ROOT.rglob("*.py")):
@@ -79,7 +79,7 @@ def modules() -> dict[str, Path]:
     return found
 
 
-def imports(path: Path, known: dict[str, Path]) -> set[str]:
+def imports(path, known):
     """The package's own modules that a file imports, wherever in the file."""
     found = set()
     for node in nodes(path):
@@ -97,12 +97,12 @@ KNOWN = modules()
 
 
 @pytest.fixture(scope="module")
-def graph() -> dict[str, set[str]]:
+def graph():
     """Of each module the others that it imports."""
     return {name: imports(path, KNOWN) for name, path in KNOWN.items()}
 
 
-def room(name: str) -> str:
+def room(name):
     return name.split(".")[1]
 
 

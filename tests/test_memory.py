@@ -11,7 +11,7 @@ from sdp_vs_penalty.memory import LONG_RECORDING, give_back_memory
 class Node:
     """Refers to itself, so that only a collection frees it."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.itself = self
 
 

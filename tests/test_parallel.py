@@ -6,14 +6,13 @@ import pickle
 import signal
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from small_runs import write_run
 from unchecked import identify
 
-from sdp_vs_penalty import InputError, Measurements, Problem, cross_validate
+from sdp_vs_penalty import InputError, cross_validate
 from sdp_vs_penalty.data import load_measurements
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.regression import compress
@@ -21,7 +20,7 @@ from sdp_vs_penalty.signals import FilteredRuns
 
 
 @pytest.fixture(scope="module")
-def runs(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Measurements:
+def runs(two_link, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     for seed in range(4):
         write_run(folder / f"run{seed}.csv", two_link, 8.0, seed)
@@ -43,7 +42,7 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tm
         np.testing.assert_array_equal(a.triangle, b.triangle)
     assert here.blocks == there.blocks
 
-    def dies_once(mark: Path) -> int:  # a local function travels by value
+    def dies_once(mark):  # a local function travels by value
         if not mark.exists():
             mark.touch()
             os.kill(os.getpid(), signal.SIGKILL)
@@ -55,7 +54,7 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tm
 
 @pytest.mark.long
 def test_folds_are_the_same_by_processes(two_link, runs):
-    said: list[str] = []
+    said = []
     alone = cross_validate(two_link, runs, folds=3, workers=ALONE, progress=said.append)
     several = cross_validate(
         two_link, runs, folds=3, workers=Workers(2), progress=said.append

@@ -8,7 +8,7 @@ from recorded import refusal
 from sdp_vs_penalty import plugins
 
 
-def home_of(name: str) -> ModuleType:
+def home_of(name):
     """A module that registers a name."""
     module = ModuleType(f"home of {name}")
     module.name = name

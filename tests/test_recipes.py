@@ -3,13 +3,11 @@ compares."""
 
 import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import effect_contract
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects
 import sdp_vs_penalty.estimators
@@ -20,15 +18,7 @@ from sdp_vs_penalty.cli.verbs.list import details, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.shootout.contestants import contestants
-from sdp_vs_penalty.simulation import (
-    MAKERS,
-    Hidden,
-    TrueMotion,
-    World,
-    at_joint,
-    experiment,
-    log_uniform,
-)
+from sdp_vs_penalty.simulation import MAKERS, at_joint, experiment, log_uniform
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.testing import contracts
 
@@ -38,7 +28,7 @@ NAME = "rubber_spring"
 
 
 @pytest.fixture
-def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def added(tmp_path, monkeypatch):
     """One file more in each of three folders, as if it had been written there."""
     homes = (
         (sdp_vs_penalty.estimators, "ridge"),
@@ -60,7 +50,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     forget()
 
 
-def forget() -> None:
+def forget():
     """Look for plug-ins again, and draw hidden worlds again."""
     for registry in REGISTRIES:
         registry.forget()
@@ -94,11 +84,11 @@ def test_a_solver_is_one_file(two_link, added):
     assert not contestant.absent
 
 
-def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
+def hardening(w, j, rng):
     q_0 = log_uniform(rng, 0.4, 0.6)
     side = float(rng.choice([-1.0, 1.0]))
 
-    def law(w: World, m: TrueMotion) -> NDArray[np.float64]:
+    def law(w, m):
         stretched = np.exp(m.q[:, j] / q_0)
         return np.asarray(side * q_0 * (stretched - 1.0 / stretched) / 2.0)
 

@@ -23,7 +23,7 @@ OPERATORS = (ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
 FUNCTIONS = {"sum", "min", "max", "abs", "round", "divmod", "pow"}
 
 
-def arithmetic(path: Path) -> list[str]:
+def arithmetic(path):
     """Expressions of a Python file that compute with numbers."""
     found = []
     for node in ast.walk(ast.parse(path.read_text())):
@@ -39,7 +39,7 @@ def arithmetic(path: Path) -> list[str]:
     return found
 
 
-def is_arithmetic(node: ast.BinOp) -> bool:
+def is_arithmetic(node):
     """Whether an operator works on numbers, as far as its syntax shows."""
     sides = (node.left, node.right)
     texts = [

@@ -46,7 +46,7 @@ def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
     write_run(tmp_path / "run.csv", two_link)
     where = "import sdp_vs_penalty; print(sdp_vs_penalty.__file__)"
 
-    def call(*words: str) -> str:
+    def call(*words):
         return python(*words, path=str(installed), cwd=tmp_path, check=True).stdout
 
     problems = call(*PROGRAM, "list", "problems")

@@ -7,7 +7,6 @@ import json
 import shutil
 import subprocess
 import tomllib
-from collections.abc import Iterator
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -21,7 +20,7 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.exporters.content import xml_name
 from sdp_vs_penalty.paper.tables import StudyTable
-from sdp_vs_penalty.results import Shown, Summary
+from sdp_vs_penalty.results import Shown
 from sdp_vs_penalty.results.table import escape_latex
 
 NAMES = list(hostile_names(200, of_files=False, seed=7))
@@ -32,7 +31,7 @@ def model(two_link):
     return sdp.identify(two_link, small_run(two_link))
 
 
-def named(model: sdp.Estimate, name: str) -> sdp.Estimate:
+def named(model, name):
     """The model with the name for its robot and, with its number, for each joint."""
     joints = tuple(
         replace(joint, name=f"{name}{k}") for k, joint in enumerate(model.robot.joints)
@@ -44,7 +43,7 @@ def named(model: sdp.Estimate, name: str) -> sdp.Estimate:
     )
 
 
-def exported(model: sdp.Estimate, ending: str, folder, n_names: int) -> Iterator[tuple]:
+def exported(model, ending, folder, n_names):
     """Names, and the files that hold them."""
     for name in NAMES[:n_names]:
         path = folder / f"out{ending}"
@@ -60,7 +59,7 @@ def test_xml_holds_each_name(ending, model, tmp_path):
         assert xml_name(f"{name}0") in attributes
 
 
-def strings_of(content: object) -> set[str]:
+def strings_of(content):
     """All texts in a JSON document."""
     if isinstance(content, str):
         return {content}
@@ -153,10 +152,10 @@ TAGS = {"div", "p", "b", "table", "tbody", "tr", "td", "code"}
 
 def test_html_shows_each_name():
     class Named(Shown):
-        def __init__(self, name: str) -> None:
+        def __init__(self, name):
             self.name = name
 
-        def _summary(self) -> Summary:
+        def _summary(self):
             return self.name, [(self.name, self.name)]
 
     for name in NAMES:

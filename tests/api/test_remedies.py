@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import InputError, Problem, check
+from sdp_vs_penalty import InputError, check
 from sdp_vs_penalty.api.remedies import (
     Files,
     State,
@@ -61,7 +61,7 @@ def test_what_the_user_has_to_say_first_is_no_command(change, files):
 
 
 @pytest.fixture(scope="module")
-def spoiled(two_link: Problem) -> State:
+def spoiled(two_link):
     """Two runs in which the torque of joint 2 has the wrong sign."""
     runs = (small_run(two_link, 8.0, seed) for seed in (1, 2))
     names = ("run1.csv", "run2.csv")

@@ -3,31 +3,28 @@
 import json
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from commands import run_cli
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty import InputError, Problem, identify
-from sdp_vs_penalty.diagnosis import Curve, Diagnosis
+from sdp_vs_penalty import InputError, identify
+from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
 from sdp_vs_penalty.effects import MeasuredCurve
 from sdp_vs_penalty.estimation.verdict import ErrorsBesideNoise
 from tests.cli.test_printed_commands import told
 
-Run = Callable[..., str]
 UNCERTAIN, SMALL = "uncertain", "small"
 
 
 @pytest.fixture(scope="module")
-def home(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def home(two_link, tmp_path_factory):
     """A folder with run.csv and the model of it."""
     folder = tmp_path_factory.mktemp("home")
     write_run(folder / "run.csv", two_link)
@@ -36,24 +33,19 @@ def home(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(
-    home: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Run:
+def run(home, tmp_path, monkeypatch, capsys):
     """Run a command beside run.csv and model.json; what it printed, on one line."""
     shutil.copytree(home, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
 
-    def call(*words: str) -> str:
+    def call(*words):
         assert run_cli(*words) == 0
         return " ".join(capsys.readouterr().out.split())
 
     return call
 
 
-def springs(problem: Problem, *doubts: str) -> Diagnosis:
+def springs(problem, *doubts):
     """A joint spring found on each joint in turn: confident for "", else weak for this
     reason."""
     names = [f"joint_spring:{j}" for j, _ in enumerate(doubts, start=1)]
@@ -65,14 +57,14 @@ def springs(problem: Problem, *doubts: str) -> Diagnosis:
     return replace(found, effects=effects)
 
 
-def curve(joint: int) -> Curve:
+def curve(joint):
     """A curve of missing torque over the joint's position."""
     x = np.linspace(-0.5, 0.5, 9)
     y = x**2
     return Curve(joint, (f"q{joint}",), x, y, y - 0.1, y + 0.1, 0.9, None, 0.2, 0.1)
 
 
-def with_curve(found: Diagnosis, joint: int) -> Diagnosis:
+def with_curve(found, joint):
     """With a curve on a joint (from 1), which replaces the finding there."""
     effects = tuple(
         replace(f, indistinguishable_from=(MeasuredCurve.name,))
@@ -83,7 +75,7 @@ def with_curve(found: Diagnosis, joint: int) -> Diagnosis:
     return replace(found, effects=effects, curves=(curve(joint),))
 
 
-def add(run: Run, found: Diagnosis, *options: str) -> str:
+def add(run, found, *options):
     """Add the findings of a file to the model, and return what is printed."""
     Path("findings.json").write_text(json.dumps(found.to_dict()))
     words = (
@@ -162,7 +154,7 @@ def test_all_tables_show_one_error_a_joint(run, monkeypatch):
     home = import_module("sdp_vs_penalty.diagnosis.where_it_fails")
     search = home.where_it_fails
 
-    def doubled(*given: Any, **options: Any) -> Any:
+    def doubled(*given, **options):
         found = search(*given, **options)
         return home.Failures(
             [replace(f, rmse=2.0 * f.rmse) for f in found], found.units
@@ -186,7 +178,7 @@ def test_all_tables_show_one_error_a_joint(run, monkeypatch):
 def test_findings_that_raise_a_joints_error_beyond_noise_are_not_added(floor, refused):
     """Joint 2 errs by 58 % more, joint 1 by less."""
 
-    def compared(*rmse: float) -> SimpleNamespace:
+    def compared(*rmse):
         noise = None if floor is None else np.full(2, floor)
         errors = ErrorsBesideNoise(np.array(rmse), noise, np.ones(2), ("N*m", "N*m"))
         return SimpleNamespace(rmse=errors.rmse, errors=errors)

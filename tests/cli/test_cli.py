@@ -7,8 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from arms import THREE, write_urdf
@@ -16,7 +14,7 @@ from commands import HOME, PROGRAM, python, run_cli
 from recorded import a_sentence
 from small_runs import write_run
 
-from sdp_vs_penalty import Problem, __version__
+from sdp_vs_penalty import __version__
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.main import _for_any_reader
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
@@ -24,26 +22,24 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.simulation import hidden_runs
 
-Run = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
+def run(capsys):
     """Run the command line in this process: (exit code, stdout, stderr)."""
 
-    def call(*arguments: object) -> tuple[int, str, str]:
+    def call(*arguments):
         return run_cli(*arguments), *capsys.readouterr()
 
     return call
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> list[Path]:
+def runs(tmp_path_factory, two_link):
     folder = tmp_path_factory.mktemp("runs")
     return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
 
 
-def assert_one_sentence(err: str, *words: str) -> None:
+def assert_one_sentence(err, *words):
     assert err.startswith("sdp-vs-penalty: ")
     a_sentence(err.removesuffix("\n"), *words)
 
@@ -182,7 +178,7 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
 def test_an_error_of_our_own_is_no_traceback_unless_asked_for(
     run, runs, tmp_path, monkeypatch
 ):
-    def broken(*_: object, **__: object) -> None:
+    def broken(*_, **__):
         raise ZeroDivisionError("inner")
 
     monkeypatch.setattr("sdp_vs_penalty.cli.runs.load_measurements", broken)

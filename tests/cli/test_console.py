@@ -83,7 +83,7 @@ def test_a_refusal_leaves_the_old_json(tmp_path):
     assert out.read_text() == "old"
 
 
-def shown(monkeypatch, capsys, width: int, is_terminal: bool) -> list[str]:
+def shown(monkeypatch, capsys, width, is_terminal):
     """The lines of the wide table."""
     monkeypatch.setattr(console.out, "_width", width)
     monkeypatch.setattr(console.out, "_force_terminal", is_terminal)

@@ -7,17 +7,15 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import pytest
 from commands import HOME, peak_memory
 from small_runs import small_run
 
-from sdp_vs_penalty import Problem, identify
+from sdp_vs_penalty import identify
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 
@@ -38,7 +36,7 @@ SUFFIXES = {
 }
 
 
-def chain(links: int) -> str:
+def chain(links):
     """A URDF of so many links, one on the other."""
     joint = (
         '<link name="{0}"/><joint name="j{0}" type="{2}"><parent link="{1}"/><child'
@@ -49,7 +47,7 @@ def chain(links: int) -> str:
     return f'<robot name="r"><link name="0"/>{body}</robot>'
 
 
-def bombs(kind: str, folder: Path) -> Iterator[Path]:
+def bombs(kind, folder):
     """Files of about a megabyte that nest or count without end; data/test_bad_input.py
     unpacks some."""
     size = 10**6
@@ -83,7 +81,7 @@ def bombs(kind: str, folder: Path) -> Iterator[Path]:
         yield path.parent if kind == "problem" else path
 
 
-def hostile(kind: str, folder: Path, every: bool) -> Iterator[Path]:
+def hostile(kind, folder, every):
     """What an argument must survive: devices, pipes, folders, unreadable files, and
     bombs.
 
@@ -114,10 +112,10 @@ def hostile(kind: str, folder: Path, every: bool) -> Iterator[Path]:
 
 
 @contextmanager
-def at_most(seconds: int) -> Iterator[None]:
+def at_most(seconds):
     """An error where the block takes longer."""
 
-    def late(*_: Any) -> None:
+    def late(*_):
         raise AssertionError(f"still at it after {seconds} s")
 
     before = signal.signal(signal.SIGALRM, late)
@@ -130,7 +128,7 @@ def at_most(seconds: int) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def good(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def good(two_link, tmp_path_factory):
     folder = tmp_path_factory.mktemp("good")
     run = small_run(two_link)
     save(run, folder / "run.csv")
@@ -191,7 +189,7 @@ def test_no_file_crashes_hangs_or_bursts(
         assert not [*work.iterdir()], told
 
 
-def refused(verb: str, before: str, good: dict[str, str], folder: Path) -> str:
+def refused(verb, before, good, folder):
     """What a verb says that ends with exit code 2, after the words of a shell, and
     leaves nothing."""
     words = [good.get(word, word) for word in shlex.split(verb)]

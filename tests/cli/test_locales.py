@@ -2,7 +2,6 @@
 
 import locale
 import sys
-from pathlib import Path
 
 import pytest
 from mutations import sound_meshes
@@ -57,7 +56,7 @@ def locales(tmp_path_factory):
     return folder, names
 
 
-def written(home: Path) -> dict[str, bytes]:
+def written(home):
     return {path.name: path.read_bytes() for path in (home / "out").iterdir()}
 
 
@@ -77,7 +76,7 @@ def test_every_locale_writes_the_same_bytes(what, home, locales):
     right = written(home)
     for name in names:
 
-        def in_locale(name: str = name) -> None:
+        def in_locale(name=name):
             assert set_locale(name, folder)
             assert not name.startswith("de") or locale.str(1.5) == "1,5"
             main(words)

@@ -16,14 +16,14 @@ from sdp_vs_penalty.cli.runs import recorded_runs
 from sdp_vs_penalty.data import save
 
 
-def next_words(printed: str) -> list[str]:
+def next_words(printed):
     """The words of the printed command behind the program's name; none without one."""
     lines = re.findall("^Next: sdp-vs-penalty (.*)$", printed, re.MULTILINE)
     assert len(lines) <= 1, printed
     return shlex.split(lines[0]) if lines else []
 
 
-def followed(words: list[str], capsys: pytest.CaptureFixture[str]) -> list[list[str]]:
+def followed(words, capsys):
     """Run a command, what it prints to run next, and so on; all of these commands."""
     commands = []
     while words and words[0] not in [command[0] for command in commands]:
@@ -36,7 +36,7 @@ def followed(words: list[str], capsys: pytest.CaptureFixture[str]) -> list[list[
 
 
 @pytest.fixture(scope="module")
-def folder(two_link, tmp_path_factory) -> Path:
+def folder(two_link, tmp_path_factory):
     """Two runs of training, one that is new, and a model of the first two."""
     home = tmp_path_factory.mktemp("next")
     for k, name in enumerate(("run 1.csv", "-run2.csv", "new.csv")):
@@ -48,7 +48,7 @@ def folder(two_link, tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def inside(folder, monkeypatch) -> Path:
+def inside(folder, monkeypatch):
     monkeypatch.chdir(folder)
     return folder
 

@@ -63,7 +63,7 @@ def home(two_link, tmp_path_factory):
     return folder
 
 
-def urdf(name: str) -> str:
+def urdf(name):
     """An arm of one joint whose robot, links and joint have the name."""
     text = quoteattr("".join(c for c in name if c >= " " or c == "\n"))
     base = quoteattr("base" + text[1:-1])
@@ -75,7 +75,7 @@ def urdf(name: str) -> str:
     )
 
 
-def place(home: Path, folder: Path, name: str) -> None:
+def place(home, folder, name):
     """Copies under the name of everything that verbs read, in this folder."""
     for source, suffix in (("run.csv", ".csv"), ("model.json", ".json")):
         (folder / f"{name}{suffix}").write_bytes((home / source).read_bytes())
@@ -90,7 +90,7 @@ def place(home: Path, folder: Path, name: str) -> None:
     (folder / f"refused{name}.csv").write_text(f"{odd},{odd}1\n1,2\n", "utf-8")
 
 
-def numbered(count: int) -> list[object]:
+def numbered(count):
     """Seeds of names, all but the first for CI alone."""
     return [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, count))]
 
@@ -150,7 +150,7 @@ def test_names_inside_of_files_are_clean(
             ET.parse(tmp_path / "a.xml")
 
 
-def archive(home: Path, folder: Path) -> Path:
+def archive(home, folder):
     save(sdp.load_measurements(home / "run.csv"), folder / "named.npz")
     return folder / "named.npz"
 
@@ -174,7 +174,7 @@ NAMES = ("bad\udcff\udcfe", "naïve 機械")
 SUFFIXES = (".csv", ".npz", ".parquet", ".mat")
 
 
-def save_as(name: str, folder: Path, problem: sdp.Problem) -> list[str]:
+def save_as(name, folder, problem):
     """Runs of all kinds under a name; their files."""
     for seed, suffix in enumerate(SUFFIXES):
         run = small_run(problem, seconds=2.0, seed=seed)
@@ -183,7 +183,7 @@ def save_as(name: str, folder: Path, problem: sdp.Problem) -> list[str]:
     return [f"{name}{suffix}" for suffix in SUFFIXES]
 
 
-def checked(path: Path) -> list[str]:
+def checked(path):
     """Kinds of the files that a check's JSON is about."""
     written = json.loads(path.read_text("utf-8"))
     return [Path(x["run"]).suffix for x in written["runs"]]

@@ -5,7 +5,6 @@ import importlib.util
 import json
 import re
 import shlex
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from commands import run_cli
 from page_sessions import do
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty import Problem, load_estimate, load_measurements, load_problem
+from sdp_vs_penalty import load_estimate, load_measurements, load_problem
 from sdp_vs_penalty.cli.next_step import free_name
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, Invisible
@@ -29,13 +28,10 @@ from sdp_vs_penalty.simulation import hidden_runs
 PROGRAM = "sdp-vs-penalty"
 #: What `diagnose` calls to search for effects.
 SEARCH = "sdp_vs_penalty.api.diagnosis.find_missing_effects"
-Run = Callable[..., str]
 
 
 @pytest.fixture
-def run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Run:
+def run(tmp_path, monkeypatch, capsys):
     """Run a line, in an empty folder, then every command that it prints; what it
     printed itself."""
     monkeypatch.chdir(tmp_path)
@@ -44,9 +40,9 @@ def run(
         separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 4})
     )
     monkeypatch.setattr(separation, "_DRAWN", 4)
-    reported: set[tuple[str, ...]] = set()
+    reported = set()
 
-    def call(line: str) -> str:
+    def call(line):
         program, *words = shlex.split(line)
         assert program == PROGRAM
         code = run_cli(*words)
@@ -62,7 +58,7 @@ def run(
                 call(command)
         return out
 
-    def again(command: str) -> bool:
+    def again(command):
         """Whether a report was made that differs in the name of its last model's file
         alone."""
         verb, *words = shlex.split(command)[1:]
@@ -80,13 +76,13 @@ def run(
     return call
 
 
-def printed(text: str) -> list[str]:
+def printed(text):
     """The commands of a text: at the start of a line or after a colon, up to the line's
     end."""
     return re.findall(rf"(?:^|: )({PROGRAM} [a-z-]+ .*)$", text, re.MULTILINE)
 
 
-def robot(kind: str, folder: Path) -> str:
+def robot(kind, folder):
     """What identifies a robot of a kind on the command line; its files are in the
     folder."""
     if kind == "URDF named two_link":
@@ -124,9 +120,9 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
         # So long that motions repeat: beside its noise joint 1 errs by no more.
         monkeypatch.setattr(hidden_runs, "DURATION", 14.0)
 
-    searched_in: dict[tuple[str, ...], Diagnosis] = {}
+    searched_in = {}
 
-    def diagnosed(*given: object, **options: object) -> Diagnosis:
+    def diagnosed(*given, **options):
         """The same runs are searched once at most."""
         if found:
             return found[0]
@@ -203,11 +199,11 @@ TWELVE = [f"presliding_hysteresis:{j}@d=0.00312345" for j in range(1, 8)]
 TWELVE += [f"joint_spring:{j}" for j in range(1, 6)]
 
 
-def told(problem: Problem, texts: Sequence[str], frozen: bool = False) -> Diagnosis:
+def told(problem, texts, frozen=False):
     """A diagnosis that found these effects, each on one joint."""
     n = problem.robot.n
 
-    def finding(text: str) -> Finding:
+    def finding(text):
         name, _, rest = text.partition(":")
         return Finding(
             name,
@@ -245,9 +241,7 @@ def told(problem: Problem, texts: Sequence[str], frozen: bool = False) -> Diagno
 
 
 @pytest.fixture
-def twelve_found(
-    panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Diagnosis:
+def twelve_found(panda, tmp_path, monkeypatch):
     """What every diagnosis says; a model.json and a run.csv of the Panda beside it."""
     write_run(tmp_path / "run.csv", panda)
     found = told(panda, TWELVE)

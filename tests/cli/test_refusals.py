@@ -4,7 +4,6 @@ files stay."""
 import json
 import shlex
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,16 +12,14 @@ from recorded import refusals, same_refusal
 from servo_log import log, write_slide
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty import Problem, identify
+from sdp_vs_penalty import identify
 from sdp_vs_penalty.cli import main
 from sdp_vs_penalty.data import save
 from tests.cli.test_printed_commands import TWELVE, told
 
 
 @pytest.fixture(scope="module")
-def folder(
-    two_link: Problem, panda: Problem, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def folder(two_link, panda, tmp_path_factory):
     """Runs and models of two robots, a run in degrees, findings that are sound, weak,
     old or none."""
     home = tmp_path_factory.mktemp("refused")

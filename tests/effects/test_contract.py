@@ -1,13 +1,10 @@
 """Contracts that every effect of the library keeps; a new file is asked the same
 without a word here."""
 
-from collections.abc import Callable
-
 import effect_contract
 import pytest
 
-from sdp_vs_penalty.effects import Effect, effect_types, parse_effects
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.simulation import MAKERS
 from sdp_vs_penalty.testing import effects as contracts
 from sdp_vs_penalty.testing.demand import ContractError
@@ -16,7 +13,7 @@ from sdp_vs_penalty.testing.demand import ContractError
 DEAR = ("joint_resonance",)
 
 
-def tables(robot: Robot) -> list[Effect]:
+def tables(robot):
     """Measured, not searched: the table over what is more than a joint's own signal."""
     kind = effect_types()["measured_curve"]
     kinds = [j.kind for j in robot.joints]
@@ -27,12 +24,12 @@ def tables(robot: Robot) -> list[Effect]:
     return [kind(robot), *parse_effects(texts, robot)]
 
 
-def forms_of(name: str, contract: Callable[..., None]) -> contracts.Forms:
+def forms_of(name, contract):
     """The forms that a contract is asked of."""
     if name == "measured_curve":
         return tables
 
-    def forms(robot: Robot) -> list[Effect]:
+    def forms(robot):
         found = contracts.variants(effect_types()[name], robot)
         if contract is not contracts.check_memory:
             return found

@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Model, effect_types, parse_effects
-from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import (
     Plant,
     PlantState,
@@ -28,7 +27,7 @@ SIZES = {
 }
 
 
-def plant(name: str, effects: str, **sizes: float) -> Plant:
+def plant(name, effects, **sizes):
     """The nominal robot with these effects, every parameter of one the same."""
     problem = load_problem(name)
     model = Model(problem.robot, parse_effects(effects, problem.robot))
@@ -38,7 +37,7 @@ def plant(name: str, effects: str, **sizes: float) -> Plant:
     return Plant(model, theta)
 
 
-def at_rest(p: Plant, q: float = 0.3) -> PlantState:
+def at_rest(p, q=0.3):
     n = p.robot.n
     zero = np.zeros((1, n))
     return PlantState(
@@ -46,7 +45,7 @@ def at_rest(p: Plant, q: float = 0.3) -> PlantState:
     )
 
 
-def run(p: Plant, state: PlantState, torque: Array, h: float) -> PlantState:
+def run(p, state, torque, h):
     for row in torque:
         state = advance(p, state, row[None], h)
     return state
@@ -160,7 +159,7 @@ def test_friction_that_follows_the_load_follows_that_of_the_links_alone():
     start = at_rest(p)._replace(dq=np.full((1, 1), 0.1))
     ours = run(p, start, u[:, None], h)
 
-    def f(t: float, x: Array) -> list[float]:
+    def f(t, x):
         return [((100.0 + 50.0 * np.sin(6.0 * t)) - 500.0 * x[0]) / (1.3 * mass)]
 
     exact = solve_ivp(f, (0.0, 0.08), [0.1], rtol=1e-9, atol=1e-12).y[0, -1]

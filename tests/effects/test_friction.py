@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.effects import Effect, Motion, effect_types, parse_effects
+from sdp_vs_penalty.effects import Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.transmission import LAWS
-from sdp_vs_penalty.robot import Robot, parse_transmission
+from sdp_vs_penalty.robot import parse_transmission
 from sdp_vs_penalty.testing.effects import robots, wide_columns
 
 ARM = robots()["arm"]
 
 
-def to_and_fro(period: float = 4.0) -> Motion:
+def to_and_fro(period=4.0):
     """Two periods of a motion of milliradians, of centiradians and of a third of a
     radian."""
     t = np.arange(0.0, 2.0 * period, 1e-3)
@@ -84,7 +84,7 @@ def test_friction_that_varies_with_position_is_nowhere_negative(two_link, waves)
         c for c in two_link.constraints(model).convex if own.split(":")[0] in c.name
     ]
     demands = [c for c in demands if c.family == "sign"]
-    effect: Effect = model.effects[2]
+    effect = model.effects[2]
     q = np.linspace(-np.pi, np.pi, 2000)
     still = np.column_stack([q, q])
     moving = Motion(q, still, np.ones_like(still), still)
@@ -120,7 +120,7 @@ def test_a_known_transmission_is_among_the_candidates():
     )
     kind = effect_types()["transmission_friction"]
 
-    def sought(robot: Robot) -> set[tuple[float, ...]]:
+    def sought(robot):
         found = kind.candidates(robot, 0)
         return {tuple(e.shape.get(f"c{j}", 0.0) for j in (1, 2, 3)) for e in found}
 

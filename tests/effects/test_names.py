@@ -25,7 +25,7 @@ FILES = [
 ]
 
 
-def names_of_effects(tree: ast.AST) -> set[str]:
+def names_of_effects(tree):
     """Names and classes of effects in code; docstrings and comments may name them."""
     docstrings = {
         id(node.body[0].value)
@@ -50,7 +50,7 @@ def names_of_effects(tree: ast.AST) -> set[str]:
     return found
 
 
-def _compared_with_names(node: ast.Compare) -> set[str]:
+def _compared_with_names(node):
     """Names without an underscore, as in ``effect.name == "payload"``."""
     sides = [node.left, *node.comparators]
     attributes = {side.attr for side in sides if isinstance(side, ast.Attribute)}

@@ -9,7 +9,7 @@ from sdp_vs_penalty.effects import FittedEffect, effect_types, on_the_arm
 ARM = load_problem("panda").robot
 
 
-def fitted(name: str, value: float, **shape: float) -> FittedEffect:
+def fitted(name, value, **shape):
     """An effect of the library on the arm, all parameters of one value."""
     kind = effect_types()[name]
     effect = kind(ARM) if kind.whole_robot or kind.joins else kind(ARM, (3,))

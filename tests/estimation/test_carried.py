@@ -2,7 +2,6 @@
 
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from sdp_vs_penalty.estimation.carried import (
 from sdp_vs_penalty.robot import inertia
 
 
-def ball(mass: float, radius: float, centre: tuple[float, float, float]) -> np.ndarray:
+def ball(mass, radius, centre):
     """Standard parameters (10,) of a uniform ball."""
     c = np.array(centre)
     about_centre = 0.4 * mass * radius**2 * np.eye(3)
@@ -40,7 +39,7 @@ def test_the_least_density_is_that_of_a_uniform_body():
 
 
 @pytest.fixture(scope="module")
-def loaded(tmp_path_factory: pytest.TempPathFactory) -> sdp.Estimate:
+def loaded(tmp_path_factory):
     """An arm with a ball of 1.5 kg, of steel."""
     folder = tmp_path_factory.mktemp("arm")
     problem = sdp.load_problem(write_urdf(folder / "arm.urdf", "arm", THREE))
@@ -54,7 +53,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> sdp.Estimate:
     return sdp.add(model, "payload", replace(run, tau=run.tau + torque))
 
 
-def with_payload(model: sdp.Estimate, theta: np.ndarray, std: float) -> sdp.Estimate:
+def with_payload(model, theta, std):
     """The same model with another payload, whose parameters the data determine."""
     standard = list(model.uncertainty.standard)
     standard[-10:] = [replace(x, std=std) for x in standard[-10:]]
@@ -96,7 +95,7 @@ def test_a_payload_that_no_material_could_make_is_doubted(loaded):
 @pytest.mark.parametrize(
     "name", ["a.urdf", "a.xml", "a.sdf", "a.h", "a.json", "a.script"]
 )
-def test_an_export_says_it(loaded, tmp_path: Path, name: str):
+def test_an_export_says_it(loaded, tmp_path, name):
     thin = with_payload(loaded, ball(1.5, 1e-5, (0.1, 0.02, 0.0)), 0.01)
     with pytest.warns(Remark, match="payload: no material is as dense"):
         sdp.export(thin, tmp_path / name)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.diagnosis.own_constants import retune
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, changed_constants_in_words
 
 
-def model(problem: Problem, effects: str) -> Model:
+def model(problem, effects):
     return Model(problem.robot, parse_effects(effects, problem.robot))
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from random_robots import repeating_run
 
-from sdp_vs_penalty import InputError, Measurements, Problem, cross_validate
+from sdp_vs_penalty import InputError, cross_validate
 from sdp_vs_penalty.signals import Preprocessing
 
 
-def run_of(problem: Problem, seconds: float = 24.0) -> Measurements:
+def run_of(problem, seconds=24.0):
     """Period 10 s; the friction is not what the model has: it errs on motion that it
     has not seen."""
     effects = "rigid_body,viscous_friction"

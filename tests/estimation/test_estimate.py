@@ -4,7 +4,6 @@ each parameter."""
 import json
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,8 +22,8 @@ from recorded import refusal
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
-from sdp_vs_penalty.effects import Motion, effect_types
+from sdp_vs_penalty import InputError, add, compare, export, load_estimate
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import is_data_determined
 from sdp_vs_penalty.estimation.estimate import estimate_of_file
 from sdp_vs_penalty.estimators import LmiSdp
@@ -33,13 +32,13 @@ from sdp_vs_penalty.regression import LeastSquares
 noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=8.0)
 
 
-def strict(text: str) -> Any:
+def strict(text):
     return json.loads(
         text, parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
     )
 
 
-def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
+def assert_same_estimate(a, b, motion):
     np.testing.assert_array_equal(a.theta, b.theta)
     np.testing.assert_array_equal(a.torque(motion), b.torque(motion))
     np.testing.assert_array_equal(a.covariance, b.covariance)
@@ -220,7 +219,7 @@ def test_an_estimate_is_equal_to_itself_alone(two_link):
 
 def test_the_torque_of_a_data_frame_names_predict(two_link):
     estimate = identify(two_link, small_run(two_link), "ols")
-    frame: Any = pd.DataFrame({"t": [0.0, 1.0]})
+    frame = pd.DataFrame({"t": [0.0, 1.0]})
     words = r"torque\(motion=DataFrame\) .* predict\(q, dq, ddq\)"
     with pytest.raises(InputError, match=words):
         estimate.torque(frame)

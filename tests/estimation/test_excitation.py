@@ -10,9 +10,9 @@ from drawn import given, settings, st
 from scipy import special
 from unchecked import identify
 
-from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
+from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.estimation import LEVEL, Limits, excitation, separation
-from sdp_vs_penalty.robot import Robot, joint_trajectory, self_collision
+from sdp_vs_penalty.robot import joint_trajectory, self_collision
 from sdp_vs_penalty.simulation import experiment
 
 positive = st.floats(0.05, 3.0)
@@ -76,12 +76,12 @@ def test_limits_that_admit_no_trajectory_are_refused(two_link, change, match):
 
 
 @pytest.fixture(scope="module")
-def estimate(panda: Problem) -> Estimate:
+def estimate(panda):
     return identify(panda, experiment(panda).training_run(), "ols", check=False)
 
 
 @pytest.fixture(scope="module")
-def run(estimate: Estimate) -> excitation.PayloadRun:
+def run(estimate):
     return excitation.payload_run(estimate, iterations=8, seed=1)
 
 
@@ -98,7 +98,7 @@ def test_only_the_wrist_moves_within_its_limits_and_weighs_better_than_at_random
 
 
 def test_its_deviations_are_those_of_loads_that_are_estimated(estimate, run):
-    robot: Robot = estimate.robot
+    robot = estimate.robot
     t = np.arange(0.0, 2.0, 1.0 / excitation.independent_rate(estimate))
     Y = (
         robot.regressor(*run.trajectory.states(t))[:, :, -10:]
@@ -114,7 +114,7 @@ PAIR = "torque_ripple:2@k=2,joint_spring:2"
 
 
 @pytest.fixture(scope="module")
-def small(two_link: Problem) -> Estimate:
+def small(two_link):
     return identify(two_link, experiment(two_link).training_run(), "ols", check=False)
 
 
@@ -148,7 +148,7 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
         for e, s in zip(hypotheses.effects, hypotheses.scale, strict=True)
     )
 
-    def basis(columns: np.ndarray) -> np.ndarray:
+    def basis(columns):
         norms = np.linalg.norm(columns, axis=0)
         columns = columns[:, norms > 0.0] / norms[norms > 0.0]
         u, values, _ = np.linalg.svd(columns, full_matrices=False)

@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 from unchecked import identify
 
-from sdp_vs_penalty import (
-    Measurements,
-    Problem,
-    add,
-    diagnose,
-    load_estimate,
-    load_problem,
-)
+from sdp_vs_penalty import Measurements, add, diagnose, load_estimate, load_problem
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 
@@ -25,13 +18,11 @@ LOAD = inertia.standard_from_barycentric(
 
 
 @pytest.fixture(scope="module")
-def arm() -> Problem:
+def arm():
     return load_problem(str(Path(__file__).parents[2] / "docs" / "my_arm.urdf"))
 
 
-def measured(
-    arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN
-) -> Measurements:
+def measured(arm, seed, load, gain=GAIN):
     """Torque channels that read ``gain`` times the truth, with ``load`` times LOAD on
     the flange. Their noise is 2 % of the bare arm's torque: no load makes them louder.
     """

@@ -11,21 +11,21 @@ from sdp_vs_penalty.problem.load import with_bounds
 
 
 @pytest.fixture(scope="module")
-def run(two_link: sdp.Problem) -> sdp.Measurements:
+def run(two_link):
     return small_run(two_link)
 
 
 @pytest.fixture(scope="module")
-def free(two_link: sdp.Problem, run: sdp.Measurements) -> sdp.Estimate:
+def free(two_link, run):
     return sdp.identify(two_link, run, check=False)
 
 
-def value(estimate: sdp.Estimate, name: str) -> float:
+def value(estimate, name):
     names = [p.name for p in estimate.model.parameters]
     return float(estimate.theta[names.index(name)])
 
 
-def half_as_much_again(two_link: sdp.Problem) -> dict[str, float]:
+def half_as_much_again(two_link):
     """A mass that the robot's file does not have."""
     return {"m2": 1.5 * float(two_link.nominal_links[1, 0])}
 

@@ -5,14 +5,13 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from recorded import refusal
 from sdp_readers import outside_optimum
 
-from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
+from sdp_vs_penalty import identify, load_measurements
 from sdp_vs_penalty.estimation import PoseOptions
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.problem import (
@@ -34,7 +33,7 @@ _REAL = (
 )
 
 
-def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:
+def _arm(name, folder):
     if name != "ur10":
         return load_problem(name), replace(
             next(iter(measured_runs(name).values())), dq=None
@@ -46,13 +45,7 @@ def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:
     )
 
 
-def _same(
-    problem: Problem,
-    run: Measurements,
-    tmp_path: Path,
-    options: PoseOptions,
-    **told: Any,
-) -> dict[str, Any]:
+def _same(problem, run, tmp_path, options, **told):
     file = tmp_path / "a.dat-s"
     about = write_posed(problem, run, file, options=options)
     estimate = identify(problem, run, SDPA_METHOD, check=False, **told)
@@ -83,7 +76,7 @@ def test_of_a_simulated_arm_with_friction_under_every_option(two_link, tmp_path)
     problem = with_filters(
         with_bounds(two_link.with_gravity((0.0, -9.7, 1.0)), "m2=0.1:9"), "4,6"
     )
-    told: dict[str, Any] = {"effects": _FRICTION, "weighting": "none"}
+    told = {"effects": _FRICTION, "weighting": "none"}
     about = _same(problem, run, tmp_path, PoseOptions(**told), **told)
     assert about["gravity"] == [0.0, -9.7, 1.0]
     assert about["filters"]["state_cutoff"] == 4.0

@@ -23,16 +23,16 @@ from sdp_vs_penalty.signals import Preprocessing
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> str:
+def arm(tmp_path_factory):
     return write_slide(tmp_path_factory.mktemp("servo"))
 
 
 @pytest.fixture(scope="module")
-def found(arm: str) -> sdp.Estimate:
+def found(arm):
     return sdp.identify(arm, log(), effects=EFFECTS, known={"m1": MASS}, check=False)
 
 
-def value(estimate: sdp.Estimate, name: str) -> float:
+def value(estimate, name):
     return float(
         estimate.theta[[p.name for p in estimate.model.parameters].index(name)]
     )
@@ -194,7 +194,7 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
     what it is with instruments."""
     wide = Preprocessing(6.0, 8.0) if torque else Preprocessing(state_cutoff=5.2)
     known = {} if torque else {"kp1": KP}
-    errors: dict[str, list[float]] = {"command": [], "none": []}
+    errors = {"command": [], "none": []}
     for how, own in errors.items():
         for s in (1, 2, 3) if torque else (1, 2):
             run = log(3e-3 if torque else 2e-3, seed=s, torque=torque)

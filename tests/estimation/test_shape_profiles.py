@@ -43,7 +43,7 @@ WANTED = [
 ]
 
 
-def texts(width: float, vs: float, delta: float) -> str:
+def texts(width, vs, delta):
     return f"{RIGID},coulomb_friction:2@v_s={width},stribeck_friction:2@vs={vs}@delta={delta}"
 
 

@@ -13,8 +13,7 @@ from random_robots import repeating_run
 from small_runs import small_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty import InputError, Measurements, Problem, identify
-from sdp_vs_penalty.effects import Model
+from sdp_vs_penalty import InputError, identify
 from sdp_vs_penalty.estimation import (
     LEVEL,
     NORMAL_95,
@@ -40,19 +39,19 @@ from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
 
-def test_normal_quantile() -> None:
+def test_normal_quantile():
     """The constant is written out: importing scipy.special for it takes too long."""
     assert scipy.special.ndtri((1 + LEVEL) / 2) == NORMAL_95
 
 
-def truth_of(problem: Problem, model: Model) -> np.ndarray:
+def truth_of(problem, model):
     theta = problem.nominal(model)
     links = len(model.rigid_indices)
     theta[links:] = np.linspace(0.4, 1.1, len(theta) - links)
     return theta
 
 
-def measured(problem: Problem, model: Model, seed: int, seconds: float) -> Measurements:
+def measured(problem, model, seed, seconds):
     """A run of exactly this model with white torque noise."""
     theta = truth_of(problem, model)
     trajectory = random_trajectory(problem.robot, seed=3, duration=seconds)
@@ -68,7 +67,7 @@ def measured(problem: Problem, model: Model, seed: int, seconds: float) -> Measu
     return replace(clean, tau=clean.tau + noise)
 
 
-def told(problem: Problem, model: Model, run: Measurements) -> Uncertainty:
+def told(problem, model, run):
     data = compress(FilteredRuns.of(run, problem.preprocessing), model)
     return of_regression(
         make_task(problem, model, data), data, base_rows(problem, model)
@@ -244,14 +243,14 @@ def test_threads_read_intervals_that_one_of_them_works_out():
     calls = list[int]()
     together = threading.Barrier(8)
 
-    def make() -> Uncertainty:
+    def make():
         calls.append(threading.get_ident())
         time.sleep(0.05)
         return known
 
     late = LateUncertainty(make)
 
-    def read(_: int) -> float:
+    def read(_):
         together.wait()
         return float(late.spread.sum())
 

@@ -1,8 +1,6 @@
 """The one verdict: what it takes to be good, and that knowing less never makes it
 better."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -24,17 +22,17 @@ SOUND = Certificate({"pseudo-inertia": 0.0}, 1.0)
 
 
 def verdict(
-    certificate: Certificate = SOUND,
-    masses: np.ndarray = MASSES,
-    floor: np.ndarray | None = RMSE / 1.5,
-    relative: float = 1.2,
-    shares: np.ndarray | None = None,
-    **known: Any,
-) -> Verdict:
+    certificate=SOUND,
+    masses=MASSES,
+    floor=RMSE / 1.5,
+    relative=1.2,
+    shares=None,
+    **known,
+):
     """Judge errors RMSE beside this noise floor; relative : each joint's error [% of
     its torque], or ``shares`` (n,)."""
     torque = 100.0 * RMSE / (relative if shares is None else shares)
-    found: dict[str, Any] = {
+    found = {
         "errors": ErrorsBesideNoise(RMSE, floor, torque, units=("N*m", "N*m")),
         "r2": R2,
         "noise_source": "repetition",

@@ -34,7 +34,7 @@ def test_a_brief_change_names_the_largest_fall_and_what_got_worse():
     assert "1 more joint errs less; joint 3 worse: 4 -> 8" in sentence
 
 
-def verdict(grade: str) -> Verdict:
+def verdict(grade):
     """All lines of one grade, the noise known."""
     texts = {
         FIT: "No joint errs more than 1 times its noise.",

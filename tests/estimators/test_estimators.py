@@ -12,12 +12,7 @@ from unchecked import identify
 
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation import certify
-from sdp_vs_penalty.estimators import (
-    Estimator,
-    estimator_types,
-    joint_weights,
-    make_estimator,
-)
+from sdp_vs_penalty.estimators import estimator_types, joint_weights, make_estimator
 from sdp_vs_penalty.regression import Factor, Regression
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.testing.methods import ESTIMATOR_CONTRACTS, first_fit, small_task
@@ -33,7 +28,7 @@ CONSTRAINED = [
 ]
 
 
-def quick(method: str) -> Estimator:
+def quick(method):
     """The method with settings that make it fast: fewer runs, the same steps."""
     estimator = make_estimator(method)
     names = {f.name for f in dataclasses.fields(estimator)}

@@ -2,7 +2,6 @@
 laws."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from random_robots import (
     tree,
 )
 
-from sdp_vs_penalty import Measurements, Problem, identify, load_problem
+from sdp_vs_penalty import Measurements, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import certify
 from sdp_vs_penalty.estimation.build_problem import build_problem
@@ -29,7 +28,6 @@ from sdp_vs_penalty.estimators import (
     LmiSdpThickness,
     LmiSdpTwoStep,
     PosedSdp,
-    Task,
     essential,
     interior_point,
     make_estimator,
@@ -40,21 +38,19 @@ from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.shootout import Instance, in_units
 from sdp_vs_penalty.signals import FilteredRuns
-from sdp_vs_penalty.solvers import Clarabel, ConicProblem, Objective, Solution
+from sdp_vs_penalty.solvers import Clarabel, Objective
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
 
-def with_friction(
-    problem: Problem, links: np.ndarray, level: float = 0.3
-) -> np.ndarray:
+def with_friction(problem, links, level=0.3):
     theta = np.full(len(problem.model().parameters), level)
     theta[: len(links)] = links
     return theta
 
 
 @pytest.fixture(scope="module")
-def toy_task(two_link: Problem) -> Task:
+def toy_task(two_link):
     """The 2R with noise of a few percent: constraints bind."""
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
     run = simulated(two_link.model(), truth, noise=5.0, seconds=6.0)
@@ -91,7 +87,7 @@ CVXPY_SOLVERS = {
 )
 @pytest.mark.parametrize("method", METHODS)
 def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_link):
-    estimator: Any = make_estimator(method)
+    estimator = make_estimator(method)
     fit = estimator.fit(toy_task)
     row = toy_task.data.loss(toy_task.ols) / toy_task.data.rows
     weight = 0.0 if fit.objective.entropy is None else fit.objective.entropy.weight
@@ -135,9 +131,7 @@ def test_the_default_objective_is_the_torque_and_three_priors(toy_task):
     assert sum(c.family == "body" for c in constraints.convex) == 2
 
 
-def relative_torque_error(
-    problem: Problem, theta: np.ndarray, truth: np.ndarray
-) -> float:
+def relative_torque_error(problem, theta, truth):
     model = problem.model()
     motion = sines(
         np.random.default_rng(99), problem.robot.n, np.arange(0.0, 10.0, 0.01), 0.13, 5
@@ -161,7 +155,7 @@ def test_a_random_feasible_robot_round_trips():
     assert_round_trip(3)
 
 
-def assert_round_trip(seed: int) -> None:
+def assert_round_trip(seed):
     """The model of a random robot makes the torque of another motion."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 6))
@@ -213,7 +207,7 @@ def test_the_two_step_chain_is_what_it_says(toy_task):
     # The torque SDP over fewer demands cannot lose more.
     w = toy_task.data.R @ np.linalg.pinv(toy_task.base)
 
-    def loss(beta: np.ndarray) -> float:
+    def loss(beta):
         return float(np.sum((w @ beta - toy_task.data.rho) ** 2))
 
     assert loss(chain["beta_star"]) <= loss(chain["beta_star_e"]) * (1 + 1e-6)
@@ -263,12 +257,12 @@ def test_a_model_without_links_is_a_bounded_least_squares_problem(method, two_li
     assert estimate.certificate.positive_definite_share is None
 
 
-def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
+def without_answers(monkeypatch, failures):
     """The solver's first answers are not numbers."""
     real = Clarabel.run
     calls = iter(range(1000))
 
-    def run(self: Clarabel, problem: ConicProblem, told: dict[str, Any]) -> Solution:
+    def run(self, problem, told):
         answer = real(self, problem, told)
         if next(calls) >= failures:
             return answer
@@ -335,7 +329,7 @@ COMMON = ("viscous_friction", "coulomb_friction", "torque_offset")
 RARE = ("asymmetric_viscous_friction", "rotor_inertia", "joint_spring", "torque_ripple")
 
 
-def effects(rng: np.random.Generator, n: int) -> str:
+def effects(rng, n):
     """The links, and effects on joints drawn at random: some of the usual ones are
     missing."""
     words = ["rigid_body"]

@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from random_robots import link_parameters, open_problem, posed_task, sines, tree
 
-from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.estimation import certify
 from sdp_vs_penalty.estimators import (
     LmiSdp,
@@ -17,18 +16,13 @@ from sdp_vs_penalty.estimators import (
     Penalty,
     PenaltyTwoStep,
     ShiftedPenalty,
-    Task,
     interior_point,
     make_estimator,
 )
 from sdp_vs_penalty.robot import inertia
 
-Array = NDArray[np.float64]
 
-
-def run_of(
-    problem: Problem, links: Array, seed: int = 0, noise: float = 0.1
-) -> Measurements:
+def run_of(problem, links, seed=0, noise=0.1):
     """Inverse dynamics of given links with viscous and Coulomb friction and white
     noise."""
     rng = np.random.default_rng(seed)
@@ -40,7 +34,7 @@ def run_of(
     return Measurements(motion.t, motion.q, tau, motion.dq)
 
 
-def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
+def random_problem(seed, n):
     """An open box, as of a URDF; the robot whose links are returned obeys what the box
     implies."""
     rng = np.random.default_rng(seed)
@@ -50,7 +44,7 @@ def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
     return open_problem(robot, nominal), links
 
 
-def task_named(name: str, request: pytest.FixtureRequest) -> Task:
+def task_named(name, request):
     if name in ("panda", "two_link"):
         problem = request.getfixturevalue(name)
         return posed_task(problem, run_of(problem, problem.nominal_links))
@@ -113,7 +107,7 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
         2.0 * weight * (rng.random() < 0.5) * f for f in at
     ]  # some active, some not
 
-    def along(s: float, k: int):
+    def along(s, k):
         r, J = penalty.rows(x + s * axes[:, k], shifts, weight)
         return r @ r, 2.0 * axes.T @ (J.T @ r)
 
@@ -161,7 +155,7 @@ def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda):
     ["penalty-paper", pytest.param("penalty-paper-two-step", marks=pytest.mark.long)],
 )
 def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
-    said: list[str] = []
+    said = []
     task = replace(
         posed_task(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)),
         progress=said.append,

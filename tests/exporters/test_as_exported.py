@@ -4,7 +4,6 @@ import inspect
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from dynamics_files import FULL, READERS, by_c, by_mujoco, estimate_of
 from random_robots import states
 from small_runs import write_run
 
-from sdp_vs_penalty import Estimate, export, load_problem
+from sdp_vs_penalty import export, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.exporters import EXPORTS
@@ -46,9 +45,7 @@ WRITTEN = [
 WRITTEN.append("elastic_coupling:1+2")
 
 
-def torque(
-    estimate: Estimate, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-) -> np.ndarray:
+def torque(estimate, q, dq, ddq):
     return estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
 
 
@@ -73,11 +70,11 @@ def test_mujoco_makes_the_torque_of_springs_and_offsets(name, effects, tmp_path)
     np.testing.assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
 
 
-def exportable(ending: str) -> bool:
+def exportable(ending):
     return hasattr(EXPORTS.all()[ending], "HOLDS")
 
 
-def everything(name: str) -> str:
+def everything(name):
     """An effect of the library beside the usual ones."""
     return f"{FULL},{name}" if name not in FULL.split(",") else FULL
 
@@ -89,7 +86,7 @@ NAMES = sorted(name for name, kind in effect_types().items() if kind.forward != 
 ALONE = ("joint_spring", "payload", "rigid_body", "torque_ripple")
 
 
-def with_payload_that_exists(estimate: Estimate) -> Estimate:
+def with_payload_that_exists(estimate):
     """The estimate with a consistent payload, where it has one."""
     is_payload = [p.effect == "payload" for p in estimate.model.parameters]
     theta = estimate.theta.copy()
@@ -100,7 +97,7 @@ def with_payload_that_exists(estimate: Estimate) -> Estimate:
     return replace(estimate, theta=theta)
 
 
-def check_that_file_is_what_is_judged(estimate: Estimate, out: Path) -> None:
+def check_that_file_is_what_is_judged(estimate, out):
     """The torque of the reloaded file against that of the copy that gets the verdict;
     what the file leaves out is named."""
     left_out = export(estimate, out)
@@ -113,7 +110,7 @@ def check_that_file_is_what_is_judged(estimate: Estimate, out: Path) -> None:
         np.testing.assert_allclose(made, torque(judged, *rows), rtol=0.0, atol=1e-8)
 
 
-def ending_of(out: Path) -> str:
+def ending_of(out):
     """The longest ending of a format that fits a file's name."""
     return max((e for e in READERS if out.name.endswith(e)), key=len)
 
@@ -168,7 +165,7 @@ def test_plain_json_holds_every_effect_with_its_values(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def sprung(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sprung(tmp_path_factory):
     """A folder with a model that has what its runs hide: a spring."""
     folder = tmp_path_factory.mktemp("sprung")
     problem = load_problem("two_link")
@@ -185,7 +182,7 @@ def sprung(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def head(path: Path) -> str:
+def head(path):
     """What a file says of itself."""
     return path.read_text()[:600]
 

@@ -17,13 +17,13 @@ from dynamics_files import FULL, READERS, estimate_of
 from lxml import etree
 from recorded import refusal
 
-from sdp_vs_penalty import Estimate, export, load_problem
+from sdp_vs_penalty import export, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
-from sdp_vs_penalty.robot import Robot, inertia, load_urdf
+from sdp_vs_penalty.robot import inertia, load_urdf
 from sdp_vs_penalty.testing.files import EXPORT_CONTRACTS
 
 PARITY = 1e-9  # N m
@@ -34,7 +34,7 @@ TREE = TREE_FILE.read_bytes().decode()
 
 
 @cache
-def robots() -> dict[str, Robot]:
+def robots():
     return {
         **{name: load_problem(name).robot for name in ("panda", "two_link", "emps")},
         "tree": load_urdf(TREE_FILE)[0],
@@ -42,7 +42,7 @@ def robots() -> dict[str, Robot]:
     }
 
 
-def check_parity(path: Path, estimate: Estimate, ending: str = ".urdf") -> None:
+def check_parity(path, estimate, ending=".urdf"):
     """Torques of the reloaded file against the model's, without what the file has no
     place for."""
     robot, (readers, lost) = estimate.robot, READERS[ending]
@@ -66,11 +66,11 @@ def test_every_file_of_dynamics_makes_the_models_torques(name, ending, tmp_path)
     check_parity(tmp_path / f"out{ending}", estimate, ending)
 
 
-def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
+def only_numbers_of_inertials_changed(before, after):
     """Cut the inertials and dynamics elements out of both: the rest is the same to the
     byte."""
 
-    def rest(text: bytes) -> bytes:
+    def rest(text):
         text = re.sub(rb"\s*<inertial.*?</inertial>\s*", b"", text, flags=re.S)
         text = re.sub(rb"\s*<dynamics[^>]*/>\s*", b"", text)
         # What <link name="x"/> becomes when it gets its first inertial.

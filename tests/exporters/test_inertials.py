@@ -2,7 +2,6 @@
 the nearest inertia, else nothing."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,21 +25,19 @@ TENSOR = (
 )
 
 
-def body(mass: str, *moments: str) -> str:
+def body(mass, *moments):
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     words = " ".join(f'{k}="{x}"' for k, x in zip(names, moments, strict=True))
     return f'<mass value="{mass}"/><inertia {words}/>'
 
 
-def write(folder: Path, body: str, shape: str = "") -> Path:
+def write(folder, body, shape=""):
     path = folder / "arm.urdf"
     path.write_text(ARM.format(body=body, shape=shape))
     return path
 
 
-def said_and_fixed(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> tuple[int, str, str]:
+def said_and_fixed(path, capsys):
     """Exit code, what is printed in one line, and the file that --fix writes."""
     fixed = path.with_name("fixed.urdf")
     code = run_cli("check-urdf", path, "--fix", fixed)

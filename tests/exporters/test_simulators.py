@@ -7,16 +7,14 @@ from random_robots import states
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import Estimate, InputError, Problem, export, load_problem
+from sdp_vs_penalty import InputError, export, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.exporters.export import friction_at_rest
 
 ARMS = ("two_link", "panda")
 
 
-def torque_of_links_and_rotors(
-    estimate: Estimate, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-) -> np.ndarray:
+def torque_of_links_and_rotors(estimate, q, dq, ddq):
     """Without friction, which Pinocchio's inverse dynamics leave out."""
     held = ("rigid_body", "rotor_inertia")
     theta = np.array(
@@ -76,7 +74,7 @@ def test_a_model_without_links_is_no_pinocchio_model():
 
 
 @pytest.fixture(scope="module")
-def identified(two_link: Problem) -> Estimate:
+def identified(two_link):
     return identify(two_link, small_run(two_link), "ols", check=False)
 
 

@@ -7,11 +7,11 @@ anew where a change is meant.
 import shutil
 
 import pytest
-from golden import GoldenCase, all_cases, differences, report
+from golden import all_cases, differences, report
 from golden_cases import CASES
 
 
-def parameter(case: GoldenCase):
+def parameter(case):
     """A test's parameter with the case's name and its markers."""
     marks = [getattr(pytest.mark, name) for name in case.markers]
     return pytest.param(case, id=case.path.stem, marks=marks)

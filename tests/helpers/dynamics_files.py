@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,10 @@ import random_robots
 from arms import urdfdom_torque
 from lxml import etree
 
-from sdp_vs_penalty import Estimate, load_problem
+from sdp_vs_penalty import Estimate
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.estimation import Certificate, Interval, Uncertainty
-from sdp_vs_penalty.robot import Robot, inertia, load_urdf
+from sdp_vs_penalty.robot import Robot, load_urdf
 from sdp_vs_penalty.signals import Preprocessing
 
 Rows = np.ndarray
@@ -196,14 +195,3 @@ def estimate_of(
     return Estimate(
         random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings
     )
-
-
-def estimate_with_everything() -> Estimate:
-    """Of two joints, with friction that remembers, and a payload."""
-    effects = f"{FULL},torque_offset,presliding_hysteresis,payload"
-    estimate = estimate_of(load_problem("two_link").robot, effects, 3)
-    theta = estimate.theta.copy()
-    theta[-10:] = inertia.standard_from_barycentric(
-        [1.3, 0.01, 0.02, 0.1, 4e-3, 0, 5e-3, 0, 0, 3e-3]
-    )
-    return replace(estimate, theta=theta)

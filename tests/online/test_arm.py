@@ -13,7 +13,7 @@ EFFECTS = (
 )
 
 
-def arm(name: str, effects: str, gains: tuple[float, ...] | None = None) -> ArmModel:
+def arm(name, effects, gains=None):
     robot = load_problem(name).robot
     model = Model(robot, parse_effects(effects, robot), gains=gains)
     theta = np.random.default_rng(0).normal(size=len(model.parameters))

@@ -3,7 +3,6 @@ node of docs/online.md."""
 
 import re
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -12,16 +11,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from simulated_picks import SimulatedPicks, play, simulated_picks
+from simulated_picks import play, simulated_picks
 
-from sdp_vs_penalty import (
-    Estimate,
-    InputError,
-    Measurements,
-    PayloadEstimator,
-    export,
-    identify,
-)
+from sdp_vs_penalty import InputError, Measurements, PayloadEstimator, export, identify
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.online import PayloadChange, PayloadNow, PayloadPrior, ResidualNoise
 from sdp_vs_penalty.problem import measured_runs
@@ -31,7 +23,7 @@ RATE = 200.0
 
 
 @cache
-def carried(name: str, mass: float, seed: int = 5) -> SimulatedPicks:
+def carried(name, mass, seed=5):
     """A robot that picks up a mass [kg]."""
     return simulated_picks(name, mass, seed)
 
@@ -44,17 +36,17 @@ ARMS = [
 
 
 @pytest.fixture(scope="module", params=ARMS)
-def arm(request: pytest.FixtureRequest) -> SimulatedPicks:
+def arm(request):
     return carried(*request.param)
 
 
 @pytest.fixture(scope="module")
-def noise(arm: SimulatedPicks) -> ResidualNoise:
+def noise(arm):
     return PayloadEstimator.calibrated(arm.estimate, arm.calibration, RATE).noise
 
 
 @pytest.fixture
-def estimator(arm: SimulatedPicks, noise: ResidualNoise) -> PayloadEstimator:
+def estimator(arm, noise):
     return PayloadEstimator(arm.estimate, noise, RATE)
 
 
@@ -73,12 +65,12 @@ LEAD = 3.0
 
 
 @pytest.fixture(scope="module")
-def picked(arm: SimulatedPicks, noise: ResidualNoise) -> Callable[[float], Replay]:
+def picked(arm, noise):
     """Of the instant of a pick [s] the stream with it, which ends at the last instant
     at which a payload is looked at."""
 
     @cache
-    def played(at: float) -> Replay:
+    def played(at):
         estimator = PayloadEstimator(arm.estimate, noise, RATE)
         stream = arm.stream(at)
         replay = Replay([], {})
@@ -146,14 +138,14 @@ def test_a_motion_without_a_pick_raises_no_alarm(arm, estimator, end):
     assert estimator.payload is None
 
 
-def offset_rises(arm: SimulatedPicks, run: Measurements) -> np.ndarray:
+def offset_rises(arm, run):
     """An offset of 0.2 % of the torque, and a tenth of it against the motion (N, n)."""
     size = 0.002 * np.std(run.tau, axis=0)
     dq = np.gradient(run.q, run.t, axis=0)
     return size - 0.1 * size * np.tanh(dq / 0.05)
 
 
-def friction_of(arm: SimulatedPicks, run: Measurements) -> np.ndarray:
+def friction_of(arm, run):
     """Friction (N, n): the part of the torque that turns round with the motion."""
     dq = np.gradient(run.q, run.t, axis=0)
     ddq = np.gradient(dq, run.t, axis=0)
@@ -162,12 +154,12 @@ def friction_of(arm: SimulatedPicks, run: Measurements) -> np.ndarray:
     return 0.5 * (forwards - backwards)
 
 
-def friction_falls(arm: SimulatedPicks, run: Measurements) -> np.ndarray:
+def friction_falls(arm, run):
     """A tenth of the friction less (N, n)."""
     return -0.1 * friction_of(arm, run)
 
 
-def friction_rises(arm: SimulatedPicks, run: Measurements) -> np.ndarray:
+def friction_rises(arm, run):
     """A tenth of the friction more (N, n)."""
     return 0.1 * friction_of(arm, run)
 
@@ -175,11 +167,7 @@ def friction_rises(arm: SimulatedPicks, run: Measurements) -> np.ndarray:
 DRIFTS = (offset_rises, friction_falls, friction_rises)
 
 
-def drifting(
-    arm: SimulatedPicks,
-    run: Measurements,
-    drift: Callable[[SimulatedPicks, Measurements], np.ndarray],
-) -> Measurements:
+def drifting(arm, run, drift):
     """A run over which a torque (N, n) grows from nothing to its full size."""
     share = (run.t - run.t[0]) / (run.t[-1] - run.t[0])
     return replace(run, tau=run.tau + share[:, None] * drift(arm, run))
@@ -304,7 +292,7 @@ def test_an_update_keeps_no_memory(arm, estimator):
     assert peak - before < 16384
 
 
-def with_ball(path, mass: float, com: np.ndarray, radius: float) -> None:
+def with_ball(path, mass, com, radius):
     """Hang a ball on the last body of a MuJoCo file."""
     tree = ElementTree.parse(path)
     *_, last = tree.getroot().iter("body")
@@ -322,20 +310,18 @@ def with_ball(path, mass: float, com: np.ndarray, radius: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def exact() -> Estimate:
+def exact():
     """Of the Panda's frictionless arm; MuJoCo's file has its links."""
     return carried("panda", 1.2).estimate
 
 
-def mujoco_torque(
-    path, estimate: Estimate, states: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> np.ndarray:
+def mujoco_torque(path, estimate, states):
     from dynamics_files import by_mujoco
 
     return by_mujoco(path, estimate.robot, *states)
 
 
-def test_torques_of_mujoco_are_weighed_as_well(exact: Estimate, tmp_path):
+def test_torques_of_mujoco_are_weighed_as_well(exact, tmp_path):
     """The pick's torque is MuJoCo's own inverse dynamics of a body that hangs on the
     last link: nothing of it is ours."""
     pytest.importorskip("mujoco", minversion="3.0")
@@ -364,12 +350,12 @@ def test_torques_of_mujoco_are_weighed_as_well(exact: Estimate, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def ur10e_runs(data_folder) -> dict[str, Measurements]:
+def ur10e_runs(data_folder):
     return {run.names[0][9:]: run for run in measured_runs("ur10e").values()}
 
 
 @pytest.fixture(scope="module")
-def ur10e(ur10e_runs) -> Callable[[], PayloadEstimator]:
+def ur10e(ur10e_runs):
     """Estimators of the arm and gains of one trajectory, with the noise of another."""
     loads = [(ur10e_runs["19_14harm50secLoad"], 2.805)]
     run = ur10e_runs["19_14harm50sec"]
@@ -433,7 +419,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "online.md"
 class PlayedNode:
     """What the page's node uses of rclpy's."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name):
         self.said: list[str] = []
         self.messages: list[SimpleNamespace] = []
 
@@ -452,7 +438,7 @@ def inertia_message(header):
     return SimpleNamespace(header=header, inertia=inertia)
 
 
-def play_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+def play_ros(monkeypatch):
     modules = {
         "rclpy": {},
         "rclpy.node": {"Node": PlayedNode},
@@ -477,7 +463,7 @@ def test_the_node_of_the_page_publishes_the_payload(tmp_path, monkeypatch):
     text = PAGE.read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(import numpy.*?)```", text, re.DOTALL)
     assert len([line for line in code.splitlines() if line]) <= 35
-    names: dict[str, type] = {"__name__": "node"}
+    names = {"__name__": "node"}
     exec(compile(code, "online.md", "exec"), names)
     node = names["PayloadNode"]()
     run = arm.stream(2.0).window(0.5, 3.0)

@@ -7,7 +7,7 @@ from sdp_vs_penalty.online import ConeProjection
 from sdp_vs_penalty.robot import inertia
 
 
-def projected(precision: np.ndarray, centre: np.ndarray) -> ConeProjection:
+def projected(precision, centre):
     projection = ConeProjection()
     projection.start(precision, centre)
     while not projection.is_done:
@@ -15,7 +15,7 @@ def projected(precision: np.ndarray, centre: np.ndarray) -> ConeProjection:
     return projection
 
 
-def case(seed: int) -> tuple[np.ndarray, np.ndarray]:
+def case(seed):
     """A metric with unequal axes, and a payload that noise made impossible."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(14, 10)) * 10.0 ** rng.uniform(-2.0, 2.0, 10)

@@ -1,21 +1,19 @@
 """Bodies of links: what they hold, where they come from, and files that make it hard to
 tell."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from arms import random_arm
 from drawn import given, seeds
 from random_robots import link_parameters, tree
 
-from sdp_vs_penalty import Problem, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.problem import ProblemFields, link_bodies, published_links
 from sdp_vs_penalty.robot import Body, Geometry, Joint, Robot, around, inertia
 from sdp_vs_penalty.robot import constraint as build
 
 
-def fits(problem: Problem, links: np.ndarray) -> np.ndarray:
+def fits(problem, links):
     """(n,) tr(P Q) / m of each link: 1 for a point at the body's centre, below 0 for no
     fit."""
     quadrics = np.array([body.quadric for body in problem.link_bodies])
@@ -141,7 +139,7 @@ def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
     assert again.nominal_from == problem.nominal_from
 
 
-def arm(folder: Path, shape: str, inertial: str = "", fixed: str = "") -> Problem:
+def arm(folder, shape, inertial="", fixed=""):
     """One moving link with a shape, another fixed to it 0.3 m out."""
     (folder / "arm.urdf").write_text(
         '<robot name="arm"><link name="base"/><link'
@@ -172,7 +170,7 @@ def test_the_nominal_link_fills_its_geometry(tmp_path):
     np.testing.assert_allclose(second, 0.75 * size**2 / 7.0, rtol=0.06)
 
 
-def visual(radius: float) -> str:
+def visual(radius):
     return f'<visual><geometry><sphere radius="{radius}"/></geometry></visual>'
 
 

@@ -7,7 +7,7 @@ import pytest
 from arms import THREE, write_urdf
 from small_runs import small_run
 
-from sdp_vs_penalty import Problem, diagnose, identify, load_problem
+from sdp_vs_penalty import diagnose, identify, load_problem
 from sdp_vs_penalty.checks import Issue
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import explanations_in_a_line
@@ -43,7 +43,7 @@ def test_a_gravity_that_begins_with_a_minus_is_one_word(gravity, words):
     assert command.options == words
 
 
-def test_the_gravity_of_a_problem_on_its_side_is_carried(two_link: Problem):
+def test_the_gravity_of_a_problem_on_its_side_is_carried(two_link):
     problem = two_link.with_gravity((9.81, 0.0, 0.0))
     assert CheckCommand.for_runs(problem, ["a.csv"]).gravity == "9.81,0,0"
     assert CheckCommand.for_runs(two_link, ["a.csv"]).gravity is None

@@ -3,7 +3,6 @@ estimate."""
 
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,14 +16,14 @@ from sdp_vs_penalty.exporters.inertials import check_urdf, unit_remarks
 MOMENTS = (0.005, 0.0, 0.005, 0.0, 0.0, 0.005)
 
 
-def remarks_on(file: Path) -> list[str]:
+def remarks_on(file):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         load_problem(file)
     return [str(w.message) for w in caught if issubclass(w.category, Remark)]
 
 
-def arm(folder: Path, mass: float = 2.0, moments=MOMENTS, limits=(0.2, 2.5, 2.0)):
+def arm(folder, mass=2.0, moments=MOMENTS, limits=(0.2, 2.5, 2.0)):
     axes = [*THREE]
     axes[1] = replace(axes[1], mass=mass, moments=moments)
     return write_urdf(folder / "arm.urdf", "arm", axes, limits)

@@ -10,7 +10,6 @@ from drawn import given, seeds
 from random_robots import bare, link_parameters, open_problem, task_of, tree, with_box
 from recorded import refusal
 
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.paper.tables.errata import pi_p_hat
 from sdp_vs_penalty.problem import (
@@ -76,7 +75,7 @@ def test_of_kinematics_alone_a_nominal_robot_is_plausible_and_has_room_inside(se
 @pytest.mark.parametrize("name", ["panda", "two_link"])
 def test_nominal_robots_of_built_in_problems_come_from_their_bounds(name, request):
     """Never from the published estimates: those are what the tables compare with."""
-    problem: Problem = request.getfixturevalue(name)
+    problem = request.getfixturevalue(name)
     model = problem.model()
     demands = problem.constraints(model).with_families(
         lambda family: family not in ("sign", "range")

@@ -1,7 +1,6 @@
 """Arms of any size: the lower bounds of masses fit the links, and an arm ten times
 larger or smaller gets the same verdict and the same relative error."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,7 +19,7 @@ BASE = (
 )
 
 
-def scaled(axis: Axis, length: float) -> Axis:
+def scaled(axis, length):
     """Of one material: masses go with the cube, moments with the fifth power."""
     places = [
         [length * float(word) for word in str(x).split()]
@@ -37,7 +36,7 @@ def scaled(axis: Axis, length: float) -> Axis:
     )
 
 
-def mujoco_torques(axes: Sequence[Axis], motion: Sequence[np.ndarray]) -> np.ndarray:
+def mujoco_torques(axes, motion):
     """(N, n) by MuJoCo's inverse dynamics, which shares nothing with the project."""
     mujoco = pytest.importorskip("mujoco")
     bodies = ""
@@ -60,11 +59,11 @@ def mujoco_torques(axes: Sequence[Axis], motion: Sequence[np.ndarray]) -> np.nda
     return np.array(out)
 
 
-def _numbers(values: object) -> str:
-    return values if isinstance(values, str) else " ".join(map(str, values))  # type: ignore[call-overload]
+def _numbers(values):
+    return values if isinstance(values, str) else " ".join(map(str, values))
 
 
-def run_of(axes: Sequence[Axis], seed: int) -> sdp.Measurements:
+def run_of(axes, seed):
     """Twenty seconds with friction of 2 % of the weights and noise of 1 % of it."""
     rng = np.random.default_rng(seed)
     n = len(axes)
@@ -85,14 +84,14 @@ def run_of(axes: Sequence[Axis], seed: int) -> sdp.Measurements:
     return sdp.Measurements(t, q, tau)
 
 
-def weights(axes: Sequence[Axis]) -> np.ndarray:
+def weights(axes):
     """(n,) weight of each link times a usual length of it [N m]."""
     lengths = [sum(abs(float(x)) for x in _numbers(axis.com).split()) for axis in axes]
     return 9.81 * np.array([axis.mass for axis in axes]) * lengths
 
 
 @cache
-def judged(length: float) -> tuple[str, float, np.ndarray]:
+def judged(length):
     """The verdict on another run, its relative error, and masses over the true ones."""
     with TemporaryDirectory() as folder:
         axes = [scaled(axis, length) for axis in BASE]
@@ -137,7 +136,7 @@ SMALL = (
 
 
 @cache
-def small_arm() -> tuple[str, np.ndarray]:
+def small_arm():
     """The verdict on another run, and the masses; those of the URDF are up to a fourth
     wrong."""
     axes = []

@@ -10,7 +10,7 @@ from drawn import given, seeds, settings, st
 from random_robots import driven, tree
 from recorded import refusal
 
-from sdp_vs_penalty import Measurements, Problem, identify, load_problem
+from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.regression import (
     BlackBox,
@@ -30,7 +30,7 @@ from sdp_vs_penalty.simulation import experiment
 FILTERS = Preprocessing(5.0, 8.0)
 
 
-def noisy_run(seed: int) -> tuple[Model, Measurements, Regression]:
+def noisy_run(seed):
     """The model of a random tree, a run of it with noise, and its compressed data."""
     effects = "rigid_body,viscous_friction,torque_offset"
     model, _, run = driven(seed, seconds=12.0, dt=4e-3, effects=effects, noise=0.1)
@@ -215,7 +215,7 @@ def test_independent_parameters_must_be_independent(panda):
     refusal(lambda: base_parameters(model, [*names[:-1], "bogus"]), "bogus")
 
 
-def answers(problem: Problem, count: int, seed: int = 0) -> BlackBox:
+def answers(problem, count, seed=0):
     links = experiment(problem).links
     return BlackBox.of_links(
         problem.robot, links, problem.robot.random_configurations(count, seed)

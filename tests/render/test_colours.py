@@ -40,7 +40,7 @@ XYZ = np.array(
 GLANCE = 20.0
 
 
-def lab(colour: str, sight: np.ndarray) -> np.ndarray:
+def lab(colour, sight):
     """(3,) CIELAB of a "#rrggbb" colour as it looks by a matrix of SIGHT."""
     rgb = np.array([int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)

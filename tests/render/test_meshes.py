@@ -11,7 +11,7 @@ CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
 FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
 
 
-def text_stl() -> str:
+def text_stl():
     facets = ""
     for face in FACES:
         corners = "".join(
@@ -21,7 +21,7 @@ def text_stl() -> str:
     return f"solid tetra\n{facets}endsolid tetra\n"
 
 
-def urdf(filename: str) -> str:
+def urdf(filename):
     """An arm of one joint whose link has a mesh, scaled and displaced."""
     return f"""<robot name="one"><link name="base"/><link name="arm">
     <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
@@ -32,7 +32,7 @@ def urdf(filename: str) -> str:
     </robot>"""
 
 
-def sphere(n: int) -> np.ndarray:
+def sphere(n):
     """(m, 3, 3) triangles of a unit sphere."""
     u, v = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n))
     grid = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)], -1)

@@ -5,7 +5,6 @@ import re
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from commands import run_cli
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, compare, formatting, report
+from sdp_vs_penalty import compare, formatting, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
@@ -42,14 +41,14 @@ SECTIONS = (
 )
 
 
-def make_report(*given: Any, **options: Any) -> str:
+def make_report(*given, **options):
     with tempfile.TemporaryDirectory() as folder:
         report(*given, Path(folder) / "report.html", **options)
         return (Path(folder) / "report.html").read_text()
 
 
 @pytest.fixture(scope="module")
-def made(two_link: Problem) -> tuple[dict[str, Estimate], Measurements, str]:
+def made(two_link):
     run = experiment(two_link).training_run(0).rows(slice(None, None, 4))
     models = {
         "bare": identify(two_link, run, "ols", effects="rigid_body", check=False),

@@ -21,7 +21,7 @@ from sdp_vs_penalty.robot import constraint as build
 CONES = ("psd", "soc", "nonnegative")
 
 
-def random_value(rng: np.random.Generator, cone: str) -> np.ndarray:
+def random_value(rng, cone):
     if cone == "psd":
         a = rng.normal(size=(4, 4))
         return a + a.T
@@ -87,7 +87,7 @@ def test_rows_have_the_gradient_and_hessian_of_half_the_projections_square(cone,
         ]
     )
 
-    def gradient(x: np.ndarray) -> np.ndarray:
+    def gradient(x):
         return np.tensordot(
             A, project(cone, values + A @ x), [range(values.ndim), range(values.ndim)]
         )
@@ -194,9 +194,7 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
         assert np.all(np.abs(theta) <= bound * (1 + 1e-5) + 1e-6)
 
 
-def extreme_point(
-    demands: ConstraintSet, rng: np.random.Generator, p: int
-) -> np.ndarray:
+def extreme_point(demands, rng, p):
     """The feasible point farthest in a random direction among the parameters' axes."""
     from sdp_vs_penalty.solvers import conic_problem, scaled, solver
 
@@ -227,14 +225,14 @@ def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length):
             assert abs(value) <= max(length**2, 1.0) * 2e-9
 
 
-def cloud(rng: np.random.Generator, count: int = 30) -> tuple[np.ndarray, np.ndarray]:
+def cloud(rng, count=30):
     """Point masses (k,) and positions (k, 3)."""
     return rng.uniform(0.01, 1.0, count), rng.normal(size=(count, 3)) + rng.normal(
         size=3
     )
 
 
-def parameters_of(masses: np.ndarray, x: np.ndarray) -> np.ndarray:
+def parameters_of(masses, x):
     """The ten parameters straight from their definition as integrals over the mass."""
     tensor = np.einsum(
         "k,kij->ij", masses, [(p @ p) * np.eye(3) - np.outer(p, p) for p in x]

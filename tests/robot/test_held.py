@@ -2,7 +2,6 @@
 still with them, and a log may hold their columns or not."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ FINGERS = """
 
 
 @pytest.fixture
-def urdf(tmp_path) -> Path:
+def urdf(tmp_path):
     path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
     robot = load_urdf(path)[0]
     text = path.read_text()
@@ -41,7 +40,7 @@ def urdf(tmp_path) -> Path:
     return path
 
 
-def states(n: int) -> np.ndarray:
+def states(n):
     return np.random.default_rng(3).normal(size=(3, 20, n))
 
 
@@ -95,7 +94,7 @@ def test_a_joint_of_a_table_is_held_too():
     np.testing.assert_allclose(torque, expected)
 
 
-def log(urdf: Path, joints: int) -> Path:
+def log(urdf, joints):
     """A run of the arm whose finger stands still, with or without its columns."""
     run = small_run(load_problem(urdf, held={"finger_joint": 0.0}))
     path = urdf.with_name("run.csv")

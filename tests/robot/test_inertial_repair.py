@@ -2,7 +2,6 @@
 back, or is among those that are named."""
 
 import re
-from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
@@ -33,22 +32,22 @@ LINKS = {
 LARGEST = ("ixx", "iyy", "izz")
 
 
-def texts_of(name: str) -> dict[str, str]:
+def texts_of(name):
     return dict(zip(NAMES, LINKS[name].split(), strict=True))
 
 
-def largest(texts: Mapping[str, str]) -> str:
+def largest(texts):
     return max(LARGEST, key=lambda k: float(texts[k]))
 
 
-def product(texts: Mapping[str, str]) -> str:
+def product(texts):
     return max(("ixy", "ixz", "iyz"), key=lambda k: abs(float(texts[k])))
 
 
-def replaced(key: Callable, pattern: str, new: str) -> Callable:
+def replaced(key, pattern, new):
     """The change of one number's text, {} where the pattern is not in it."""
 
-    def change(texts: dict[str, str]) -> dict[str, str]:
+    def change(texts):
         name = key(texts)
         text = re.sub(pattern, new, texts[name], count=1)
         return {} if text == texts[name] else {name: text}
@@ -56,17 +55,17 @@ def replaced(key: Callable, pattern: str, new: str) -> Callable:
     return change
 
 
-def exchanged(texts: dict[str, str]) -> dict[str, str]:
+def exchanged(texts):
     return {"izz": texts["iyz"], "iyz": texts["izz"]}
 
 
-def other_order(texts: dict[str, str]) -> dict[str, str]:
+def other_order(texts):
     order = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     return dict(zip(MOMENTS, (texts[k] for k in order), strict=True))
 
 
 #: What a person types instead, by kind.
-MISTAKES: dict[str, Callable[[dict[str, str]], dict[str, str]]] = {
+MISTAKES = {
     "lost point": replaced(largest, r"\.", ""),
     "a zero too few": replaced(largest, r"^0\.0", "0."),
     "a zero too many": replaced(largest, r"^0\.", "0.0"),
@@ -84,7 +83,7 @@ NAMED = ("order of the tensor", "point of a product")
 NAMED_OF = (("xarm", "sign of another"), ("tube", "a zero too many"))
 
 
-def is_possible(texts: Mapping[str, str]) -> bool:
+def is_possible(texts):
     written = WrittenInertial(texts, np.eye(3)).barycentric()
     return not inertia.why_impossible(inertia.standard_from_barycentric(written))
 
@@ -122,7 +121,7 @@ def test_a_number_that_nobody_types_has_no_typing_mistake():
     assert find_repairs(WrittenInertial(texts, np.eye(3)), move=1.0) == ([], False)
 
 
-def box(*size: float) -> np.ndarray:
+def box(*size):
     corners = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     return 0.5 * np.array(corners) * size
 

@@ -146,7 +146,7 @@ def two_link_run(two_link):
     return small_run(two_link)
 
 
-def deep(tag: str, middle: str) -> str:
+def deep(tag, middle):
     return f"<{tag}>" * 30_000 + middle + f"</{tag}>" * 30_000
 
 
@@ -197,7 +197,7 @@ def test_what_an_obj_names_is_not_opened(line, tmp_path):
     assert time.monotonic() - begin < 5.0
 
 
-def gltf(uri: str) -> str:
+def gltf(uri):
     """One triangle whose corners are in a buffer."""
     accessor = {"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}
     return json.dumps(

@@ -35,11 +35,11 @@ LIFT = Path(__file__).with_name("lift.urdf")
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> Path:
+def urdf(tmp_path):
     return Path(shutil.copy(LIFT, tmp_path))
 
 
-def some_links(robot: Robot) -> np.ndarray:
+def some_links(robot):
     rng = np.random.default_rng(1)
     return np.array([link_parameters(rng, 0.4) for _ in range(robot.links)])
 

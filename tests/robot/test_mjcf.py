@@ -21,7 +21,7 @@ mujoco = pytest.importorskip("mujoco")
 INERTIA = 'mass="{}" pos=".05 .02 .1" quat=".9 .1 .3 -.2" diaginertia="{} {} {}"'
 
 
-def inertial(mass: float) -> str:
+def inertial(mass):
     moments = [0.01 * mass, 0.012 * mass, 0.008 * mass]
     return f"<inertial {INERTIA.format(mass, *moments)}/>"
 
@@ -62,7 +62,7 @@ ARMS = {
 }
 
 
-def torques_of_mujoco(text: str, state: list[np.ndarray]) -> np.ndarray:
+def torques_of_mujoco(text, state):
     """(N, L) by mj_inverse of all joints; friction and equalities count as constraints."""
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -74,7 +74,7 @@ def torques_of_mujoco(text: str, state: list[np.ndarray]) -> np.ndarray:
     return np.array(out)
 
 
-def write(folder, name: str):
+def write(folder, name):
     path = folder / f"{name}.xml"
     path.write_text(ARMS[name])
     return path
@@ -214,7 +214,7 @@ def test_names_of_robot_descriptions(tmp_path, monkeypatch):
     refusal(lambda: load_problem("panda_description"), "pip install robot_descriptions")
     package = ModuleType("robot_descriptions")
     one = ModuleType("own_description")
-    one.URDF_PATH = str(write_urdf(tmp_path / "plain.urdf", "arm", (SHOULDER, ELBOW)))  # type: ignore[attr-defined]
+    one.URDF_PATH = str(write_urdf(tmp_path / "plain.urdf", "arm", (SHOULDER, ELBOW)))
     monkeypatch.setitem(sys.modules, "robot_descriptions", package)
     monkeypatch.setitem(sys.modules, "robot_descriptions.own_description", one)
     assert load_problem("own_description").robot.n == 2
@@ -224,7 +224,7 @@ def test_names_of_robot_descriptions(tmp_path, monkeypatch):
 def test_a_parser_that_ends_is_one_sentence(tmp_path, monkeypatch):
     from sdp_vs_penalty.robot import mjcf
 
-    def ends(*_: object, **__: object) -> None:
+    def ends(*_, **__):
         raise mjcf.ParserEndedError("its parser was ended by SIGSEGV")
 
     monkeypatch.setattr(mjcf, "parse_isolated", ends)

@@ -16,7 +16,7 @@ from sdp_vs_penalty.robot import Robot, joint_limits, load_urdf, random_trajecto
 from sdp_vs_penalty.simulation import experiment
 
 
-def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndarray]:
+def random_case(seed, samples=3):
     """A robot, consistent parameters (10 links,), and states (3, samples, n); of seed 0
     joints that follow others."""
     rng = np.random.default_rng(seed)

@@ -20,18 +20,18 @@ EXTENSIONS = """<mujoco><compiler meshdir="meshes"/></mujoco>
 <!-- made from <xacro:include filename="arm.xacro"/> --></robot>"""
 
 
-def arm(folder: Path) -> Path:
+def arm(folder):
     return write_urdf(folder / "plain.urdf", "arm", (SHOULDER, ELBOW))
 
 
-def with_end(path: Path, end: str, name: str = "changed.urdf") -> Path:
+def with_end(path, end, name="changed.urdf"):
     """A copy of a URDF with other elements before its end."""
     out = path.with_name(name)
     out.write_text(path.read_text().replace("</robot>", end))
     return out
 
 
-def same_arm(path: Path, other: Path) -> None:
+def same_arm(path, other):
     ours, plain = load_robot(path), load_robot(other)
     np.testing.assert_allclose(ours.links, plain.links, rtol=1e-12, atol=1e-15)
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, plain.robot.n))
@@ -52,7 +52,7 @@ def test_bullets_version_of_xml_is_read(tmp_path):
     same_arm(bullet, path)
 
 
-def xacro_file(folder: Path) -> tuple[Path, Path]:
+def xacro_file(folder):
     """A URDF, and a xacro that includes its joints and links from a package."""
     path = arm(folder)
     package = folder / "my_arm"

@@ -1,8 +1,6 @@
 """Shapes of links, motions from point to point, and cones' depths: against their closed
 forms."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from drawn import given, seeds, st
@@ -25,9 +23,7 @@ ARM = """<robot name="r"><link name="base"/><link name="a">{shapes}</link>
 <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>{more}</robot>"""
 
 
-def robot_file(
-    folder: Path, *shapes: str, tag: str = "collision", more: str = ""
-) -> Path:
+def robot_file(folder, *shapes, tag="collision", more=""):
     text = "".join(f"<{tag}>{shape}</{tag}>" for shape in shapes)
     (folder / "r.urdf").write_text(ARM.format(shapes=text, more=more))
     return folder / "r.urdf"
@@ -163,7 +159,7 @@ def test_the_depth_in_a_cone_has_its_margins_sign_in_any_unit(seed, cone):
     assert constraint.safe_depth(4) == 128.0 * np.finfo(float).eps
 
 
-def transmission(kind: str, joints: str, motors: str) -> str:
+def transmission(kind, joints, motors):
     return (
         f'<transmission name="t"><type>a/{kind}</type>{joints}{motors}</transmission>'
     )
@@ -231,7 +227,7 @@ def test_work_done_by_gravity_is_the_fall_of_the_links(name):
     q = rng.normal(size=(20, robot.n))
     h = 1e-6
 
-    def energy(q: np.ndarray) -> np.ndarray:
+    def energy(q):
         poses = robot.poses(robot.tree_state(q)[0])
         links = theta.reshape(-1, 10)
         out = np.zeros(len(q))

@@ -25,7 +25,7 @@ from sdp_vs_penalty.signals import (
 )
 
 
-def share(train: Measurements, judged: Measurements) -> float:
+def share(train, judged):
     record = record_motion(FilteredRuns.of(train, SETTINGS))
     kept = MotionRecord.from_dict(json.loads(json.dumps(record.to_dict())))
     return kept.new_share(FilteredRuns.of(judged, SETTINGS))
@@ -187,7 +187,7 @@ def test_a_run_that_is_too_short_to_tell_is_not_split():
 def test_a_long_recording_is_seen_in_windows_spread_over_it():
     """At most 4000 rows at twice 8 Hz: 250 s, here a quarter of all."""
 
-    def ramp(name: str, seconds: float) -> Measurements:
+    def ramp(name, seconds):
         t = np.arange(0.0, seconds + 0.05, 0.1)
         return Measurements(t, t[:, None], t[:, None], names=(name,))
 
@@ -261,7 +261,7 @@ def test_what_has_a_period(name):
     )
 
 
-def positions(held: float, resolution: float) -> tuple[np.ndarray, np.ndarray]:
+def positions(held, resolution):
     """(N, 1) of a joint that swings to and fro and is held so long [s] at each end; and
     when it is."""
     turns, into = np.divmod(np.arange(0.0, 20.0, 1.0 / 250.0), 1.0 + held)

@@ -10,13 +10,11 @@ from small_runs import periodic
 
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import (
     REPETITION,
     SPECTRUM,
     Kernel,
     Preprocessing,
-    SegmentedRuns,
     noise_of,
     segmented,
     spectral_floor,
@@ -28,9 +26,7 @@ JOINTS = 6
 SETTINGS = Preprocessing(5.0, CUTOFF)
 
 
-def run_of(
-    seed: int, period: float, seconds: float, ar: float = 0.0, first: float = 0.0
-) -> Measurements:
+def run_of(seed, period, seconds, ar=0.0, first=0.0):
     """A motion from its instant ``first`` on: its torque is error of the model, and
     AR(1) noise."""
     t = np.arange(0.0, seconds, DT)
@@ -42,16 +38,16 @@ def run_of(
     )
 
 
-def without_model(*runs: Measurements) -> SegmentedRuns:
+def without_model(*runs):
     """Filtered runs beside a model that predicts nothing: all torque is residual."""
 
-    def attach(motion: Motion) -> Motion:
+    def attach(motion):
         return replace(motion, torque=np.zeros_like(motion.q))
 
     return segmented(concatenate(list(runs)), SETTINGS).with_model(attach)
 
 
-def true_floor(ar: float) -> float:
+def true_floor(ar):
     """Standard deviation of the low-passed noise: h^T C h with C its autocovariance."""
     h = Kernel(CUTOFF, DT).value
     lags = np.abs(np.subtract.outer(np.arange(len(h)), np.arange(len(h))))

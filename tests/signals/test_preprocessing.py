@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from numpy.typing import NDArray
 from random_robots import driven, sines, tree
 from recorded import refusal
 
@@ -25,7 +24,7 @@ from sdp_vs_penalty.signals import (
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
 
-def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
+def responses(cutoff, dt, share):
     """Complex gains (3,) of value, first and second derivative at share * cutoff over
     the ideal ones."""
     kernel = Kernel(cutoff, dt)
@@ -98,9 +97,7 @@ def test_rows_obey_the_model_where_the_measurements_do(clock, bound):
     sides of a gap."""
     model, theta, run = driven(seconds=20.0, dt=1e-3)
     if clock == "jittered":
-        t: NDArray[np.float64] = np.cumsum(
-            np.random.default_rng(5).uniform(3e-4, 1.7e-3, 12_000)
-        )
+        t = np.cumsum(np.random.default_rng(5).uniform(3e-4, 1.7e-3, 12_000))
         q = np.column_stack([np.interp(t, run.t, x) for x in run.q.T])
         tau = np.column_stack([np.interp(t, run.t, x) for x in run.tau.T])
         run = Measurements(t, q, tau)

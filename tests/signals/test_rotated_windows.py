@@ -11,11 +11,11 @@ ONCE = MotionClock(motion=0, start=0.0, length=20.0, periodic=False)
 REPEATS = MotionClock(motion=0, start=0.0, length=8.0, periodic=True)
 
 
-def rotated(clock: MotionClock, offset: float, tested=((5.0, 7.0),), span=20.0):
+def rotated(clock, offset, tested=((5.0, 7.0),), span=20.0):
     return rotated_windows(tested, clock, span, offset, PAUSE, SHORTEST)
 
 
-def distance(train, test) -> float:
+def distance(train, test):
     """Seconds between the closest windows of the two sides."""
     return min(max(c - b, a - d) for a, b in train for c, d in test)
 

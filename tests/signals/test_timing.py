@@ -1,20 +1,18 @@
 """Where torque changes fast, being late makes errors; they are as large as it says."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel
 from sdp_vs_penalty.signals.timing import largest_timing_errors, torque_rates
 
-RATE = 40.0
 M = 2400
 #: Rows of half a second each.
 STRETCHES = np.array_split(np.arange(M), 120)
 
 
-def late_torque(seed: int) -> tuple[np.ndarray, np.ndarray]:
+def late_torque(seed):
     """Errors and rates of a torque that is 2 ms late RMS at 60 corners, in noise."""
     rng = np.random.default_rng(seed)
     rates = np.full(M, 1.0)
@@ -59,9 +57,7 @@ def test_a_late_sample_errs_no_more_than_its_rate_says():
     low_pass = Decimator(kernel, rows)
     motion = SimpleNamespace(t=t, modelled=torque[:, None])
     segment = SimpleNamespace(motion=motion, low_pass=low_pass)
-    runs: Any = SimpleNamespace(
-        segments=[segment], cutoff=cutoff, rate=1.0 / (5.0 * dt)
-    )
+    runs = SimpleNamespace(segments=[segment], cutoff=cutoff, rate=1.0 / (5.0 * dt))
     rates = torque_rates(runs)
     assert rates.shape == (len(rows), 1)
     assert (np.abs(low_pass @ error[:, None]) <= 0.5 * dt * rates).all()

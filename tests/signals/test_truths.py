@@ -17,9 +17,7 @@ from sdp_vs_penalty.signals import (
 )
 
 
-def log(
-    t: np.ndarray, q: np.ndarray | None = None, tau: np.ndarray | None = None
-) -> Measurements:
+def log(t, q=None, tau=None):
     q = np.sin(t)[:, None] if q is None else q
     return Measurements(t, q, np.cos(q) if tau is None else tau)
 
@@ -109,9 +107,7 @@ def test_the_trembling_of_a_joint_that_is_held_still_is_no_harmonic():
     assert spectrum.highest_harmonic(run) < 20.0
 
 
-def coloured(
-    seed: int, ar: float, count: int, dt: float = 4e-3
-) -> tuple[Measurements, np.ndarray]:
+def coloured(seed, ar, count, dt=4e-3):
     """Slow motion whose torque has autoregressive noise, and that noise."""
     white = np.random.default_rng(seed).normal(size=(count, 2)) * [0.3, 2.0]
     shown = signal.lfilter([1.0], [1.0, -ar], white, axis=0)

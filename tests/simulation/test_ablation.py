@@ -1,7 +1,5 @@
 """What a rule of the search buys is counted on the same cases with and without it."""
 
-from typing import Any
-
 import pytest
 from challenge.ablation import (
     WITH_ALL,
@@ -20,7 +18,7 @@ from challenge.cases import Case
 from sdp_vs_penalty.diagnosis import Rules
 
 
-def record(found: list[dict[str, Any]], kind: str = "strong") -> dict[str, Any]:
+def record(found, kind="strong"):
     """Of a robot that lacks a spring on joint 1; of a clean one nothing."""
     hidden = {"effect": "joint_spring", "joints": [1], "shape": {}, "size": 1.0}
     return {
@@ -39,7 +37,7 @@ def record(found: list[dict[str, Any]], kind: str = "strong") -> dict[str, Any]:
     }
 
 
-def finding(effect: str = "joint_spring") -> dict[str, Any]:
+def finding(effect="joint_spring"):
     return {
         "effect": effect,
         "text": f"{effect}:1",

@@ -4,7 +4,6 @@ reported."""
 import ast
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -49,7 +48,7 @@ def test_a_contact_is_an_event_not_an_effect():
     assert not record["events"] or judge.found_in_time(record)
 
 
-def found(effect: str, *joints: int, **more: Any) -> dict[str, Any]:
+def found(effect, *joints, **more):
     usual = {"size": 1.0, "std": 0.1, "shape": {}, "confidence": "confident"}
     return (
         usual
@@ -58,7 +57,7 @@ def found(effect: str, *joints: int, **more: Any) -> dict[str, Any]:
     )
 
 
-def record(*findings: dict[str, Any], **more: Any) -> dict[str, Any]:
+def record(*findings, **more):
     verdict = "effect_missing" if findings else "nothing_missing"
     usual = {
         "fair": [],

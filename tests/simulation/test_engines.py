@@ -2,13 +2,12 @@
 reason."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from recorded import refusal
 
-from sdp_vs_penalty import Problem, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.paper.tables import table_v
 from sdp_vs_penalty.paper.tables.table_v import (
     Commanded,
@@ -18,21 +17,21 @@ from sdp_vs_penalty.paper.tables.table_v import (
 )
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
-from sdp_vs_penalty.simulation import Engine, engine_types
+from sdp_vs_penalty.simulation import engine_types
 
 #: Torque error over a motion relative to the largest torque: what a first-order step of
 #: 1 ms and, in Bullet, 50 rounds of sequential impulses leave.
 TOLERANCE = {"MuJoCo": 1e-3, "DART": 1e-3, "ODE": 1e-3, "Bullet": 2e-2}
 
 
-def present(name: str) -> type[Engine]:
+def present(name):
     kind = engine_types()[name]
     if kind.version() is None:
         pytest.skip(f"{name} is absent: {kind.install}")
     return kind
 
 
-def true_links(problem: Problem) -> np.ndarray:
+def true_links(problem):
     return (
         problem.nominal_links
         if problem.name == "panda"
@@ -40,7 +39,7 @@ def true_links(problem: Problem) -> np.ndarray:
     )
 
 
-def prismatic_arm() -> tuple[Robot, np.ndarray]:
+def prismatic_arm():
     """A slide on a hinge, with axes and frames that are not the usual ones."""
     tilt = np.array(
         [[0, 0, 1, 0.1], [1, 0, 0, 0.2], [0, 1, 0, 0.3], [0, 0, 0, 1]], float
@@ -101,7 +100,7 @@ def test_sinusoids_stay_within_the_limits(panda):
 def test_an_absent_engine_is_listed_as_absent(two_link, monkeypatch):
     kind = engine_types()["DART"]
     monkeypatch.setattr(kind, "version", classmethod(lambda cls: None))
-    study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
+    study = SimpleNamespace(problem=two_link, progress=lambda _: None)
     study.links = lambda *_: true_links(two_link)
     study.simulated, study.effort = (
         SimpleNamespace(label="simulated"),

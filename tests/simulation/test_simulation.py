@@ -11,14 +11,7 @@ from scipy import signal
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import (
-    Estimate,
-    Measurements,
-    Problem,
-    compare,
-    follow,
-    load_problem,
-)
+from sdp_vs_penalty import Measurements, compare, follow, load_problem
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import (
@@ -167,7 +160,7 @@ EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.01,torque_offset"
 
 
 @pytest.fixture(scope="module")
-def known(two_link: Problem) -> tuple[Estimate, Measurements]:
+def known(two_link):
     """A run of known truth at 250 Hz, and the model that is this truth."""
     model = two_link.model(EFFECTS)
     sizes = {"viscous_friction": 0.3, "coulomb_friction": 0.4, "torque_offset": 0.1}

@@ -8,7 +8,6 @@ import pytest
 from random_robots import posed_task, repeating_run, task_of, with_box
 from recorded import refusal
 
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimation import (
     Certificate,
     certify,
@@ -16,13 +15,13 @@ from sdp_vs_penalty.estimation import (
     on_bounds,
     positive_definite_share,
 )
-from sdp_vs_penalty.estimators import Fit, LmiSdp, LmiSdpThickness, Task, interior_point
+from sdp_vs_penalty.estimators import Fit, LmiSdp, LmiSdpThickness, interior_point
 from sdp_vs_penalty.robot import ConstraintSet, inertia
-from sdp_vs_penalty.solvers import ConicProblem, Solution, solver
+from sdp_vs_penalty.solvers import solver
 
 
 @pytest.fixture(scope="module")
-def task(two_link: Problem) -> Task:
+def task(two_link):
     """Noise, so that constraints bind: the last link's mass among them."""
     run = repeating_run(two_link, 0, 5.0)
     free = LmiSdpThickness().fit(posed_task(two_link, run)).theta
@@ -83,7 +82,7 @@ def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda):
     assert share == pytest.approx(np.mean(alone), abs=0.1)
 
 
-def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]]]:
+def conflicts(panda):
     """Panda problems without a feasible point: minimum thickness, and what the message
     must name."""
     heavy = replace(panda, total_mass=(71.0, 80.0))  # seven links of at most 10 kg
@@ -154,7 +153,7 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypat
         """Clarabel, or the interior point and no multipliers; never sure of itself."""
 
         @staticmethod
-        def solve_for_user(problem: ConicProblem, accuracy: float) -> Solution:
+        def solve_for_user(problem, accuracy):
             found = replace(
                 solver("clarabel").solve(problem, accuracy),
                 claims="failed",

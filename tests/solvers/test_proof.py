@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from proofs import FALSE, cases, inflated, signed, widened, without_loss
 from random_robots import posed_task
 from unchecked import identify
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, load_problem
+from sdp_vs_penalty import Estimate, Measurements, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import certify, verify_proof_file
@@ -31,16 +30,15 @@ from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import Objective, proof, verify_proof
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
-Proof = dict[str, Any]
 
 
-def run_of(problem: Problem, seed: int) -> Measurements:
+def run_of(problem, seed):
     """A run of the problem's arm at a quarter of the experiment's samples."""
     return experiment(problem).training_run(seed).rows(slice(None, None, 4))
 
 
 @pytest.fixture(scope="module")
-def proofs(two_link: Problem) -> dict[str, Proof]:
+def proofs(two_link):
     """One of each formulation: matrices, cones and bounds, with and without the
     entropy."""
     task = posed_task(two_link, experiment(two_link).training_run(seed=1))
@@ -132,14 +130,14 @@ class Proved:
 
 
 @pytest.fixture(scope="module")
-def proved(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Proved:
+def proved(two_link, tmp_path_factory):
     path = tmp_path_factory.mktemp("proved") / "proof.json"
     run = run_of(two_link, 2)
     estimate = identify(two_link, run, proof=path)
     return Proved(run, estimate, path.read_text())
 
 
-def with_first(proof: Proof, family: str, **fields: Any) -> Proof:
+def with_first(proof, family, **fields):
     """The proof with other fields of the first constraint of a family."""
     out = copy.deepcopy(proof)
     next(c for c in out["constraints"] if c["family"] == family).update(fields)

@@ -10,18 +10,12 @@ from scipy import sparse
 from sdp_readers import read_cbf
 
 from sdp_vs_penalty import solvers
-from sdp_vs_penalty.estimators import Fit, LmiSdp, PosedSdp, Task, make_estimator
+from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_estimator
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.shootout import chain_task, shape_cones
-from sdp_vs_penalty.solvers import (
-    Solver,
-    ThroughCvxpy,
-    certainly_feasible,
-    rewrite,
-    solver,
-)
+from sdp_vs_penalty.solvers import ThroughCvxpy, certainly_feasible, rewrite, solver
 from sdp_vs_penalty.solvers.rewrite import quadratic_factor, without_equalities
 from sdp_vs_penalty.testing.methods import (
     SOLVER_CONTRACTS,
@@ -38,7 +32,7 @@ class WithoutLicence(ThroughCvxpy):
     requires = ("package", "clarabel")
     licences = ("nobody@nowhere",)
 
-    def options(self, accuracy: float, variant: str = "") -> dict[str, float]:
+    def options(self, accuracy, variant=""):
         return {"tol_gap_rel": accuracy}
 
 
@@ -48,7 +42,7 @@ SOLVERS = {name: kind() for name, kind in solvers.solver_types().items()} | {
 NAMES = list(SOLVERS)
 
 
-def usable(name: str) -> Solver:
+def usable(name):
     if SOLVERS[name].absent:
         pytest.skip(SOLVERS[name].absent)
     return SOLVERS[name]
@@ -162,7 +156,7 @@ def test_unknown_and_absent_solvers_are_named(monkeypatch):
 METHODS = ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"]
 
 
-def both(task: Task, method: str) -> tuple[Fit, Fit]:
+def both(task, method):
     """The default fit, and Clarabel's."""
     posed = make_estimator(method).posed(task)
     own = PosedSdp(task, *posed, None)
@@ -211,7 +205,7 @@ def test_similar_data_take_fewer_steps_from_the_last_fit(method):
     cold = posed.fit(again)
     warm = posed.fit(again, near=first)
 
-    def steps(fit: Fit) -> int:
+    def steps(fit):
         return int(fit.details["solver_said"][0].rpartition("(")[2].rstrip(")"))
 
     assert cold.gap <= 1e-8

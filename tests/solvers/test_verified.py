@@ -29,7 +29,7 @@ from sdp_vs_penalty.solvers import (
 )
 
 
-def semidefinite(matrix: np.ndarray) -> bool:
+def semidefinite(matrix):
     """All principal minors are non-negative: whole numbers, which rounding gives back."""
     places = range(len(matrix))
     every = (
@@ -71,7 +71,7 @@ def test_semidefinite_is_what_all_principal_minors_say(size, data):
     assert truth or depth < safe_depth(size)
 
 
-def demands(rng: np.random.Generator, interior: np.ndarray) -> ConstraintSet:
+def demands(rng, interior):
     """One constraint of each cone in three parameters of unequal size, the interior
     point inside."""
     p = len(interior)
@@ -184,7 +184,7 @@ class KnownSdp:
     floor^2.
     """
 
-    def __init__(self, seed: int, size: int) -> None:
+    def __init__(self, seed, size):
         rng = np.random.default_rng(seed)
         p = 3
         self.theta = rng.integers(-3, 4, p).astype(float)

@@ -5,10 +5,8 @@ import subprocess
 import sys
 import venv
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +34,7 @@ PLUGINS = {
 
 
 @pytest.fixture(scope="module")
-def theirs() -> Iterator[dict[str, Any]]:
+def theirs():
     """Their plug-ins by module, imported and not yet registered."""
     sys.path.insert(0, str(THEIRS))
     homes = {name: importlib.import_module(f"theirs.{name}") for name in PLUGINS}
@@ -48,7 +46,7 @@ def theirs() -> Iterator[dict[str, Any]]:
 
 
 @pytest.fixture
-def registered(theirs, monkeypatch) -> dict[str, Any]:
+def registered(theirs, monkeypatch):
     """Their plug-ins, registered for one test."""
     for registry in REGISTRIES:
         monkeypatch.setattr(registry, "_registered", [])
@@ -133,7 +131,7 @@ def test_a_class_that_is_defined_again_takes_its_own_place(registered):
     assert not plugins_named("ridge") - {newer}
 
 
-def plugins_named(name: str) -> set[Any]:
+def plugins_named(name):
     """All plug-ins of a name."""
     return {r.all()[name] for r in REGISTRIES if name in r.all()}
 
