@@ -242,6 +242,7 @@ def attack_all(
     print(f"{n_tried.total()} attacks, {n_failed.total()} failed")
     if out is not None:
         rows = [(name, n_tried[name], n_failed[name]) for name in names]
+        rows.append(("all", n_tried.total(), n_failed.total()))
         table = pandas.DataFrame(rows, columns=["kind", "tried", "failed"])
         write_text(out / "attacks.csv", table.to_csv(index=False))
     return n_failed.total()

@@ -13,6 +13,6 @@ HERE = Path(__file__).parent
 if __name__ == "__main__":
     make_folder(
         HERE,
-        program("figures", "--out", str(HERE)),
+        program("figures", "--out", "results/figures"),
         ["results/tables/update_readme.py"],
     )

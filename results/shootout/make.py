@@ -2,7 +2,8 @@
 
 Runs that it holds are not repeated; delete runs.csv to begin anew. The declared sets take
 about 40 minutes, one run after the other. `make.py load`, on a busy machine, runs some again
-as under_load.csv. `make.py library` does what library.md quotes instead; the instances
+as under_load.csv. `make.py outsider` compares the runs with those of an outsider alone.
+`make.py library` does what library.md quotes instead; the instances
 themselves (400 MB) are not kept.
 """
 
@@ -20,6 +21,7 @@ from sdp_vs_penalty.paper.provenance import make_folder, program
 from sdp_vs_penalty.shootout import runner, summary
 
 HERE = Path(__file__).parent
+OUTSIDER = "results/shootout/outsider.py"
 BEGIN, END = "<!-- sentences: begin -->\n", "<!-- sentences: end -->\n"
 
 
@@ -73,8 +75,8 @@ if __name__ == "__main__":
     else:
         if not (HERE / "runs.csv").exists():  # the folder is no stranger's
             write_text(HERE / "runs.csv", ",".join(runner.COLUMNS) + "\n")
-        make_folder(
-            HERE, program("shootout", "--jobs", "1", "--out", "results/shootout")
-        )
+        only = [OUTSIDER] if sys.argv[1:] == ["outsider"] else []
+        runs = program("shootout", "--jobs", "1", "--out", "results/shootout")
+        make_folder(HERE, runs, [OUTSIDER], only=only)
         readme = HERE / "README.md"
         write_text(readme, with_sentences(readme.read_text("utf-8")))

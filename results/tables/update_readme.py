@@ -9,7 +9,8 @@ Below a paragraph, list or table of any README of results/ and any page of docs/
     0.058 = FILE of results/ :: words of its row; more :: column
     -->
 
-a line for each of its figures, in their order. tests/test_docs.py checks that all are as
+a line for each of its figures, in their order; a fourth part says which number of the cell it
+is, if it is not the first. tests/test_docs.py checks that all are as
 results/ say. The pictures, results/figures/data.png and results/figures/joint_7.png, need the
 extra [plot].
 """
@@ -418,24 +419,25 @@ def refreshed(text: str) -> str:
         lines, done = [], ""
         for line in comment.splitlines():
             said, source = line.split(" = ", 1)
-            now = as_said(said, cell(*(part.strip() for part in source.split("::"))))
-            place = re.search(rf"(?<![\d.]){re.escape(said)}(?!\.?\d)", above)
-            assert place, f"{line}: no {said} above, or not in this order"
-            done += above[: place.start()] + now
-            above = above[place.end() :]
+            file, words, column, *place = (part.strip() for part in source.split("::"))
+            now = as_said(said, cell(file, words, column), *map(int, place))
+            found_at = re.search(rf"(?<![\d.]){re.escape(said)}(?!\.?\d)", above)
+            assert found_at, f"{line}: no {said} above, or not in this order"
+            done += above[: found_at.start()] + now
+            above = above[found_at.end() :]
             lines.append(f"{now} = {source}\n")
         return f"{done}{above}{FIGURES}{''.join(lines)}-->"
 
     return BLOCK.sub(anew, text)
 
 
-def as_said(said: str, cell: str) -> str:
-    """The number of a cell, with as many digits as it was said with."""
-    number = re.search(NUMBER, cell)
-    assert number, f"{cell}: no number"
+def as_said(said: str, cell: str, place: int = 1) -> str:
+    """A number of a cell, by its place, with as many digits as it was said with."""
+    numbers = re.findall(NUMBER, cell)
+    assert len(numbers) >= place, f"{cell}: no number {place}"
     mantissa, _, power = said.partition("e")
     digits = len(mantissa.partition(".")[2])
-    value = f"{float(number.group()):.{digits}{'e' if power else 'f'}}"
+    value = f"{float(numbers[place - 1]):.{digits}{'e' if power else 'f'}}"
     return re.sub(r"e([-+])0*", lambda sign: "e" + sign[1].strip("+"), value)
 
 

@@ -1,5 +1,5 @@
-"""How a folder of results was made: its commands, and a note of the machine, the versions
-and the processor time."""
+"""How a folder of results was made: its commands, and a note of the machine, the versions,
+the commit and the processor time."""
 
 import os
 import platform
@@ -24,19 +24,24 @@ ONE_THREAD = dict.fromkeys(
 NOTE = "machine.txt"
 
 
-def make_folder(folder: Path, *commands: Sequence[str]) -> None:
-    """Run the commands that make a folder of results, and write a note of how it was
-    made.
+def make_folder(
+    folder: Path, *commands: Sequence[str], only: Sequence[str] = ()
+) -> None:
+    """Run the commands that make a folder of results; after each the folder's note says how
+    it was made.
 
     Parameters
     ----------
     *commands : sequence of str
         Arguments of Python for each command, which runs in the checkout's root. If one
         fails, this program exits with its code.
+    only : sequence of str
+        Words: commands without any of these are not run. None: all run.
     """
     root = folder.parents[1]
-    before = _processor_time()
-    for arguments in commands:
+    chosen = [words for words in commands if not only or set(only) & set(words)]
+    for arguments in chosen:
+        before = _processor_time()
         done = subprocess.run(
             [sys.executable, *arguments],
             cwd=root,
@@ -45,7 +50,7 @@ def make_folder(folder: Path, *commands: Sequence[str]) -> None:
         )
         if done.returncode != 0:
             raise SystemExit(done.returncode)
-    write_note(folder, commands, _processor_time() - before)
+        write_note(folder, [arguments], _processor_time() - before, commands)
 
 
 def program(*arguments: str) -> list[str]:
@@ -54,9 +59,12 @@ def program(*arguments: str) -> list[str]:
 
 
 def write_note(
-    folder: Path, commands: Sequence[Sequence[str]], processor_seconds: float
+    folder: Path,
+    commands: Sequence[Sequence[str]],
+    processor_seconds: float,
+    others: Sequence[Sequence[str]] = (),
 ) -> None:
-    """Write a note on how a folder was made: commands, machine, versions, time.
+    """Write a note on how a folder was made: commands, machine, versions, commit, time.
 
     Parameters
     ----------
@@ -64,14 +72,37 @@ def write_note(
         Arguments of Python for each command.
     processor_seconds : float
         Processor time that they took [s].
+    others : sequence of sequence of str
+        Commands that make other files of the folder: what the note says of these is kept.
     """
+    path = folder / NOTE
+    done = [_as_typed(command) for command in commands]
+    still = {_as_typed(command) for command in others}.difference(done)
+    held = path.read_text("utf-8").split("\n\n") if path.is_file() else []
     lines = [
-        *(" ".join(["python", *arguments]) for arguments in commands),
+        *done,
         f"{machine()}; {versions()}",
-        f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC,"
+        f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {commit(folder)},"
         f" {processor_seconds:.0f} s of processor time",
     ]
-    write_text(folder / NOTE, "\n".join(lines) + "\n")
+    blocks = [block.strip() for block in held if still & set(block.splitlines())]
+    write_text(path, "\n\n".join([*blocks, "\n".join(lines)]) + "\n")
+
+
+def _as_typed(command: Sequence[str]) -> str:
+    """Return a command as a line, paths of the checkout without its place."""
+    root = f"{Path(__file__).parents[2]}{os.sep}"
+    return " ".join(["python", *(word.removeprefix(root) for word in command)])
+
+
+def commit(folder: Path) -> str:
+    """Name the commit of the checkout that holds a folder, and say if files of it have
+    changed since."""
+    words = ("git", "describe", "--always", "--dirty= with changes", "--exclude=*")
+    done = subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, check=False
+    )
+    return f"commit {done.stdout.strip() or 'unknown'}"
 
 
 def machine() -> str:

@@ -35,6 +35,12 @@ def sign_test(first: int, second: int) -> float:
     return min(1.0, 2.0 * tail / 2.0**n)
 
 
+def can_tell(n: int) -> bool:
+    """Tell whether so many problems suffice to rank anybody: whether the test would tell
+    two contestants apart of which one is right on all of them, and the other on none."""
+    return sign_test(n, 0) <= LEVEL
+
+
 def beside(cells: pandas.DataFrame, one: str, other: str) -> dict[str, float]:
     """Compare two contestants on the problems that both ran.
 

@@ -25,7 +25,13 @@ from sdp_vs_penalty.formatting import count, number, words
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.judge import CLASSES, SLACK, classes
-from sdp_vs_penalty.shootout.statistics import LEVEL, SHORTEST, beside, wilson
+from sdp_vs_penalty.shootout.statistics import (
+    LEVEL,
+    SHORTEST,
+    beside,
+    can_tell,
+    wilson,
+)
 
 #: Accuracies at which every setting is judged.
 SHOWN = (1e-4, 1e-6, 1e-8)
@@ -158,10 +164,14 @@ def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
     """Return the sentences about one set at one accuracy."""
     cells = best_answers(runs, accuracy)
     ranked = ranking(cells)
-    where = count(runs["problem"].nunique(), where)
+    n_problems = runs["problem"].nunique()
+    where = count(n_problems, where)
     if not (good := about_as_right(cells, ranked)):
         return [f"At {accuracy:.0e}, nobody is right on any of {where}."]
     table = ranked.set_index("solver")
+    if not can_tell(n_problems):
+        said = f"{where} cannot rank anybody. Right to {accuracy:.0e}:"
+        return [f"{said} {_by_count(table, 'right')}{_silently_wrong(table)}."]
     first, *same = [
         f"{name} ({table.loc[name, 'right']} of {table.loc[name, 'run']})"
         for name in good
@@ -180,12 +190,21 @@ def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
         how = f"{number(pair['ratio'])} times as long" if is_slower else "about as long"
         said += f", lmi-sdp {how} ({known['lmi-sdp'].clock})"
     if proving := [s for s in good if s in known and known[s].certifies]:
-        said += f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each answer"
-    wrong = table["wrong"][table["wrong"] > 0].sort_values(ascending=False)
-    if len(wrong):
-        by = words([f"{s} on {n} of {table.loc[s, 'run']}" for s, n in wrong.items()])
-        said += f". Silently wrong: {by}"
-    return [f"{said}."]
+        said += f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each claim"
+    return [f"{said}{_silently_wrong(table)}."]
+
+
+def _silently_wrong(table: pandas.DataFrame) -> str:
+    """Say on how many problems who is silently wrong, "" if nobody is."""
+    by = _by_count(table, "wrong")
+    return by and f". Silently wrong: {by}"
+
+
+def _by_count(table: pandas.DataFrame, column: str) -> str:
+    """List the contestants of a ranking that are right or wrong on any problem."""
+    some = table[column][table[column] > 0].sort_values(ascending=False, kind="stable")
+    texts = [f"{name} on {n} of {table.loc[name, 'run']}" for name, n in some.items()]
+    return words(texts) if texts else ""
 
 
 def profile(

@@ -1,6 +1,7 @@
 """Every result lies beside the script that makes it, with a note of the machine."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -45,15 +46,24 @@ def test_a_script_says_its_own_command(folder):
     assert f"python results/{folder.name}/make.py" in (text or "")
 
 
-def test_a_note_has_commands_machine_and_time(tmp_path: Path):
+def test_a_note_has_commands_machine_commit_and_time(tmp_path: Path):
+    """Of what is made again alone, the others' lines stay."""
     folder = tmp_path / "results" / "one"
     folder.mkdir(parents=True)
-    provenance.make_folder(folder, ["-c", "print(1)"])
-    command, machine, time = (folder / provenance.NOTE).read_text().splitlines()
+    commands = [["-c", "print(1)"], ["-c", "print(2)"]]
+    provenance.make_folder(folder, *commands)
+    first, second = (folder / provenance.NOTE).read_text().split("\n\n")
+    command, machine, time = first.splitlines()
     assert command == "python -c print(1)"
     assert "cores" in machine
     assert "numpy" in machine
-    assert "s of processor time" in time
+    assert re.search("UTC, commit .*s of processor time", time)
+    provenance.make_folder(folder, *commands, only=["print(1)"])
+    assert (folder / provenance.NOTE).read_text().startswith(second.strip())
+    provenance.make_folder(
+        folder, commands[0]
+    )  # the second is no command of it any more
+    assert "print(2)" not in (folder / provenance.NOTE).read_text()
 
 
 def test_a_command_that_fails_ends_it_without_a_note(tmp_path: Path):

@@ -583,6 +583,7 @@ def test_wilson_intervals_and_sign_tests():
     assert statistics.sign_test(5, 0) == 0.0625
     assert statistics.sign_test(0, 6) == 0.03125
     assert statistics.sign_test(0, 0) == 1.0
+    assert [statistics.can_tell(n) for n in (5, 6)] == [False, True]
     assert statistics.sign_test(9, 6) == pytest.approx(0.6072, abs=5e-5)
 
 
@@ -613,6 +614,20 @@ def test_sentences_begin_with_who_is_right_most_often_and_name_who_is_wrong():
         " tells liar (9 of 10) and near (8 of 10); good takes 200 ms (median). Silently wrong:"
         " liar on 1 of 10."
     )
+
+
+def test_two_problems_rank_nobody():
+    rows = [*many("good", 10), *many("liar", 1, error=0.5)]
+    of_two = pandas.DataFrame(rows).query(
+        "problem in ('p0', 'p1') and accuracy == 1e-6"
+    )
+    _, said, _ = summary.sentences(of_two)
+    assert said == (
+        "2 drawn problems cannot rank anybody. Right to 1e-06: good on 2 of 2 and liar on"
+        " 1 of 2. Silently wrong: liar on 1 of 2."
+    )
+    _, said, _ = summary.sentences(of_two[of_two["solver"] == "good"])
+    assert said.endswith("good on 2 of 2.")
 
 
 def setup(out: Path, **changes: object) -> runner.Shootout:
@@ -776,6 +791,25 @@ def test_the_readme_of_the_results_says_what_its_runs_say():
     with_sentences = runpy.run_path(str(RESULTS / "make.py"))["with_sentences"]
     readme = (RESULTS / "README.md").read_text()
     assert with_sentences(readme) == readme
+
+
+def test_an_outsider_is_compared_with_the_runs_that_are_here():
+    """By his own reading of runs.csv; where verdicts differ, it is the solver's."""
+    kind_of = runpy.run_path(str(RESULTS / "outsider.py"))["kind"]
+    with (RESULTS / "runs.csv").open(newline="") as file:
+        runs = {
+            (row["problem"], row["solver"]): row
+            for row in csv.DictReader(file)
+            if float(row["accuracy"]) == 1e-8
+        }
+    with (RESULTS / "outsider.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len({row["problem"] for row in rows}) == 12
+    for row in rows:
+        run = runs[row["problem"], row["solver"]]
+        kinds = [kind_of(run, accuracy) for accuracy in (1e-4, 1e-6, 1e-8)]
+        assert row["of the table"] == ", ".join(kinds)
+        assert row["verdicts equal"] == "yes" or row["solver"] == "scs"
 
 
 def test_short_work_is_timed_to_a_fraction_of_a_millisecond():
