@@ -271,6 +271,9 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
     assert int(fall.rpartition("(")[2]) <= -60
     check_printed("demo.md", shown.out)
+    figures = re.findall(rf"([\d.]+)<!--tests/{Path(__file__).name}-->", README)
+    assert len(figures) == 4
+    assert not [figure for figure in figures if figure not in text]
     html = (tmp_path / "demo" / "report.html").read_text()
     assert '<p class="verdict good">' in html
     assert {p.name for p in (tmp_path / "demo").iterdir()} == {

@@ -25,13 +25,7 @@ from sdp_vs_penalty.formatting import count, number, words
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.judge import CLASSES, SLACK, classes
-from sdp_vs_penalty.shootout.statistics import (
-    LEVEL,
-    SHORTEST,
-    beside,
-    can_tell,
-    wilson,
-)
+from sdp_vs_penalty.shootout.statistics import LEVEL, SHORTEST, beside, can_tell, wilson
 
 #: Accuracies at which every setting is judged.
 SHOWN = (1e-4, 1e-6, 1e-8)
@@ -190,7 +184,9 @@ def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
         how = f"{number(pair['ratio'])} times as long" if is_slower else "about as long"
         said += f", lmi-sdp {how} ({known['lmi-sdp'].clock})"
     if proving := [s for s in good if s in known and known[s].certifies]:
-        said += f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each claim"
+        said += (
+            f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each claim"
+        )
     return [f"{said}{_silently_wrong(table)}."]
 
 
