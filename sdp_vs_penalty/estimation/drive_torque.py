@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
@@ -25,7 +24,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.runs import Stretch, interpolated, split_at_gaps
 
 #: Longest step of the simulation [s].
@@ -54,7 +53,7 @@ def with_simulated_motion(
     return concatenate(runs)
 
 
-def _parts(run: Measurements) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
+def _parts(run: Measurements) -> Iterator[tuple[Stretch, Mask]]:
     """Yield the stretches of a run between gaps of its clock.
 
     Each comes with a mask (N,): which of the run's samples lie in it.

@@ -24,7 +24,6 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.effects import standard_effect
@@ -40,7 +39,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.linalg import deviations
 from sdp_vs_penalty.results.record import Shown, Summary
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.robot.trajectory import (
     FourierTrajectory,
@@ -59,7 +58,7 @@ class Regressor:
     #: Model of the n joints.
     model: Model
     #: (p,) indices of the model's columns that W consists of.
-    columns: NDArray[np.intp]
+    columns: Indices
     #: (n,) factor of each joint's rows.
     scale: Array | float = 1.0
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, PlantState, advance
@@ -24,7 +23,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.regression.linalg import column_space
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.preprocessing import RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import split_at_gaps
 
@@ -40,7 +39,7 @@ class Course:
     #: (N, n) measured torque [N m, N].
     torque: Array
     #: (N, n) which joints move.
-    moving: NDArray[np.bool_]
+    moving: Mask
     #: The command at the same instants, where there is one.
     command: Command | None = None
 

@@ -64,7 +64,7 @@ from sdp_vs_penalty.regression.regression import (
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -483,7 +483,7 @@ class Split:
         cells = self.phases.training(fold)
         model = self.model
 
-        def training(run: int, t: Array) -> NDArray[np.bool_]:
+        def training(run: int, t: Array) -> Mask:
             """Return (N,) whether a run's rows at instants t are training rows."""
             return np.isin(self.phases.cell(run, t), cells)
 

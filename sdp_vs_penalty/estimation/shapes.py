@@ -27,7 +27,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
@@ -45,13 +44,13 @@ from sdp_vs_penalty.regression.linalg import (
     span,
 )
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
-Chosen = Callable[[int, Array], NDArray[np.bool_]]
+Chosen = Callable[[int, Array], Mask]
 #: An effect, its joint (from 0), and the constant that is open there.
 _OpenConstant = tuple[Effect, int, str]
 
@@ -217,7 +216,7 @@ class _Cells:
         """
         return [(0, 0.0, 0.0)] * (self.folds.count + 1)
 
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+    def cell(self, run: int, t: Array) -> Indices:
         """Return (N,) the cell of each row: its fold of the motion, from 0.
 
         Rows of ``run`` at instants t (N,) [s] that are not chosen go to an extra cell
@@ -248,7 +247,7 @@ class _Bank:
     #: columns.
     spline: Any
     #: (K,) where the grid's columns stand among all others.
-    columns: NDArray[np.intp]
+    columns: Indices
 
     def weights(self, u: float) -> Array:
         """Return the (2, K) weights of a cubic spline through K precomputed columns.
@@ -270,7 +269,7 @@ class _Bank:
 
 def _with_banks(
     model: Model, open_constants: Sequence[_OpenConstant], widest: float
-) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
+) -> tuple[Model, Indices, list[_Bank]]:
     """Build a model with a column for every grid value of every open shape constant.
 
     open_constants : (effect, joint from 0, name of the constant), each. ``widest``
@@ -385,11 +384,7 @@ class _ShapeProfile:
     """
 
     def __init__(
-        self,
-        folds: Regression,
-        weighting: str,
-        base: NDArray[np.intp],
-        banks: list[_Bank],
+        self, folds: Regression, weighting: str, base: Indices, banks: list[_Bank]
     ) -> None:
         """Project all columns without an open constant out of the banks' columns and
         the torque.
@@ -635,7 +630,7 @@ class _ShapeProfile:
             columns[:, k] = grid_columns[best]
         return u
 
-    def minimised(self, start: Array, free: NDArray[np.intp]) -> Array:
+    def minimised(self, start: Array, free: Indices) -> Array:
         """Minimise the squared residual of the torque over some of the constants.
 
         start (B,) is ln u of all constants; free (f,) are the indices of those that may
@@ -714,11 +709,11 @@ class _LocalColumns:
     #: (P + 1, d) combinations of the banks' columns and the torque, the torque last.
     combinations: Array
     #: (k + d - 1,) the bank that a column belongs to; -1: none.
-    bank_of: NDArray[np.intp]
+    bank_of: Indices
     #: (k + d - 1,) whether a column is at the constant's new value.
-    is_new: NDArray[np.bool_]
+    is_new: Mask
 
-    def used_for(self, bank: int | None) -> NDArray[np.bool_]:
+    def used_for(self, bank: int | None) -> Mask:
         """Return (k + d - 1,) which columns take part in the fit with one new constant.
 
         A bank is a shape constant with its columns, at the model's value and at the new

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Task, sample_variance
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 DATA = "data"
 
@@ -71,7 +70,7 @@ def parameter_sources(
     }
 
 
-def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
+def is_data_determined(task: Task, rows: Array) -> Mask:
     """Return whether the data determine linear functions of theta better than the
     prior.
 

@@ -33,7 +33,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
@@ -43,7 +42,7 @@ from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.linalg import column_space, min_norm_lstsq
 from sdp_vs_penalty.regression.regression import Regression
-from sdp_vs_penalty.robot.arrays import Array, read_only
+from sdp_vs_penalty.robot.arrays import Array, Mask, read_only
 
 
 class Sandwich:
@@ -124,7 +123,7 @@ class Sandwich:
         # Orthonormal basis of the visible directions, with columns at unit norm.
         self._basis = np.linalg.qr(V * self.norms[:, None])[0]
 
-    def sees(self, contrasts: Array) -> NDArray[np.bool_]:
+    def sees(self, contrasts: Array) -> Mask:
         """Return whether the data determine linear functions of theta.
 
         Returns

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.estimation.certificate import Certificate
@@ -24,7 +23,7 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import (
@@ -354,7 +353,7 @@ class ErrorsBesideNoise:
         return over_noise(self.rmse, self.floor)
 
     @property
-    def exceeds_noise(self) -> NDArray[np.bool_]:
+    def exceeds_noise(self) -> Mask:
         """(n,) whether an error is more than ABOVE_NOISE times its noise; without a
         floor, whether there is an error."""
         over = self.over_noise
@@ -427,9 +426,7 @@ def _percent_of_all(part: Array, whole: Array) -> float:
     return float(_percent(*norms)[0])
 
 
-def _fit(
-    errors: ErrorsBesideNoise, source: str, is_worse_than_constant: NDArray[np.bool_]
-) -> Line:
+def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -> Line:
     """Return the verdict's line on how well the model fits the torque.
 
     ``errors`` of the joints; ``source``: origin of the noise; ``is_worse_than_constant``

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import require_known
@@ -23,7 +22,7 @@ from sdp_vs_penalty.regression.linalg import min_norm_lstsq, span
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.fit import Fit as Fit
 
@@ -88,7 +87,7 @@ class Task:
         return self.nominal[self.links] if self.prior is None else self.prior
 
     @cached_property
-    def links(self) -> NDArray[np.intp]:
+    def links(self) -> Indices:
         """(n, 10) indices of each link's parameters in theta; (0, 10) without rigid
         links.
         """
@@ -351,9 +350,7 @@ def given_known(data: LeastSquares, model: Model) -> LeastSquares:
     return replace(data, R=R, rho=rho)
 
 
-def _bodies(
-    problem: Problem, links: NDArray[np.intp], model: Model
-) -> tuple[Constraint, ...]:
+def _bodies(problem: Problem, links: Indices, model: Model) -> tuple[Constraint, ...]:
     """Return one constraint a link: its mass lies inside of its body's ellipsoid.
 
     ``links`` (n, 10) are the indices of the links' parameters in theta.
@@ -396,10 +393,7 @@ def with_plausible(
 
 
 def _scaled_prior(
-    data: LeastSquares,
-    links: Array,
-    places: NDArray[np.intp],
-    guessed: NDArray[np.bool_],
+    data: LeastSquares, links: Array, places: Indices, guessed: Mask
 ) -> Array:
     """Return (n, 10) nominal ``links``, with guessed masses scaled to the measured
     torque.

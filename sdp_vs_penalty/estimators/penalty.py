@@ -23,14 +23,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, interior_point
 from sdp_vs_penalty.regression.linalg import InTurn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import (
     BarycentricBound,
     ConeGroup,
@@ -79,7 +78,7 @@ class QuadraticForms:
     """F_k = u^T A_k u + b_k u_0 of u = x[indices_k], k = 1..K; indices (K, 10), forms
     (K, 10, 10), slopes (K,)."""
 
-    indices: NDArray[np.intp]
+    indices: Indices
     forms: Array
     slopes: Array
 
@@ -122,7 +121,7 @@ def barycentric_part(
     PenaltyPart
         Quadratic forms, each demanded to be nonnegative.
     """
-    indices = list[NDArray[np.intp]]()
+    indices = list[Indices]()
     forms = list[Array]()
     slopes = list[float]()
     for bound in bounds:

@@ -22,13 +22,12 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.estimators.penalty import BarycentricBox
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import ConeGroup
 from sdp_vs_penalty.solvers.objective import Objective
 
@@ -382,7 +381,7 @@ class TriangleInequality(Demand):
     #: How often each of the six entries stands in I.
     _multiplicity = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
 
-    def __init__(self, links: NDArray[np.intp], size: int) -> None:
+    def __init__(self, links: Indices, size: int) -> None:
         """Store where the inertia of each link stands among ``size`` parameters.
 
         links : (n, 10) indices of the links' barycentric parameters m, c (3), inertia
@@ -439,7 +438,7 @@ class CentreCones(Demand):
 
     family = "centre of mass cone"
 
-    def __init__(self, group: ConeGroup, masses: NDArray[np.intp]) -> None:
+    def __init__(self, group: ConeGroup, masses: Indices) -> None:
         """Take the cones, and the indices (n,) of the links' masses among the
         parameters.
         """
@@ -476,7 +475,7 @@ class PenalisedLoss:
     """loss(p) + weight g(p) in u in [0, 1]^d, p = lower + u (upper - lower) on the free
     parameters."""
 
-    def __init__(self, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> None:
+    def __init__(self, task: Task, data: LeastSquares, free: Indices) -> None:
         """Collect box, demands and free parameters.
 
         ``free`` (d,) are the indices of the searched parameters; others keep their OLS

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects, standard_effect
 from sdp_vs_penalty.effects.effect import Effect
@@ -30,7 +29,7 @@ from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
@@ -60,11 +59,11 @@ class CentreOfMassCone(JsonRecord):
             )
 
     @property
-    def along(self) -> NDArray[np.bool_]:
+    def along(self) -> Mask:
         """(3,) which axis of the link frame is the cone's axis."""
         return np.array([axis == self.axis for axis in "xyz"])
 
-    def constraint(self, indices: NDArray[np.intp]) -> Constraint:
+    def constraint(self, indices: Indices) -> Constraint:
         """Return the cone as a constraint on (m, m c) of a link.
 
         Parameters
@@ -293,7 +292,7 @@ class Problem(Shown):
         return out
 
     @property
-    def guessed_links(self) -> NDArray[np.bool_]:
+    def guessed_links(self) -> Mask:
         """(n,) links whose nominal mass is a guess: neither a file's nor a bound's."""
         sources = self.nominal_from or ("inertial",) * self.robot.links
         return np.array([source in ("geometry", "kinematics") for source in sources])
@@ -494,7 +493,7 @@ class Problem(Shown):
         return np.asarray(com)
 
     @cached_property
-    def _boxed(self) -> NDArray[np.bool_]:
+    def _boxed(self) -> Mask:
         """(n,) whether the bounds of a link limit its inertia about the link frame.
 
         They do if the moments Ixx, Iyy, Izz about the centre of mass have upper bounds
@@ -525,9 +524,7 @@ class Problem(Shown):
         # Without bounds all of the mass may lie at the radius.
         return mass[:, 0], com, np.where(is_boxed, moments, mass * radius**2)
 
-    def _link_constraints(
-        self, link: int, indices: NDArray[np.intp]
-    ) -> list[Constraint]:
+    def _link_constraints(self, link: int, indices: Indices) -> list[Constraint]:
         """Return the convex constraints on one link (from 0), each linear in its
         parameters.
 

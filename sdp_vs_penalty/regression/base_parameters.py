@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.effect import Motion, SimulatorField
@@ -14,7 +13,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import triangular
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.inertia import parameter_names
 from sdp_vs_penalty.robot.robot import ROUNDED_ANGLE
 
@@ -104,9 +103,7 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     return BaseParameters(rows, names, leading)
 
 
-def _rigid_base(
-    problem: Problem, model: Model
-) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
+def _rigid_base(problem: Problem, model: Model) -> tuple[Array, Indices, Sequence[int]]:
     """Return the base parameters of the links and of effects that act like links.
 
     A rotor acts like inertia of the first links, so their common combinations count.
@@ -133,7 +130,7 @@ def _rigid_base(
 
 def _merged_base(
     model: Model, fields: Set[SimulatorField]
-) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
+) -> tuple[Array, Indices, Sequence[int]]:
     """Return the base parameters of several effects together, by their fields.
 
     Returns B (b, k), the indices (k,) of their parameters in theta, and which of the k

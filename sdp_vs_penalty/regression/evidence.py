@@ -18,9 +18,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 
 
 def deviance(
@@ -88,9 +88,7 @@ def independent_rows(residual: Array) -> float:
     return n_rows / max(float(np.median(rows_per_sample)), 1.0)
 
 
-def cluster_sums(
-    clusters: Sequence[NDArray[np.intp]], scores: Array
-) -> Iterator[Array]:
+def cluster_sums(clusters: Sequence[Indices], scores: Array) -> Iterator[Array]:
     """Yield the sums of scores (number of clusters, k) over clusters of rows, for each
     way to cluster them.
 
@@ -102,7 +100,7 @@ def cluster_sums(
 
 
 def rows_worth_one(
-    clusters: Sequence[NDArray[np.intp]], scores: Array, inverse: Array, freedom: float
+    clusters: Sequence[Indices], scores: Array, inverse: Array, freedom: float
 ) -> float:
     """Return v, the number of correlated rows that carry the evidence of one
     independent row.

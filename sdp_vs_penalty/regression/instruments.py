@@ -28,18 +28,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
 #: One joint's rows in one block: the joint, the parameters (k,) of Z and X, and both
 #: with their torques, which differ where parameters are known: (r, k + 1) [Z, tau_Z]
 #: and [X, tau].
-Instrumented = tuple[int, NDArray[np.intp], Array, Array]
+Instrumented = tuple[int, Indices, Array, Array]
 
 
 def commanded_motion(measured: Measurements) -> Measurements:
@@ -102,8 +101,8 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
 
 
 def instrumented(
-    model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
-) -> list[tuple[NDArray[np.intp], Array]]:
+    model: Model, factors: Sequence[tuple[int, Indices, Array]]
+) -> list[tuple[Indices, Array]]:
     """Return rows [Z, tau^] whose least squares are the instrumental-variable estimate.
 
     X are the regressor's columns on the measured motion, Z those on a simulated motion

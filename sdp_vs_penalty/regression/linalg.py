@@ -8,9 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 
 #: Singular values below this share of the largest, at columns of unit norm, are
 #: rounding [-].
@@ -44,7 +43,7 @@ def column_space(A: Array) -> tuple[Array, Array]:
     return u[:, is_visible], V
 
 
-def _unit_columns(A: Array) -> tuple[Array, NDArray[np.intp], Array]:
+def _unit_columns(A: Array) -> tuple[Array, Indices, Array]:
     """Return the nonzero columns of A (r, p) at unit norm, their indices, and their
     norms.
     """

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 #: Weighted normal equations (..., s, s), (..., s).
 Normal: TypeAlias = tuple[Array, Array]
@@ -123,7 +122,7 @@ class NormalEquations:
         cross = np.einsum("...j,...js->...s", weights, self.cross)
         return gram.reshape(*gram.shape[:-2], s, s), cross
 
-    def fitted(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def fitted(self, chosen: Mask) -> tuple[Array, Array]:
         """Fit the shared parameters of the joints that ``chosen`` (n,) flags, each
         joint weighted by its inverse squared residual.
 

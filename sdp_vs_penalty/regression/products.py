@@ -13,10 +13,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 
 #: Ridge relative to the squares of each column, above rounding of the products:
 #: directions in which columns of unit length differ by less than its root count as
@@ -137,7 +137,7 @@ class ProductRegression(Regression):
             products=products,
         )
 
-    def keeping(self, kept_columns: NDArray[np.bool_]) -> ProductRegression:
+    def keeping(self, kept_columns: Mask) -> ProductRegression:
         """Return the data in some of the parameters, in the same order.
 
         Parameters

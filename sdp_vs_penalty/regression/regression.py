@@ -31,7 +31,7 @@ from sdp_vs_penalty.regression.instruments import (
     instrumented_rows,
 )
 from sdp_vs_penalty.regression.linalg import deviations, min_norm_lstsq
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
 
@@ -44,7 +44,7 @@ class Factor:
     #: Number of the block.
     block: int
     #: (k,) numbers of the columns' parameters.
-    indices: NDArray[np.intp]
+    indices: Indices
     #: (r, k + 1) [Y tau], as a triangle where there are more than twice k + 1 rows.
     triangle: Array
     #: Number of rows of the data.
@@ -221,9 +221,9 @@ class BlocksOfJoint(NamedTuple):
     #: Number of the joint, from 0.
     joint: int
     #: (k,) numbers of the columns' parameters.
-    indices: NDArray[np.intp]
+    indices: Indices
     #: (B,) numbers of the blocks that show the joint.
-    blocks: NDArray[np.intp]
+    blocks: Indices
     #: (B, r, k + 1) rows [Y tau] of each block.
     rows: Array
 
@@ -282,7 +282,7 @@ class Regression:
         chosen = tuple(self.blocks[block] for block in numbers)
         return replace(self, blocks=chosen, factors=tuple(factors))
 
-    def keeping(self, kept_columns: NDArray[np.bool_]) -> Regression:
+    def keeping(self, kept_columns: Mask) -> Regression:
         """Return the data in the parameters that ``kept_columns`` (p,) flags, in the
         same order."""
         if kept_columns.all():
@@ -488,7 +488,7 @@ class _TimeBlocks:
             for a, b in pairwise(edges.tolist())
         ]
 
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+    def cell(self, run: int, t: Array) -> Indices:
         """Return the block of each instant t (M,) [s] of a run, counted over all runs."""
         n_before = sum(len(edges) - 1 for edges in self.edges[:run])
         inner_edges = self.edges[run][1:-1]
@@ -502,7 +502,7 @@ class TimeCells(Protocol):
     @property
     def places(self) -> Sequence[TimeBlock]: ...
 
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]: ...
+    def cell(self, run: int, t: Array) -> Indices: ...
 
 
 def compress_cells(
@@ -579,9 +579,7 @@ def _cells_of_run(
     return factors, count / run.rows_per_sample
 
 
-def _take(
-    cells: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]
-) -> None:
+def _take(cells: dict[tuple[int, int], Factor], rows: Rows, owner: Indices) -> None:
     """Merge rows into the factors ``cells`` of their block and joint, in place.
 
     A factor is a triangle that replaces its rows in least squares. ``rows`` are M rows

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.colours import ADDED, AFTER, BEFORE, MEASURED, NEUTRAL, model_colour
 from sdp_vs_penalty.diagnosis.causes import (
@@ -34,7 +34,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.reversals import since_reversal
 
 #: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
@@ -396,7 +396,7 @@ def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
     return plot
 
 
-def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
+def spread_rows(n_rows: int, points: int = POINTS) -> Indices:
     """Return row numbers that are spread evenly over a run.
 
     Parameters

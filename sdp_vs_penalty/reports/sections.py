@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import colours, formatting
 from sdp_vs_penalty.data.measurements import Measurements
@@ -33,7 +32,7 @@ from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.render import charts, pieces, tables, words
 from sdp_vs_penalty.render.arms import link_ellipsoid
 from sdp_vs_penalty.results.table import Table
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import Following
@@ -54,7 +53,7 @@ class JudgedRun:
     #: (M, n) modelled torque [N m or N].
     modelled: Array
     #: (m,) rows at which the model's band is drawn.
-    shown: NDArray[np.intp]
+    shown: Indices
     #: Columns of each joint at these rows.
     columns: list[JointColumns]
 

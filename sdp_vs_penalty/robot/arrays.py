@@ -9,6 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.errors import InputError
 
 Array = NDArray[np.float64]
+#: Numbers of rows, columns, parameters or joints, from 0.
+Indices = NDArray[np.intp]
+#: Flags of rows, columns, parameters or joints.
+Mask = NDArray[np.bool_]
 
 
 def nonzero_or_one(size: ArrayLike) -> Any:
@@ -22,7 +26,7 @@ def at_least_tiny(x: ArrayLike) -> Any:
     return np.maximum(x, np.finfo(float).tiny)
 
 
-def as_slice(indices: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+def as_slice(indices: Indices) -> Indices | slice:
     """Return consecutive indices (k,) as a slice, which is copied several times as
     fast; others, and none, as they are."""
     if not len(indices) or np.any(np.diff(indices) != 1):

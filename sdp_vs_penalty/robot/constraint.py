@@ -16,10 +16,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 
 
 def cone_margin(cone: str, values: Array) -> Array:
@@ -256,7 +256,7 @@ class Constraint:
     #: "psd", "soc" or "nonnegative"; a second-order cone's first entry is its axis.
     cone: str
     #: (k,) places of its parameters in theta.
-    indices: NDArray[np.intp]
+    indices: Indices
     #: F_0, (d, d) for "psd", else (d,).
     constant: Array
     #: F_i of each parameter, (k, d, d) for "psd", else (k, d).
@@ -351,7 +351,7 @@ class BarycentricBound:
     #: Name of the link.
     name: str
     #: (10,) places of the link's parameters in theta.
-    indices: NDArray[np.intp]
+    indices: Indices
     #: Entry of the inertia, 0..5 for Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
     entry: int
     #: Lower bound of the entry [kg m^2].
@@ -553,9 +553,9 @@ class ConeGroup:
     #: "psd", "soc" or "nonnegative".
     cone: str
     #: (g,) places of these constraints among all.
-    places: NDArray[np.intp]
+    places: Indices
     #: (g, k) places of each constraint's parameters in theta.
-    indices: NDArray[np.intp]
+    indices: Indices
     #: (g, ...) F_0 of each constraint.
     constant: Array
     #: (g, k, ...) F_i of each constraint.
@@ -619,9 +619,9 @@ class StackedCones:
     #: (e,) constant part of F.
     constant: Array
     #: (z,) row of F of each nonzero coefficient.
-    row: NDArray[np.intp]
+    row: Indices
     #: (z,) place in theta of each nonzero coefficient.
-    column: NDArray[np.intp]
+    column: Indices
     #: (z,) nonzero coefficients.
     value: Array
 

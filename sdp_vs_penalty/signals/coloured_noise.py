@@ -12,12 +12,9 @@ from functools import cached_property, partial
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.constants import ABOVE, SAME_PHASE
-
-Mask = NDArray[np.bool_]
 
 #: Of the autoregression.
 ORDER = 4
@@ -41,7 +38,7 @@ FALSE_LONE = 1e-2
 _NO_PULL = 1e-12
 
 
-class Pieces(tuple[NDArray[np.intp], ...]):
+class Pieces(tuple[Indices, ...]):
     """Uninterrupted pieces of a series, each an array of row numbers in order.
 
     An autoregression of order ORDER predicts the rows that have ORDER rows before them
@@ -49,13 +46,13 @@ class Pieces(tuple[NDArray[np.intp], ...]):
     """
 
     @cached_property
-    def predicted(self) -> NDArray[np.intp]:
+    def predicted(self) -> Indices:
         """(P,) numbers of the rows that have ORDER rows before them in their piece."""
         none = np.arange(0)
         return np.concatenate([none, *(piece[ORDER:] for piece in self)])
 
     @cached_property
-    def past(self) -> list[NDArray[np.intp]]:
+    def past(self) -> list[Indices]:
         """For each lag 1, 2 ... ORDER, the numbers (P,) of the rows so far before those
         of ``predicted``."""
         none = np.arange(0)
@@ -129,7 +126,7 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
 
 
 def local_excess(
-    white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float
+    white: Array, pieces: Sequence[Indices], tests: int, degrees: float
 ) -> Mask:
     """Find windows of a whitened series with more energy than noise has by chance, as
     flags (M,) of their rows; each piece holds the numbers of uninterrupted rows.
@@ -180,11 +177,7 @@ def _usual_limit(energies: Array) -> float:
 
 
 def lone_windows(
-    white: Array,
-    pieces: Sequence[NDArray[np.intp]],
-    slow: Mask,
-    rate: float,
-    tests: int,
+    white: Array, pieces: Sequence[Indices], slow: Mask, rate: float, tests: int
 ) -> Mask:
     """Find windows of a whitened series (M,), at a rate [Hz], whose energy is far above
     that of all other windows, as flags (M,) of their rows; each piece holds the numbers
@@ -219,9 +212,7 @@ def lone_windows(
     return mask
 
 
-def cut_into_stretches(
-    pieces: Sequence[NDArray[np.intp]], size: int
-) -> list[NDArray[np.intp]]:
+def cut_into_stretches(pieces: Sequence[Indices], size: int) -> list[Indices]:
     """Cut pieces (arrays of row numbers) into stretches of about ``size`` rows each."""
     out = []
     for piece in pieces:
@@ -231,7 +222,7 @@ def cut_into_stretches(
 
 
 def _window_energy(
-    white: Array, pieces: Sequence[NDArray[np.intp]], slow: Mask, length: int
+    white: Array, pieces: Sequence[Indices], slow: Mask, length: int
 ) -> tuple[Array, Mask]:
     """Sum the squares of a whitened series in the window of ``length`` rows around each
     row.
@@ -337,9 +328,7 @@ def nonnegative_fit(columns: Array, target: Array) -> Array:
     return fit
 
 
-def _nonnegative_step(
-    R: Array, z: Array, fit: Array, is_free: NDArray[np.bool_]
-) -> Array:
+def _nonnegative_step(R: Array, z: Array, fit: Array, is_free: Mask) -> Array:
     """Return the least-squares fit (k,) of z (k,) by the free columns of R (k, k); those
     whose coefficient would become negative on the way from ``fit`` are freed no more.
     """

@@ -17,12 +17,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.records import JsonRecord
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.runs import interpolated, spans
 
@@ -236,7 +235,7 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
     return scipy.spatial.cKDTree(np.concatenate(points))
 
 
-def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
+def _near(tree: Any, rows: Array, reach: float) -> Mask:
     """Return which rows (M, d) are nearer than ``reach`` to some point of a tree, in
     every coordinate (maximum norm), (M,)."""
     # The distance is infinite where no point is within the bound.

@@ -18,10 +18,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     RARE,
     Pieces,
@@ -98,7 +97,7 @@ class Noise:
     #: REPETITION, SPECTRUM or RESIDUAL (a guess: the model's error is in it).
     source: str
     #: (M, n) flags of the rows where the repetition shows an event.
-    suspect: NDArray[np.bool_]
+    suspect: Mask
     #: (M, n) factor by which the motion swells the noise, around 1 [-].
     profile: Array
     #: (M, n) standard deviation of what friction adds while a joint stands still [N m
@@ -244,7 +243,7 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     )
 
 
-def _without_rows(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
+def _without_rows(pieces: Pieces, marked: Mask) -> Pieces:
     """Return pieces of rows without the marked ones (M,).
 
     The pieces are returned unchanged if fewer than _FEWEST rows would remain that an
@@ -298,7 +297,7 @@ class _JointNoise:
     #: Degrees of freedom behind ``sigma``.
     degrees: float
     #: (M,) flags of the rows where the repetition shows an event.
-    suspect: NDArray[np.bool_]
+    suspect: Mask
     #: (M,) factor by which the motion swells the noise, around 1 [-].
     profile: Array
 
@@ -393,7 +392,7 @@ class _RepeatedRows:
         drift = self._gap[:, None] * growing
         return np.asarray(drift / nonzero_or_one(np.linalg.norm(drift, axis=0)))
 
-    def _comes_back(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _comes_back(self, marked: Mask) -> Mask:
         """Return which of the marked differences (D,) recur at other instants with the
         same motion.
 
@@ -402,9 +401,7 @@ class _RepeatedRows:
         return recurring(self.both, self._phase, self._rows_of_same_phase, marked)
 
 
-def _carried(
-    suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns
-) -> NDArray[np.bool_]:
+def _carried(suspect: Mask, runs: SegmentedRuns, shown: SegmentedRuns) -> Mask:
     """Return the suspect rows (M, n) of windows from those of the complete runs.
 
     suspect : of the rows of ``runs``; shown : windows of these runs, whose rows lie at
@@ -459,8 +456,8 @@ def _without_events(
     rates: Array,
     pieces: Pieces,
     tests: int,
-    comes_back: Callable[[NDArray[np.bool_]], NDArray[np.bool_]],
-) -> tuple[Array, NDArray[np.bool_]]:
+    comes_back: Callable[[Mask], Mask],
+) -> tuple[Array, Mask]:
     """Separate the noise in differences from drift and events.
 
     Drift is estimated without events, and events are found without drift: three turns,

@@ -14,10 +14,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import ALIKE, Track, repeat_lag, repeat_period
@@ -135,7 +135,7 @@ class PhaseFolds:
     #: motion is periodic, around its period [s].
     guard: float = 0.0
 
-    def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
+    def fold(self, run: int, t: ArrayLike) -> Indices:
         """Return the fold (N,), from 0, that tests on each instant t (N,) [s] of a run
         (from 0).
 
@@ -146,7 +146,7 @@ class PhaseFolds:
         slot = np.floor(phase * self.count).astype(np.intp)
         return np.clip(slot, 0, self.count - 1)
 
-    def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
+    def cell(self, run: int, t: ArrayLike) -> Indices:
         """Return the cell (N,) in which each instant t (N,) [s] of a run (from 0) lies,
         counted from 0 through all motions.
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import ORDER
 from sdp_vs_penalty.signals.runs import interpolated
 from sdp_vs_penalty.signals.splines import CubicSpline
@@ -244,7 +244,7 @@ class Filtered:
     #: (M,) instants of the rows [s].
     t: Array
     #: (M,) flags of the rows that count.
-    keep: NDArray[np.bool_]
+    keep: Mask
     #: (D,) instants [s], close enough to interpolate positions between them.
     t_dense: Array
     #: (D, n) positions at these instants [rad or m].
@@ -256,13 +256,13 @@ class Repeat:
     """M rows of a segment whose motion repeats at other instants."""
 
     #: (M,) numbers of the rows among the rows of all segments.
-    rows: NDArray[np.intp]
+    rows: Indices
     #: Number of the segment that repeats the rows' motion.
     other: int
     #: (M,) instants of that segment with the same motion [s].
     later: Array
     #: (M,) first rows of that segment from those instants on, numbers among all rows.
-    there: NDArray[np.intp]
+    there: Indices
 
 
 def is_part(window: Filtered, longer: Filtered) -> bool:
@@ -318,9 +318,7 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
     return tuple(repeats)
 
 
-def _same_positions(
-    a: Filtered, b: Filtered, shift: float
-) -> tuple[NDArray[np.intp], Array]:
+def _same_positions(a: Filtered, b: Filtered, shift: float) -> tuple[Indices, Array]:
     """Find the rows (K,) of segment a whose positions segment b has ``shift`` seconds
     later.
 
@@ -345,7 +343,7 @@ def _same_positions(
     return rows[is_same], later[is_same]
 
 
-def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
+def pairs(repeats: Sequence[Repeat]) -> Indices:
     """Return the two rows with the same motion, for each repeated row.
 
     Noise is measured on the D differences of the torque's residual between two such
@@ -366,7 +364,7 @@ def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
     return np.concatenate(rows)
 
 
-def new_differences(both: NDArray[np.intp], count: int) -> int:
+def new_differences(both: Indices, count: int) -> int:
     """Count the independent differences between rows with the same motion.
 
     K rows with the same motion have K (K - 1) / 2 differences, of which K - 1 are
@@ -388,7 +386,7 @@ def new_differences(both: NDArray[np.intp], count: int) -> int:
     return count - n_motions
 
 
-def phases(both: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+def phases(both: Indices, count: int) -> Indices:
     """Return for each difference a number that stands for the phase of its motion.
 
     Parameters
@@ -407,9 +405,7 @@ def phases(both: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     return first_rows[motion[both[:, 0]]]
 
 
-def _motions_of_rows(
-    both: NDArray[np.intp], count: int
-) -> tuple[int, NDArray[np.intp]]:
+def _motions_of_rows(both: Indices, count: int) -> tuple[int, Indices]:
     """Group rows that show the same motion: pairs ``both`` (D, 2) connect two of them.
 
     Returns
@@ -425,12 +421,7 @@ def _motions_of_rows(
     return int(n_motions), motion.astype(np.intp)
 
 
-def recurring(
-    both: NDArray[np.intp],
-    phase: NDArray[np.intp],
-    reach: int,
-    marked: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
+def recurring(both: Indices, phase: Indices, reach: int, marked: Mask) -> Mask:
     """Return which of the marked differences (D,) recur between two other instants of
     the same phase, as flags (D,).
 
@@ -457,7 +448,7 @@ def recurring(
     return recurs
 
 
-def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
+def consecutive(repeats: Sequence[Repeat]) -> list[Indices]:
     """Cut the differences of all repeats into pieces of consecutive rows.
 
     Parameters

@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, drop_pages, iter_chunks
 from sdp_vs_penalty.data.stretches.gaps import rows_behind_gaps, usual_step
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.constants import SAME_PHASE
 
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle
@@ -31,7 +31,7 @@ def sample_rate(run: Measurements) -> float:
     return 1.0 / usual_step(run.t)
 
 
-def moving_joints(run: Measurements) -> NDArray[np.bool_]:
+def moving_joints(run: Measurements) -> Mask:
     """Return which joints (n,) move at all, rather than flicker about one position or
     give way to the others' motion.
 
@@ -80,7 +80,7 @@ class Movement:
         parts = [np.any(x > limits, axis=1) for _, x in iter_chunks(way)]
         self.moves = np.concatenate(parts)
 
-    def at(self, t: Array) -> NDArray[np.bool_]:
+    def at(self, t: Array) -> Mask:
         """Return for instants t (M,) [s] whether each belongs to motion."""
         sample = np.searchsorted(self.t, t)
         drop_pages(self.t)
@@ -109,7 +109,7 @@ def _ways(run: Measurements) -> Iterator[Array]:
         yield np.abs(end - start)
 
 
-def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+def spans(flags: Mask) -> Indices:
     """Find the stretches of consecutive True flags (N,).
 
     Returns

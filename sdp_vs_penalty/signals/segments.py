@@ -28,7 +28,7 @@ from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, JointCoverage, Motion
 from sdp_vs_penalty.effects.model import depends, turning
 from sdp_vs_penalty.memory import LONG_RECORDING
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.encoder import read_again
@@ -175,7 +175,7 @@ class SegmentedRuns:
     with_shifted_encoders: Callable[[], Iterable[SegmentedRuns]]
     #: (M, n) flags of the rows that do not count for a joint although its segment keeps
     #: them (events).
-    masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
+    masked: Mask = field(default_factory=lambda: np.zeros((0, 0), bool))
     #: The arguments of :meth:`with_model`; empty without a model.
     attached: tuple[Any, ...] = ()
 
@@ -311,7 +311,7 @@ class SegmentedRuns:
         return np.concatenate(differences) / np.sqrt(2.0)
 
     @cached_property
-    def unexplained_standstill_torque(self) -> tuple[Array, NDArray[np.bool_]]:
+    def unexplained_standstill_torque(self) -> tuple[Array, Mask]:
         """Torque at standstill that no usual law of friction explains (sliding
         friction, Dahl's law of any travel).
 
@@ -338,7 +338,7 @@ class SegmentedRuns:
         return held, stuck
 
     @cached_property
-    def keep(self) -> NDArray[np.bool_]:
+    def keep(self) -> Mask:
         """(M, n) which rows count for which joint."""
         moves = np.concatenate([s.keep for s in self.segments])
         keep = np.repeat(moves[:, None], self.n, axis=1)

@@ -8,11 +8,10 @@ from typing import Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals import constants as c
 from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.repetition import ALIKE
@@ -464,9 +463,7 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
     return np.asarray(quantile / -np.log1p(-share))
 
 
-def _autoregression(
-    powers: Array, angle: Array, band: NDArray[np.bool_]
-) -> tuple[Array, float]:
+def _autoregression(powers: Array, angle: Array, band: Mask) -> tuple[Array, float]:
     """Fit the spectrum of a first-order autoregression, c / (1 + a^2 - 2 a cos(w)), to
     the powers (F, n) of n joints at frequencies w (F,) [rad/sample].
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 
 
 class CubicSpline:
@@ -58,7 +58,7 @@ class CubicSpline:
             return np.asarray((3.0 * cube * h + 2.0 * square) * h + slope)
         return np.asarray(((cube * h + square) * h + slope) * h + value)
 
-    def _piece(self, at: Array) -> NDArray[np.intp]:
+    def _piece(self, at: Array) -> Indices:
         """Return the number (M,) of the piece for each of ``at`` (M,)."""
         behind = np.searchsorted(self.x, at, "right")
         return np.clip(behind - 1, 0, len(self.x) - 2)

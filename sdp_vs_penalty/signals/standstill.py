@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.bristles import PRESLIDING_TRAVELS, dahl
 from sdp_vs_penalty.effects.motion import Legs, Motion
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -53,7 +53,7 @@ def standstill_leakage(
     return np.asarray(reaching[rows])
 
 
-def is_still(q: Array) -> NDArray[np.bool_]:
+def is_still(q: Array) -> Mask:
     """Return at which samples each joint stands still.
 
     A joint stands where its position stays within its resolution for longer than a

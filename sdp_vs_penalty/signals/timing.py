@@ -10,9 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.coloured_noise import nonnegative_fit
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -48,7 +47,7 @@ def torque_rates(runs: SegmentedRuns) -> Array:
 
 
 def largest_timing_errors(
-    errors: Array, rates: Array, stretches: Sequence[NDArray[np.intp]]
+    errors: Array, rates: Array, stretches: Sequence[Indices]
 ) -> Array:
     """Return the largest errors that the rates of change explain.
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.data.files import Source, as_measurements
@@ -31,7 +30,7 @@ from sdp_vs_penalty.records import NOT_STORED, JsonRecord, stored_as
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
-from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, at_least_tiny, nonzero_or_one
 from sdp_vs_penalty.signals.segments import window_subsample
 
 if TYPE_CHECKING:
@@ -445,7 +444,7 @@ class _Ride:
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
     def added(
-        self, state: PlantState, k: NDArray[np.intp], share: float, h: float
+        self, state: PlantState, k: Indices, share: float, h: float
     ) -> tuple[Array, Array]:
         """Return the torque of the control loop, M(q) (w^2 e + 2 w de/dt), critically
         damped.
@@ -483,7 +482,7 @@ class _Ride:
         torque = np.einsum("kij,kj->ki", M, acceleration)  # M times vector, each window
         return torque, (2.0 * w + 0.5 * h * w * w) * M
 
-    def step(self, state: PlantState, k: NDArray[np.intp]) -> PlantState:
+    def step(self, state: PlantState, k: Indices) -> PlantState:
         """Simulate from sample k (W,) of the measured run to the next one, for W
         windows.
 

@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class Solution:
 
 
 @cache
-def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+def triangle(d: int) -> tuple[Indices, Indices, Array]:
     """Return rows, columns and weights of svec's entries.
 
     Returns

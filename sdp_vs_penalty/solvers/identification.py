@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.regression.linalg import UNSEEN
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import (
     ConeGroup,
     Constraint,
@@ -429,7 +428,7 @@ def _row_scale(group: ConeGroup, theta_scale: Array) -> Array:
 
 def _log_det(
     entropy: Entropy, centre: Array, theta_scale: Array, width: int
-) -> tuple[list[ConeGroup], NDArray[np.intp], ConeGroup]:
+) -> tuple[list[ConeGroup], Indices, ConeGroup]:
     """Return cones that bound sum t <= log det P for each link's pseudo-inertia P
     (4x4).
 

@@ -11,9 +11,8 @@ from typing import Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.constraint import (
     ConeGroup,
     Constraint,
@@ -42,7 +41,7 @@ class _ConePart:
     #: (slacks,) constants that are added to the slacks.
     ones: Array
     #: (cones,) index among all entries where those of each cone begin.
-    begins: NDArray[np.intp]
+    begins: Indices
 
     @property
     def n_slacks(self) -> int:
