@@ -177,32 +177,5 @@ def with_drive_torque(
 
 
 def plant(estimate: Estimate) -> Estimate:
-    """Return the estimate without its servos: links and friction.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Model with or without servos.
-
-    Returns
-    -------
-    Estimate
-        With the parameters, intervals and covariance that remain; base parameters have
-        none.
-    """
-    keep = ~estimate.model.drives  # (p,) parameters that are no servo's
-    uncertainty = replace(
-        estimate.uncertainty,
-        standard=tuple(estimate.uncertainty.standard[k] for k in np.flatnonzero(keep)),
-        base=(),
-        spread=estimate.uncertainty.spread[keep],
-        gain_response=estimate.uncertainty.gain_response[keep],
-    )
-    reference = estimate.model.reference
-    if reference is not None:
-        reference = reference[keep]
-    effects = estimate.model.without_drives.effects
-    model = replace(estimate.model, effects=effects, known={}, reference=reference)
-    return replace(
-        estimate, model=model, theta=estimate.theta[keep], uncertainty=uncertainty
-    )
+    """Return the estimate without its servos: links and friction."""
+    return estimate.with_effects(lambda effect: effect.forward != "drive")

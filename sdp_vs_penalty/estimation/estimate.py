@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,7 +19,7 @@ from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.colours import AFTER, NEUTRAL
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import EFFECTS, make_effect, standard_effect
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
@@ -63,8 +63,11 @@ if TYPE_CHECKING:
 _SIMULATORS = lazy_exports(
     "sdp_vs_penalty.exporters", simulators="to_pinocchio to_mjspec"
 )
-#: Ranges are of a later folder, too.
+#: Ranges are of a later folder, frames of a later file.
 _RANGES = lazy_exports("sdp_vs_penalty.ranges", table="find_ranges")
+_FRAMES = lazy_exports(
+    "sdp_vs_penalty.estimation", frames="links_frame base_frame covariance_frame"
+)
 
 
 @dataclass(frozen=True)
@@ -217,6 +220,29 @@ class Estimate(Record):
             provenance=known,
             certificate=certificate_without_data(self.problem, self.model, values),
         )
+
+    def with_effects(self, holds: Callable[[Effect], bool]) -> Estimate:
+        """Return the model with some of its effects alone, those that ``holds`` accepts,
+        and what is known of their parameters; nothing is identified again."""
+        parts = [part for part in self.model.parts if holds(part[0])]
+        index = np.sort(np.concatenate([indices for _, indices in parts]))
+        names = {self.model.parameters[k].name for k in index}
+        reference = self.model.reference
+        model = replace(
+            self.model,
+            effects=tuple(effect for effect, _ in parts),
+            reference=None if reference is None else reference[index],
+            known={name: x for name, x in self.model.known.items() if name in names},
+        )
+        uncertainty = replace(
+            self.uncertainty,
+            standard=tuple(self.uncertainty.standard[k] for k in index),
+            base=(),
+            spread=self.uncertainty.spread[index],
+            gain_response=self.uncertainty.gain_response[index],
+        )
+        theta = self.theta[index]
+        return replace(self, model=model, theta=theta, uncertainty=uncertainty)
 
     @property
     def robot(self) -> Robot:
@@ -496,9 +522,7 @@ class Estimate(Record):
         Columns: mass, centre of mass, inertia about it, nominal mass, smallest
         thickness, and what determines the mass.
         """
-        from sdp_vs_penalty.estimation.frames import links_frame
-
-        return links_frame(self)
+        return _FRAMES("links_frame")(self)
 
     def base_frame(self) -> pandas.DataFrame:
         """Return a DataFrame with one row a base parameter.
@@ -506,9 +530,7 @@ class Estimate(Record):
         Columns: full expression ("Izz1 + Iyy2 + 0.0998 m3"), value, 95 % interval,
         verdict and unit.
         """
-        from sdp_vs_penalty.estimation.frames import base_frame
-
-        return base_frame(self)
+        return _FRAMES("base_frame")(self)
 
     def covariance_frame(self, base: bool = False) -> pandas.DataFrame:
         """Return the covariance as a DataFrame with labelled rows and columns.
@@ -523,11 +545,7 @@ class Estimate(Record):
         DataFrame
             (p, p) or (b, b); NaN for parameters that the data do not determine.
         """
-        from sdp_vs_penalty.estimation import frames
-
-        if base:
-            return frames.base_covariance_frame(self)
-        return frames.covariance_frame(self)
+        return _FRAMES("covariance_frame")(self, base)
 
     def to_pinocchio(self, force: bool = False) -> Any:
         """Return the links, armature and friction as a Pinocchio Model.

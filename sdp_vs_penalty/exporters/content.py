@@ -1,8 +1,8 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any, Self
@@ -11,7 +11,7 @@ import numpy as np
 from lxml import etree
 
 from sdp_vs_penalty.effects import standard_effect
-from sdp_vs_penalty.effects.effect import Effect, SimulatorField
+from sdp_vs_penalty.effects.effect import SimulatorField
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.carried import payload_parameters
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -220,47 +220,6 @@ def _with_payload(estimate: Estimate) -> Array:
     if load is not None:
         links[-1] += load[1]
     return links
-
-
-def with_effects(estimate: Estimate, holds: Callable[[Effect], bool]) -> Estimate:
-    """Return a copy of a model with some of its effects only, and without a verdict.
-
-    This is the model that a file holds which has a place for these effects only.
-    Nothing is identified again. The servo loops of a model without torques stay.
-
-    Parameters
-    ----------
-    holds : callable
-        Whether to keep an effect.
-    """
-    model = estimate.model
-    remaining = [
-        (effect, indices)
-        for effect, indices in model.parts
-        if holds(effect) or effect.forward == "drive"
-    ]
-    effects = tuple(effect for effect, _ in remaining)
-    index = np.sort(np.concatenate([indices for _, indices in remaining]))
-    reference = None if model.reference is None else model.reference[index]
-    uncertainty = estimate.uncertainty
-    uncertainty = replace(
-        uncertainty,
-        standard=tuple(uncertainty.standard[k] for k in index),
-        base=(),
-        spread=uncertainty.spread[index],
-        gain_response=uncertainty.gain_response[index],
-    )
-    return replace(
-        estimate,
-        model=replace(model, effects=effects, reference=reference),
-        theta=estimate.theta[index],
-        uncertainty=uncertainty,
-        provenance={
-            name: entry
-            for name, entry in estimate.provenance.items()
-            if name != "verdict"
-        },
-    )
 
 
 def verdict_line(estimate: Estimate) -> str:

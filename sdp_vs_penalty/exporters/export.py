@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.c_formulas import has_closed_form
-from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
+from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.files import write_bytes
 
@@ -119,12 +119,12 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
     holds_formulas = getattr(home, "HOLDS_FORMULAS", False)
     if fields is None:
         return None
-    return with_effects(
-        estimate,
+    return estimate.with_effects(
         lambda effect: (
             effect.simulator_field in fields
+            or effect.forward == "drive"  # the loops of a model without torque
             or (holds_formulas and has_closed_form(effect, estimate))
-        ),
+        )
     )
 
 

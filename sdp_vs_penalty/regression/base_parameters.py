@@ -11,11 +11,14 @@ from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.effect import Motion, SimulatorField
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import triangular
 from sdp_vs_penalty.robot.arrays import Array, Indices
-from sdp_vs_penalty.robot.inertia import parameter_names
 from sdp_vs_penalty.robot.robot import ROUNDED_ANGLE
+
+#: A coefficient below this share of the largest is rounding.
+ROUNDING = 1e-9
 
 
 def base_parameters(
@@ -67,10 +70,38 @@ class BaseParameters:
 
     #: (b, p) combinations of theta (p,).
     rows: Array
-    #: Names of the b base parameters.
-    names: list[str]
-    #: Indices of the parameters that lead them.
+    #: Names of the p parameters.
+    parameters: list[str]
+    #: Indices of the parameters that lead the b combinations.
     leading: list[int]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the combinations: "Izz1 + ..." of a sum, "f_v3" of one parameter."""
+        return [
+            self.parameters[k] + (" + ..." if np.count_nonzero(row) > 1 else "")
+            for row, k in zip(self.rows, self.leading, strict=True)
+        ]
+
+    @property
+    def sums(self) -> list[str]:
+        """The combinations written out, the leading parameter first: "Izz1 + 0.0998 m3 -
+        Iyy2"; what is a share of ROUNDING of the largest coefficient is left out."""
+        return [
+            self._written_out(row, k)
+            for row, k in zip(self.rows, self.leading, strict=True)
+        ]
+
+    def _written_out(self, row: Array, leading: int) -> str:
+        """Return one combination (p,), whose leading coefficient is 1, as a sum."""
+        text = self.parameters[leading]
+        size = np.abs(row)
+        for k in np.flatnonzero(size > ROUNDING * size.max()):
+            if k != leading:
+                is_one = abs(size[k] - 1.0) < ROUNDING
+                term = "" if is_one else f"{number(size[k], 4)} "
+                text += f" {'-' if row[k] < 0.0 else '+'} {term}{self.parameters[k]}"
+        return text
 
 
 def base_rows(problem: Problem, model: Model) -> BaseParameters:
@@ -96,11 +127,7 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     unit = np.eye(p)
     rows = np.vstack([matrix @ unit[link_indices], unit[others]])
     leading = [*(int(link_indices[k]) for k in lead), *others.tolist()]
-    names = []  # such as "Izz1 + ..." for a sum, "f_v3" for a single parameter
-    for row, k in zip(rows, leading, strict=True):
-        is_sum = np.count_nonzero(row) > 1
-        names.append(model.parameters[k].name + (" + ..." if is_sum else ""))
-    return BaseParameters(rows, names, leading)
+    return BaseParameters(rows, [q.name for q in model.parameters], leading)
 
 
 def _rigid_base(problem: Problem, model: Model) -> tuple[Array, Indices, Sequence[int]]:
@@ -214,38 +241,7 @@ def structure(
 
 
 def base_parameter_symbols(problem: Problem) -> dict[str, str]:
-    """Return each base parameter as a sum of standard ones, such as "Izz2 - 0.64 m2".
-
-    Returns
-    -------
-    dict of str to str
-        Sums by the name of the leading parameter (Izz1, mx2, ...).
-    """
-    base, independent = base_parameters(
-        problem.model(standard_effect("links").name), problem.independent
-    )
-    rigid = [
-        name
-        for link in range(1, problem.robot.links + 1)
-        for name in parameter_names(link)
-    ]
-    return {
-        rigid[lead]: _written_out(row, rigid, lead)
-        for row, lead in zip(base, independent, strict=True)
-    }
-
-
-def _written_out(row: Array, names: Sequence[str], lead: int) -> str:
-    """Return a linear function as text, the leading parameter first: "Izz2 - 0.64 m2".
-
-    row : (k,) coefficients of the parameters ``names``; zeros are left out. The leading
-    one has the index ``lead`` and the coefficient 1.
-    """
-    description = names[lead]
-    for k, (value, name) in enumerate(zip(row, names, strict=True)):
-        if k == lead or not value:
-            continue
-        sign = " + " if value > 0.0 else " - "
-        size = "" if abs(abs(value) - 1.0) < 1e-9 else f"{abs(value):.4g} "
-        description += f"{sign}{size}{name}"
-    return description
+    """Return each base parameter of the links as a sum of standard ones, such as "Izz2 -
+    0.64 m2", by the name of the leading one."""
+    base = base_rows(problem, problem.model(standard_effect("links").name))
+    return dict(zip([base.parameters[k] for k in base.leading], base.sums, strict=True))

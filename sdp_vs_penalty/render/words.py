@@ -370,19 +370,6 @@ def cause_of(failures: Failures, joint: int) -> str:
     return strongest[0][0] if strongest else UNNAMED
 
 
-def error_in_words(compared: Comparison, joint: int) -> str:
-    """Write the error of a joint (from 1) in N m or N, and in multiples of its noise
-    if that is known.
-    """
-    unit = plain_unit(compared.estimate.torque_units[joint - 1])
-    error = float(compared.joint_error[joint - 1])
-    if compared.error_over_noise is None:
-        return f"{formatting.number(error)} {unit}"
-    return formatting.times_noise(
-        float(compared.error_over_noise[joint - 1]), error, unit
-    )
-
-
 def noise_unknown(compared: Comparison) -> str:
     """Say that no noise floor is known; "" where it is."""
     if compared.noise_floor is not None:
@@ -396,7 +383,7 @@ def describe_worst(compared: Comparison, cause: str) -> str:
     ``cause`` is what the error depends on (:func:`shown_cause`).
     """
     joint = compared.worst_joint
-    error = error_in_words(compared, joint)
+    error = compared.errors.words(joint)
     if compared.error_over_noise is None:
         size = f"Joint {joint} errs by {error}, the most of all"
     elif compared.is_within_noise:
@@ -432,7 +419,7 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
     if not new:
         return ""
     joint = before.worst_joint
-    error = error_in_words(after, joint)
+    error = after.errors.words(joint)
     change = f"With {effects_in_words(new)}, joint {joint} errs by {error}."
     return f"{change} {describe_worse(before, after)}".rstrip()
 

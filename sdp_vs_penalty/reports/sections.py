@@ -25,10 +25,10 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.frames import base_expressions
 from sdp_vs_penalty.estimation.uncertainty import counts
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.friction_table import friction_curves
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.render import charts, pieces, tables, words
 from sdp_vs_penalty.render.arms import link_ellipsoid
 from sdp_vs_penalty.results.table import Table
@@ -499,7 +499,7 @@ def parameters(data: ReportData) -> Context:
     """
     known = data.last.uncertainty
     runs = ", ".join(map(str, data.last.provenance.get("runs", [])))
-    names = base_expressions(data.last)
+    names = base_rows(data.last.problem, data.last.model).sums
     base = tables.parameter_table(data.last.base_entries, names)
     standard = tables.parameter_table(data.last.entries)
     return {
