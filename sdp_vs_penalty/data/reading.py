@@ -422,13 +422,13 @@ def _aligned(
         and not (clock and any(x in values.gaps for x in clock))
     ):
         return t, {x: columns[x] for x in own}, values.rows
-    from sdp_vs_penalty.data.stretches.merging import Samples, align
+    from sdp_vs_penalty.data.stretches.merging import ChannelSamples, align
 
     n_rows = len(next(iter(columns.values())))
     of_log = np.arange(n_rows, dtype=float) if t is None else t
     seconds = _seconds_unit(found)
     stamps = dict[Any, tuple[Array, Any]]()  # by clock and empty cells
-    channels = dict[str, Samples]()
+    channels = dict[str, ChannelSamples]()
     places = dict[str, Any]()
     for name, its_clock in own.items():
         gap = gaps.get(name)
@@ -443,7 +443,7 @@ def _aligned(
         at, rows = stamps[key]
         places[name] = rows
         is_whole = len(rows) == len(columns[name]) and bool(np.all(np.diff(rows) == 1))
-        channels[name] = Samples(
+        channels[name] = ChannelSamples(
             at, columns[name] if is_whole else columns[name][rows], its_clock, rows
         )
     leading = (groups.get("tau") or groups["q"])[0]

@@ -57,7 +57,7 @@ _FORMAT = 1
 
 
 @dataclass(frozen=True)
-class Notice:
+class PageNotice:
     """One or more sentences for the person: an error, or something worth knowing."""
 
     #: The sentences.
@@ -147,7 +147,7 @@ class Session:
     #: By job the last answer, with the ``model`` that it is about.
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: What is said to the person; None for nothing.
-    notice: Notice | None = None
+    notice: PageNotice | None = None
     #: Work in progress; None while idle.
     working: Working | None = None
     #: The coroutine that runs a job; None while idle.
@@ -339,7 +339,7 @@ class Session:
         }.items():
             texts = tuple(text.replace(path, name) for text in texts)
         texts = tuple(map(spoken, texts))
-        self.notice = Notice(texts, error) if texts else None
+        self.notice = PageNotice(texts, error) if texts else None
         self.changed()
 
     def start(

@@ -143,7 +143,7 @@ def half_period(clock: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Samples:
+class ChannelSamples:
     """A channel with stamps of its own."""
 
     #: (M,) stamps, in any order [s].
@@ -155,7 +155,7 @@ class Samples:
     #: (M,) rows of the samples in a table of that clock; None where it has no rows.
     rows: NDArray[np.intp] | None = None
 
-    def of_rows_of(self, other: "Samples") -> NDArray[np.intp] | None:
+    def of_rows_of(self, other: "ChannelSamples") -> NDArray[np.intp] | None:
         """Return the place (N,) of the sample in each row of another channel; None where
         one of these rows has none."""
         if self.rows is None or other.rows is None or self.clock != other.clock:
@@ -183,7 +183,9 @@ class Aligned:
 
 
 def align(
-    channels: Mapping[str, Samples], leading: str, discrete: Collection[str | None] = ()
+    channels: Mapping[str, ChannelSamples],
+    leading: str,
+    discrete: Collection[str | None] = (),
 ) -> Aligned:
     """Bring channels with stamps of their own to those of the leading one: a torque,
     where there is one.

@@ -51,7 +51,7 @@ _OF_A_PAIR = "{x}", "|{x}|", "sign({x})", "{x}^2"
 
 
 @dataclass(frozen=True)
-class Law:
+class CurveLaw:
     """A law of the dictionary: a sum of terms with free amplitudes and non-linear
     constants."""
 
@@ -120,7 +120,7 @@ def _number(x: float) -> str:
     return f"{x:.4g}"
 
 
-def dictionary(axes: Sequence[Axis]) -> list[Law]:
+def dictionary(axes: Sequence[Axis]) -> list[CurveLaw]:
     """List the laws (formulas with free amplitudes) that a curve over one or two
     variables may follow; an axis is a variable with its range.
     """
@@ -131,7 +131,7 @@ def dictionary(axes: Sequence[Axis]) -> list[Law]:
     )
 
 
-def _laws_of_one_variable(axis: Axis) -> list[Law]:
+def _laws_of_one_variable(axis: Axis) -> list[CurveLaw]:
     """List the candidate laws (formulas with free amplitudes) of a curve over one
     variable x.
 
@@ -156,7 +156,7 @@ def _laws_of_one_variable(axis: Axis) -> list[Law]:
     return laws
 
 
-def _power_law(*reads: str) -> Law:
+def _power_law(*reads: str) -> CurveLaw:
     """Make the law a1 g1(x) + a2 g2(x) + ..., without other constants than its
     amplitudes.
 
@@ -167,10 +167,10 @@ def _power_law(*reads: str) -> Law:
         """Return each function at the points."""
         return [_FUNCTIONS[r](variables[0]) for r in reads]
 
-    return Law(terms, reads)
+    return CurveLaw(terms, reads)
 
 
-def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
+def _scaled_law(g: Function, reads: str, widths: Array) -> CurveLaw:
     """Make the law a g(x / b), such as a tanh(x / b), with amplitude a and width b.
 
     Parameters
@@ -187,10 +187,10 @@ def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
         """Return g(x / b) at the points."""
         return [g(variables[0] / constants[0])]
 
-    return Law(terms, (reads,), [(float(b),) for b in widths])
+    return CurveLaw(terms, (reads,), [(float(b),) for b in widths])
 
 
-def _bump_law(axis: Axis) -> Law:
+def _bump_law(axis: Axis) -> CurveLaw:
     """Make the law of a bump, a exp(-((x - b) / c)^2), with amplitude a, place b and
     width c.
 
@@ -206,10 +206,10 @@ def _bump_law(axis: Axis) -> Law:
     places = np.linspace(axis.low, axis.high, _SCAN_STEPS // 2)
     widths = np.geomspace(0.03, 0.5, 8) * (axis.high - axis.low)
     starts = [(float(b), float(c)) for b, c in product(places, widths)]
-    return Law(terms, ("exp(-(({x} - {b}) / {c})^2)",), starts)
+    return CurveLaw(terms, ("exp(-(({x} - {b}) / {c})^2)",), starts)
 
 
-def _laws_of_two_variables(first: Axis, second: Axis) -> list[Law]:
+def _laws_of_two_variables(first: Axis, second: Axis) -> list[CurveLaw]:
     """List the candidate laws of two variables x and y.
 
     They are products f(x) g(y), a wave of one variable times a function of the other,
@@ -238,7 +238,7 @@ def _factors(axis: Axis) -> Sequence[str]:
     return _OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR
 
 
-def _product_law(of_first: str, of_second: str) -> Law:
+def _product_law(of_first: str, of_second: str) -> CurveLaw:
     """Make the law a f(x) g(y) with two functions of _FUNCTIONS, given by their keys
     such as "{x}^2".
     """
@@ -249,10 +249,10 @@ def _product_law(of_first: str, of_second: str) -> Law:
             _FUNCTIONS[of_first](variables[0]) * _FUNCTIONS[of_second](variables[1])
         ]
 
-    return Law(terms, (f"{of_first} {_other(of_second)}",))
+    return CurveLaw(terms, (f"{of_first} {_other(of_second)}",))
 
 
-def _wave_of_first(axis: Axis, factor: str) -> Law:
+def _wave_of_first(axis: Axis, factor: str) -> CurveLaw:
     """Make the law a g(y) sin(b x + phase): a wave of the first variable x times a
     function g of the second, y.
 
@@ -267,7 +267,7 @@ def _wave_of_first(axis: Axis, factor: str) -> Law:
     )
 
 
-def _wave_of_second(axis: Axis, factor: str) -> Law:
+def _wave_of_second(axis: Axis, factor: str) -> CurveLaw:
     """Make the law a g(x) sin(b y + phase): a wave of the second variable y times a
     function g of the first, x.
 
@@ -282,7 +282,7 @@ def _wave_of_second(axis: Axis, factor: str) -> Law:
     )
 
 
-def _wave_of_both(first: Axis, second: Axis) -> Law:
+def _wave_of_both(first: Axis, second: Axis) -> CurveLaw:
     """Make the law a sin(b x + c y + phase) of two variables.
 
     Fits begin with b > 0 only: (-b, -c) with another phase is the same wave.
@@ -308,7 +308,7 @@ def _wave(
     starts: Sequence[tuple[float, ...]],
     factor: Function = lambda p: np.ones_like(p[0]),
     other_factor: str = "",
-) -> Law:
+) -> CurveLaw:
     """Make the law of a wave: sine and cosine of a phase, times a factor.
 
     Parameters
@@ -325,7 +325,7 @@ def _wave(
         """Return sine and cosine at variables p (v, P) for constants b (c,)."""
         return [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)]
 
-    return Law(terms, (f"sin({reads} + {{phase}}){other_factor}",), starts)
+    return CurveLaw(terms, (f"sin({reads} + {{phase}}){other_factor}",), starts)
 
 
 def _fastest(axis: Axis) -> float:
@@ -361,7 +361,7 @@ class LawFit:
     """A law fitted to a curve."""
 
     #: The law.
-    law: Law
+    law: CurveLaw
     #: (m,) amplitudes of the law's terms.
     amplitudes: Array
     #: (c,) non-linear constants.
@@ -384,7 +384,7 @@ class LawFit:
 
 
 def recognise_law(
-    f: SplineFit, on_rows: Callable[[Law, Array], CurveColumns], looked: int
+    f: SplineFit, on_rows: Callable[[CurveLaw, Array], CurveColumns], looked: int
 ) -> tuple[float, LawFit | None]:
     """Find the simplest law with about as much evidence as the best law and as the
     curve.
@@ -407,7 +407,7 @@ def recognise_law(
         The law; None if none has enough evidence.
     """
 
-    def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
+    def in_splines(law: CurveLaw, constants: Array) -> tuple[Array, Array]:
         """Return the normal equations of a law approximated by the splines."""
         coefficients = _coefficients_in_splines(f.basis, law, constants)
         return _normal_equations(coefficients, f.columns)
@@ -463,7 +463,7 @@ def _points_and_inverse(basis: Basis) -> tuple[Array, Array]:
     return points, np.asarray(inverse, float)
 
 
-def _coefficients_in_splines(basis: Basis, law: Law, constants: Array) -> Array:
+def _coefficients_in_splines(basis: Basis, law: CurveLaw, constants: Array) -> Array:
     """Approximate a law's m terms by the k splines of a basis, for S sets of constants
     at once.
 
@@ -484,7 +484,7 @@ def _coefficients_in_splines(basis: Basis, law: Law, constants: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _laws_with_starts(basis: Basis) -> list[tuple[Law, Array]]:
+def _laws_with_starts(basis: Basis) -> list[tuple[CurveLaw, Array]]:
     """List the candidate laws of a basis with the spline coefficients of their starts.
 
     Starts (constants that a fit begins with) whose values are not finite are left out,
@@ -492,7 +492,7 @@ def _laws_with_starts(basis: Basis) -> list[tuple[Law, Array]]:
 
     Returns
     -------
-    list of (Law, (S, m, k) array)
+    list of (CurveLaw, (S, m, k) array)
         The law with its S starts, and the k spline coefficients of its m terms at each.
     """
     out = []
@@ -578,7 +578,7 @@ def _solve_amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
 
 
 def _refine_law(
-    start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]
+    start: LawFit, normal: Callable[[CurveLaw, Array], tuple[Array, Array]]
 ) -> LawFit:
     """Refine a law's non-linear constants by Nelder-Mead, within the range of its
     starts.
