@@ -4,17 +4,15 @@ several in SHARED; and words of the command line to plain values."""
 import argparse
 import inspect
 import json
-import math
 import re
 import textwrap
-import warnings
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from sdp_vs_penalty.errors import InputError, Remark, require_known
+from sdp_vs_penalty.errors import InputError, require_known
 
 #: Flags, or an argument's name; limits; an example of a value; then what it is, for
 #: --help and the page.
@@ -234,7 +232,6 @@ class Parser(argparse.ArgumentParser):
             Values by the verb's parameters, with ``quiet`` and ``json_`` for every
             verb.
         """
-        words = self._in_current_order(words)
         known = [flag for option in self._actions for flag in option.option_strings]
         for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
             if flag != "--help":
@@ -246,50 +243,6 @@ class Parser(argparse.ArgumentParser):
             else:
                 joined.append(word)
         return vars(self.parse_intermixed_args(joined))
-
-    def _in_current_order(self, words: Sequence[str]) -> Sequence[str]:
-        """Rewrite ``RUN.csv ... --problem P``, the order of versions before 0.1.
-
-        The result is ``P --data RUN.csv ...``; a remark says so.
-        """
-        robot = self.options.get("problem")
-        has_old_order = any(word.partition("=")[0] == "--problem" for word in words)
-        if robot is None or robot.option_strings or not has_old_order:
-            return words
-        problems: list[str] = []
-        runs: list[str] = []
-        options: list[str] = []
-        target = runs
-        n_values = 0.0  # that the last flag may still take
-        for word in words:
-            flag, has_value, value = word.partition("=")
-            if flag == "--problem":
-                target = problems
-                problems += [value] * bool(has_value)
-                n_values = 0.0 if has_value else 1.0
-            elif word.startswith("--"):
-                target = options
-                options.append(word)
-                n_values = 0.0 if has_value else self._n_values(flag)
-            elif n_values:
-                target.append(word)
-                n_values -= 1.0
-            else:
-                runs.append(word)
-        current = f"`{self.prog.partition(' ')[2]} PROBLEM --data RUN.csv ...`"
-        warnings.warn(
-            Remark(f"write {current}: --problem goes with the next version"),
-            stacklevel=2,
-        )
-        return [*problems, *["--data"] * bool(runs), *runs, *options]
-
-    def _n_values(self, flag: str) -> float:
-        """Return how many words may follow a flag; 1 for an unknown flag."""
-        for option in self._actions:
-            if flag in option.option_strings:
-                most: dict[Any, float] = {0: 0.0, "+": math.inf}
-                return most.get(option.nargs, 1.0)
-        return 1.0
 
     def error(self, message: str) -> Any:
         """Raise InputError for words that argparse cannot parse, instead of exiting."""

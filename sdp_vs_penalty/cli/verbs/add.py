@@ -1,6 +1,7 @@
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import InputError
 
 
@@ -32,7 +33,7 @@ def verb(
     --only 1,3: Numbers of the findings to add.
     """
     from sdp_vs_penalty.checks.gate import consented
-    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for, words
     from sdp_vs_penalty.data.files import training_runs
@@ -131,7 +132,6 @@ def _say_what_is_weak(diagnosis: Any) -> None:
     """Print which weak findings --confident has taken, why they are weak, and how to
     leave them out.
     """
-    from sdp_vs_penalty.cli import console
 
     for line in diagnosis.weak_companions:
         console.paragraph(f"added, since its torque is certain: {line}")
@@ -143,7 +143,6 @@ def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
     """Print findings that were not added, because the fixed model has their effect
     already.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.effects import effect_in_words
 
     there = {
@@ -161,7 +160,6 @@ def _say_sizes(effects: Any, model: Any, added: Any) -> None:
 
     A finding that a measured curve replaces is not in the model.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
     from sdp_vs_penalty.effects import effect_types
     from sdp_vs_penalty.estimation import carried

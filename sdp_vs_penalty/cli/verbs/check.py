@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def verb(
     """
     from sdp_vs_penalty.api.remedies import Files, next_command
     from sdp_vs_penalty.checks.report import list_remedies
-    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.data.files import run_files
     from sdp_vs_penalty.problem.check_command import CheckCommand
     from sdp_vs_penalty.records import to_json
@@ -90,7 +91,6 @@ def _read_and_check(
     the joints that stand still.
     """
     from sdp_vs_penalty.checks import check_runs
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
     from sdp_vs_penalty.data.files import read_run
     from sdp_vs_penalty.data.measurements import Measurements
@@ -122,7 +122,6 @@ def _write_copies(
     is written. Raises InputError where problems were found, and none can be repaired.
     """
     from sdp_vs_penalty.checks.fixing import fix_runs
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import save
     from sdp_vs_penalty.files import write_text
 
@@ -167,7 +166,6 @@ def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
 
 def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -> None:
     """Print the command that identifies from all runs except those for testing."""
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import words as run_words
     from sdp_vs_penalty.data.files import for_testing

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty.cli import console
+
 if TYPE_CHECKING:
     from sdp_vs_penalty.exporters.inertials import LinkCheck
 
@@ -19,7 +21,6 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     urdf robot.urdf: File to check.
     --fix fixed.urdf: Copy to write, with the mistakes corrected, else the nearest inertials.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters import inertials
     from sdp_vs_penalty.robot import as_urdf
 
@@ -54,7 +55,6 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
 
 def _print_inertials(checks: Sequence[LinkCheck]) -> None:
     """Print a table of all links."""
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters import inertials
     from sdp_vs_penalty.results.table import Table
 

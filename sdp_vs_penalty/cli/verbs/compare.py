@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty.cli import console
+
 if TYPE_CHECKING:
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation.estimate import Estimate
@@ -22,7 +24,7 @@ def verb(
 
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
     """
-    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import say_what_follows
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for
     from sdp_vs_penalty.diagnosis.comparison import compare

@@ -1,6 +1,8 @@
 import argparse
 from enum import StrEnum
 
+from sdp_vs_penalty.cli import console
+
 #: Shells whose completion can be written.
 Shell = StrEnum("Shell", "bash zsh tcsh")
 
@@ -14,8 +16,6 @@ def verb(shell: Shell = Shell.bash) -> None:
     shell: Shell to print it for.
     """
     import shtab
-
-    from sdp_vs_penalty.cli import console
 
     for line in shtab.complete(_whole_parser(), shell.value).expandtabs().splitlines():
         console.say(line)

@@ -1,5 +1,7 @@
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
+
 
 def verb(
     problem: str,
@@ -21,7 +23,6 @@ def verb(
 
     --folds >=2: Stretches that each motion is cut into.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
     from sdp_vs_penalty.cli.runs import words as run_words

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
+
 #: Said where the command to add takes some of the findings.
 CURVES_LEFT_OUT = (
     "The next command adds what is sure. The measured curves were measured beside the"
@@ -33,7 +35,7 @@ def verb(
     from sdp_vs_penalty.api import diagnose as find_missing_effects
     from sdp_vs_penalty.api.remedies import Files, next_command
     from sdp_vs_penalty.checks.gate import consented
-    from sdp_vs_penalty.cli import console, printing, runs
+    from sdp_vs_penalty.cli import printing, runs
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.problem.check_command import CheckCommand

@@ -3,6 +3,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty.cli import console
+
 if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import Estimate
     from sdp_vs_penalty.estimation.verdict import Verdict
@@ -34,7 +36,6 @@ def verb(
     --samples N: N consistent models that fit the runs, each a file: out.001.urdf, out.002.urdf, ...
     --prior: With --samples: flat (in the standard parameters, within all constraints) or entropic.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -76,7 +77,6 @@ def _samples(
 ) -> None:
     """Write n consistent models that fit, each to a numbered file; ``how`` is passed to
     the writer."""
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.exporters.export import write_model
     from sdp_vs_penalty.ranges.samples import find_samples
@@ -122,7 +122,6 @@ def _say_what_is_lost(
     """Print the verdict on a file that cannot hold all effects, and how the errors
     change.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters.export import exported_verdict
 
     console.say(exported_verdict(left_out, None if judged is None else judged[0]))
@@ -132,7 +131,6 @@ def _say_what_is_lost(
 
 def _say_verdict(estimate: Estimate) -> None:
     """Print the verdict that is stored in the model, or that there is none."""
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
 
     stored = estimate.verdict
@@ -144,7 +142,6 @@ def _warn_of_names(out: Path) -> None:
 
     A model.json holds names of joints only.
     """
-    from sdp_vs_penalty.cli import console
 
     ending = out.suffix.lower()
     if ending not in (".urdf", ".xml", ".sdf"):

@@ -1,5 +1,7 @@
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
+
 
 def verb(
     problem: str,
@@ -26,7 +28,6 @@ def verb(
     --method: Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic; default: lmi-sdp, or
         lmi-sdp-thickness for .dat-s, which has no exponential cones.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import (
         problem_from_options,
         read_and_hold,

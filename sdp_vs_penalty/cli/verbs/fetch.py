@@ -1,5 +1,6 @@
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import command_line
 
 
@@ -11,7 +12,6 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
     names [panda|ur10e|emps|tx40] ...: Data sets; default: all.
     --folder: Folder for the files; default: the user's cache.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.datasets import DATASETS, cache_folder, dataset
     from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
 

@@ -1,6 +1,7 @@
 import os
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.options import Budget
 
 
@@ -18,7 +19,6 @@ def verb(
     --budget: Effort: quick, single (as quick), or paper (longer motions, more instants).
     --jobs >=0: Processes on this computer, which estimate and draw; 0: one per core.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.figures import make_figures
     from sdp_vs_penalty.parallel import Workers
 

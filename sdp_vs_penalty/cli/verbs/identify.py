@@ -1,6 +1,7 @@
 import time
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import Infeasible
 
 
@@ -38,7 +39,7 @@ def verb(
     --ranges: Between which values the masses can lie at all, too, whatever the prior.
     """
     from sdp_vs_penalty.api import identify_and_judge
-    from sdp_vs_penalty.cli import console, printing, runs
+    from sdp_vs_penalty.cli import printing, runs
     from sdp_vs_penalty.cli.next_step import say_what_follows
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.data.measurements import Measurements

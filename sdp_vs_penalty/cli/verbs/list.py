@@ -1,6 +1,7 @@
 from enum import StrEnum
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import require_known
 
 Rows = list[tuple[str, ...]]
@@ -19,7 +20,6 @@ def verb(what: Kind, name: str | None = None, json_: Path | None = None) -> None
     name: One name, for all about it.
     --json out.json: JSON file for all that is known of each name.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.results.table import Table
 
     headings, rows = listing(what)

@@ -1,5 +1,7 @@
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
+
 
 def verb(
     model: Path,
@@ -29,7 +31,6 @@ def verb(
     --band RUN.csv: Between which values the torque of another run can lie, joint by joint.
     --next NAME: What a weighed link, or more motion, would leave of this range.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.errors import InputError
     from sdp_vs_penalty.estimation.estimate import load_estimate

@@ -2,6 +2,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import command_line
 
 
@@ -24,7 +25,7 @@ def verb(
     --findings findings.json: Diagnosis whose findings are shown.
     --forward: Forward simulation of whole runs, however long it takes.
     """
-    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for
     from sdp_vs_penalty.reports import check_name, report

@@ -2,6 +2,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.options import Budget
 from sdp_vs_penalty.errors import InputError
 
@@ -34,7 +35,6 @@ def verb(
     --quick: As --budget quick, the default: monte_carlo draws 20 times and leaves slow methods out.
     --html: A page too, index.html, that shows the tables with the links drawn.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.tables import PAGE, make_tables, makers
     from sdp_vs_penalty.parallel import Workers
 

@@ -1,5 +1,6 @@
 from pathlib import Path
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import InputError
 
 
@@ -18,7 +19,6 @@ def verb(
     --model model.json: Model that the proof must be of.
     --data RUN.csv ...: Measurements that it must be made of.
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import runs_from_options
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.proofs import verify_proof_file
