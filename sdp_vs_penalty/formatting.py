@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -226,6 +226,21 @@ def command(*words: object) -> str:
     "sdp-vs-penalty convert 'my run.csv' --rate 200"
     """
     return command_line(["sdp-vs-penalty", *words])
+
+
+def given_options(options: Mapping[str, object]) -> list[str]:
+    """Return the options of a command that were given, neither None nor "", with their
+    values as words.
+
+    >>> given_options({"--hold": None, "--gravity": "-9.8,0,0", "--topic": "/joints"})
+    ['--gravity=-9.8,0,0', '--topic', '/joints']
+    """
+    words = []
+    for name, value in options.items():
+        if value is not None and (text := str(value)):
+            # A value that begins with a minus would be read as an option.
+            words += [f"{name}={text}"] if text.startswith("-") else [name, text]
+    return words
 
 
 def convert_command(path: object, *words: object) -> str:

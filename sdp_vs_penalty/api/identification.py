@@ -147,16 +147,11 @@ def identify(
         seed=seed,
         known=known or {},
         instruments=instruments,
+        workers=workers,
+        progress=progress,
     )
     estimate, runs = _identify(
-        problem,
-        training_runs(measurements),
-        method,
-        options,
-        progress=progress,
-        proof=proof,
-        workers=workers,
-        check=check,
+        problem, training_runs(measurements), method, options, proof, check
     )
     if isinstance(runs, BlackBox):
         return estimate
@@ -218,8 +213,8 @@ def identify_black_box(
             "identify_black_box(answers=...) are measured runs",
             "use identify, or give the .npz of q, gravity and mass_matrix",
         )
-    options = PoseOptions(seed=seed)
-    return estimate_parameters(problem, data, method, options, progress=progress)
+    options = PoseOptions(seed=seed, progress=progress)
+    return estimate_parameters(problem, data, method, options)
 
 
 def identify_and_judge(
@@ -228,9 +223,7 @@ def identify_and_judge(
     method: str | Estimator,
     options: PoseOptions,
     *,
-    progress: Progress = no_progress,
     proof: str | Path | None = None,
-    workers: Workers = ALONE,
     noise_from: Measurements | None = None,
     check: bool | Gate = True,
 ) -> tuple[Estimate, Comparison | None]:
@@ -259,16 +252,7 @@ def identify_and_judge(
     InputError
         For input that cannot be used.
     """
-    estimate, runs = _identify(
-        problem,
-        measurements,
-        method,
-        options,
-        progress=progress,
-        proof=proof,
-        workers=workers,
-        check=check,
-    )
+    estimate, runs = _identify(problem, measurements, method, options, proof, check)
     if isinstance(runs, BlackBox):
         return estimate, None
     return estimate, _judge(estimate, runs, noise_from)
@@ -279,10 +263,7 @@ def _identify(
     measurements: Source | FilteredRuns | BlackBox,
     method: str | Estimator,
     options: PoseOptions,
-    *,
-    progress: Progress,
     proof: str | Path | None,
-    workers: Workers,
     check: bool | Gate,
 ) -> tuple[Estimate, FilteredRuns | BlackBox]:
     """Identify a model without a verdict; return it with what it was identified from.
@@ -297,7 +278,7 @@ def _identify(
         data = data.copied()
     issues: dict[str, Any] = {}
     if check and isinstance(data, Measurements):
-        progress("checking the measurements")
+        options.progress("checking the measurements")
         from sdp_vs_penalty.checks.gate import raise_on_errors
 
         issues = raise_on_errors(
@@ -314,9 +295,7 @@ def _identify(
         if isinstance(data, BlackBox)
         else filter_runs(problem, data, options.preprocessing)
     )
-    estimate = estimate_parameters(
-        problem, runs, method, options, progress=progress, proof=proof, workers=workers
-    )
+    estimate = estimate_parameters(problem, runs, method, options, proof=proof)
     estimate.provenance.update(checked=bool(check), checks=issues)
     return estimate, runs
 
@@ -357,4 +336,4 @@ def gate_of(check: bool | Gate, problem: Problem, source: Any, stacklevel: int) 
     if isinstance(check, Gate):
         return check
     warn = partial(warnings.warn, stacklevel=stacklevel)
-    return Gate(warn, command=CheckCommand.of_source(problem, source))
+    return Gate(warn, command=CheckCommand.for_source(problem, source))

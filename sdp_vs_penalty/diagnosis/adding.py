@@ -237,13 +237,10 @@ class _Again:
             gain_uncertainty=self.gain_errors,
             seed=self.seed,
             known=self.estimate.model.known,
+            progress=self.progress,
         )
         return estimate_parameters(
-            self.estimate.problem,
-            self.runs,
-            self.estimate.estimator,
-            options,
-            progress=self.progress,
+            self.estimate.problem, self.runs, self.estimate.estimator, options
         )
 
     def identified_jointly(

@@ -94,7 +94,7 @@ _READERS: dict[str, Callable[[Any], Any]] = {
 @dataclass(frozen=True)
 class PoseOptions:
     """What a user may choose of the posing, as :func:`sdp_vs_penalty.identify` takes
-    it."""
+    it, who works on it, and who hears of it."""
 
     #: Effects of the model; None: the problem's.
     effects: str | Sequence[str | Effect] | None = None
@@ -113,6 +113,10 @@ class PoseOptions:
     known: Mapping[str, float] = field(default_factory=dict)
     #: "command" or "none"; None: "command" where no torque was logged.
     instruments: str | None = None
+    #: Processes that compress the runs.
+    workers: Workers = ALONE
+    #: Receives a line of text at each stage.
+    progress: Progress = no_progress
 
     @classmethod
     def from_texts(cls, **texts: Any) -> PoseOptions:
@@ -187,8 +191,6 @@ def build_problem(
     problem: str | Path | Problem,
     measurements: Source | FilteredRuns | BlackBox,
     options: PoseOptions | None = None,
-    progress: Progress = no_progress,
-    workers: Workers = ALONE,
 ) -> EstimationProblem:
     """Pose the optimisation problem of an identification, from problem and
     measurements.
@@ -197,10 +199,6 @@ def build_problem(
     ----------
     options : PoseOptions, optional
         Effects, filters, weighting and further choices.
-    progress : callable
-        Receives a line of text at each stage.
-    workers : Workers
-        Processes that compress the runs.
 
     Returns
     -------
@@ -217,15 +215,11 @@ def build_problem(
     data = read_and_filter(
         problem, measurements, options.preprocessing, "pose(measurements=...)"
     )
-    return pose_filtered(problem, data, options, progress, workers)
+    return pose_filtered(problem, data, options)
 
 
 def pose_filtered(
-    problem: Problem,
-    data: FilteredRuns | BlackBox,
-    options: PoseOptions,
-    progress: Progress = no_progress,
-    workers: Workers = ALONE,
+    problem: Problem, data: FilteredRuns | BlackBox, options: PoseOptions
 ) -> EstimationProblem:
     """Pose the optimisation problem of an identification, from filtered runs.
 
@@ -242,10 +236,6 @@ def pose_filtered(
         Measurements behind their filters, or answers of a black box.
     options : PoseOptions
         Effects, weighting and further choices.
-    progress : callable
-        Receives a line of text at each stage.
-    workers : Workers
-        Processes that compress the runs.
 
     Returns
     -------
@@ -259,23 +249,23 @@ def pose_filtered(
     """
     require_known("instruments", options.instruments or "none", ("command", "none"))
     if isinstance(data, BlackBox):
-        return _pose_black_box(problem, data, options, progress)
+        return _pose_black_box(problem, data, options)
     model = problem.model(options.effects)
     if options.effects is not None:
         options = replace(options, effects=model.effects)
     if data.measurements.torque_logged:
-        posed = _pose_torque_log(problem, model, data, options, progress, workers)
+        posed = _pose_torque_log(problem, model, data, options)
     else:
-        posed = _pose_servo_log(problem, model, data, options, progress)
+        posed = _pose_servo_log(problem, model, data, options)
     problem = posed.problem
-    compressed = partial(in_columns, posed.runs, workers=workers)
+    compressed = partial(in_columns, posed.runs, workers=options.workers)
     model = with_reference(
-        problem, posed.model, compressed, options.weighting, progress
+        problem, posed.model, compressed, options.weighting, options.progress
     )
-    progress("compressing the measurements")
+    options.progress("compressing the measurements")
     regression = compressed(model)
     task = make_task(
-        problem, model, regression, options.weighting, options.seed, progress
+        problem, model, regression, options.weighting, options.seed, options.progress
     )
     return EstimationProblem(
         problem=problem,
@@ -306,7 +296,7 @@ class _PosedLog:
 
 
 def _pose_black_box(
-    problem: Problem, data: BlackBox, options: PoseOptions, progress: Progress
+    problem: Problem, data: BlackBox, options: PoseOptions
 ) -> EstimationProblem:
     """State the identification problem of a black box, a simulator that answers with
     torque.
@@ -318,7 +308,7 @@ def _pose_black_box(
         standard_effect("links").name if options.effects is None else options.effects
     )
     model = with_known(problem.model(effects), options.known)
-    progress("compressing the black box's answers")
+    options.progress("compressing the black box's answers")
     regression = compress_black_box(data, model)
     task = make_task(
         problem,
@@ -326,7 +316,7 @@ def _pose_black_box(
         regression,
         weighting="none",
         seed=options.seed,
-        progress=progress,
+        progress=options.progress,
     )
     return EstimationProblem(
         problem,
@@ -339,12 +329,7 @@ def _pose_black_box(
 
 
 def _pose_torque_log(
-    problem: Problem,
-    model: Model,
-    runs: FilteredRuns,
-    options: PoseOptions,
-    progress: Progress,
-    workers: Workers,
+    problem: Problem, model: Model, runs: FilteredRuns, options: PoseOptions
 ) -> _PosedLog:
     """Prepare a log with torque: everything but the linear parameters is fixed here.
 
@@ -362,8 +347,8 @@ def _pose_torque_log(
         model = model.without_drives
     model = with_known(model, options.known)
     # 2. Shape constants, such as a Stribeck velocity, are nonlinear: estimate them now.
-    progress("estimating shape constants")
-    shapes = estimate_shapes(model, runs, options.weighting, workers=workers)
+    options.progress("estimating shape constants")
+    shapes = estimate_shapes(model, runs, options.weighting, workers=options.workers)
     model = replace(model, effects=with_shapes(model.effects, shapes))
     if shapes:
         details["shapes"] = [s.to_dict() for s in shapes]
@@ -374,7 +359,7 @@ def _pose_torque_log(
             details["recipe"] = options.recipe()
     # 4. Runs with known loads determine the gains of the torque channels.
     if options.known_loads:
-        progress("determining the gains from the known loads")
+        options.progress("determining the gains from the known loads")
         spread = float(np.max(options.gain_uncertainty))
         gain, gain_errors = gains_from_loads(model, runs, options.known_loads, spread)
         problem = replace(problem, gains=tuple(gain.tolist()))
@@ -385,11 +370,7 @@ def _pose_torque_log(
 
 
 def _pose_servo_log(
-    problem: Problem,
-    model: Model,
-    data: FilteredRuns,
-    options: PoseOptions,
-    progress: Progress,
+    problem: Problem, model: Model, data: FilteredRuns, options: PoseOptions
 ) -> _PosedLog:
     """Prepare a log without torque: the servos' control law replaces the torque.
 
@@ -405,7 +386,7 @@ def _pose_servo_log(
         model.effects,
         data,
         options.weighting,
-        progress,
+        options.progress,
         instruments=options.instruments != "none",
         chosen=options.effects is not None,
     )

@@ -32,13 +32,7 @@ from sdp_vs_penalty.estimation.uncertainty import (
     of_regression,
 )
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import (
-    Estimator,
-    Fit,
-    Progress,
-    Task,
-    no_progress,
-)
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
@@ -265,9 +259,7 @@ def estimate_parameters(
     method: str | Estimator = DEFAULT_METHOD,
     options: PoseOptions | None = None,
     *,
-    progress: Progress = no_progress,
     proof: str | Path | None = None,
-    workers: Workers = ALONE,
 ) -> Estimate:
     """Identify a problem from filtered runs by one method, with a certificate.
 
@@ -282,12 +274,8 @@ def estimate_parameters(
         Measurements behind their filters, or answers of a black box.
     options : PoseOptions, optional
         Effects, filters, weighting and further choices.
-    progress : callable
-        Receives a line of text at each stage.
     proof : str or Path, optional
         File for the proof of optimality, or of infeasibility.
-    workers : Workers
-        Processes that compress the runs.
 
     Raises
     ------
@@ -299,15 +287,15 @@ def estimate_parameters(
     by_simulation = method == OUTPUT_ERROR
     estimator = make_estimator(DEFAULT_METHOD if by_simulation else method)
     _require_suitable(estimator, by_simulation, data, proof is not None)
-    posed = pose_filtered(problem, data, options, progress, workers)
-    posed.task.progress(f"estimating by {estimator.name}")
+    posed = pose_filtered(problem, data, options)
+    options.progress(f"estimating by {estimator.name}")
     try:
         fit = estimator.fit(posed.task)
     except Infeasible as error:
         if proof is not None and error.proof:
             write_proof(infeasibility_proof(*error.proof, posed.task.bound), proof)
         raise
-    estimate = build_estimate(posed, estimator, fit, workers)
+    estimate = build_estimate(posed, estimator, fit, options.workers)
     if by_simulation:
         linear, fit = refine(estimate, posed, estimator)
         estimate = replace(build_estimate(linear, estimator, fit), method=OUTPUT_ERROR)
@@ -315,7 +303,7 @@ def estimate_parameters(
     if "servo" in posed.details:
         estimate = with_torque_error(estimate, posed.regression)
     if proof is not None:
-        progress("proving the optimum")
+        options.progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
         optimum = proved(posed.task, fit, estimate.theta, estimate.method, made_of)
         write_proof(optimum, proof)

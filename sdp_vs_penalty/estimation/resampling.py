@@ -38,6 +38,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import (
     PoseOptions,
     build_problem,
+    filter_runs,
     with_known,
     with_reference,
 )
@@ -311,9 +312,14 @@ def cross_validate(
             "choose another method",
         )
     options = PoseOptions(
-        effects, preprocessing, weighting, seed=seed, known=known or {}
+        effects,
+        preprocessing,
+        weighting,
+        seed=seed,
+        known=known or {},
+        progress=progress,
     )
-    split = Split(problem, measurements, options, folds, progress)
+    split = Split(problem, measurements, options, folds)
     workers = replace(workers, progress=progress)
     return split.result(
         estimator, list(workers.map(partial(split.judged, estimator), split.numbers))
@@ -360,7 +366,6 @@ class Split:
         measurements: Source,
         options: PoseOptions,
         folds: int,
-        progress: Progress = no_progress,
     ) -> None:
         """Read the data of a cross-validation and compress them, in blocks by folds.
 
@@ -388,24 +393,20 @@ class Split:
         self.raw: Regression | None = None
         # Compress the rows, one block a fold (and one for rows between folds).
         if data.torque_logged:
-            self.runs = FilteredRuns.of(
-                data, options.preprocessing or problem.preprocessing
-            )
+            self.runs = identified = filter_runs(problem, data, options.preprocessing)
             model = problem.model(options.effects).without_drives
             self.model = with_known(model, options.known)
-            _require_long_folds(folds, self.runs)
-            self.phases = phase_folds(data, self.runs.settings, folds)
-            self.common = compress_cells(
-                self.runs, self.model.reference_free, self.phases
-            )
+            columns = self.model.reference_free
         else:
-            posed = build_problem(problem, data, options, progress)
+            posed = build_problem(problem, data, options)
             assert posed.runs is not None
-            self.runs = FilteredRuns.of(data, posed.runs.settings)
-            self.model = posed.task.model
-            _require_long_folds(folds, self.runs)
-            self.phases = phase_folds(data, self.runs.settings, folds)
-            self.common = compress_cells(posed.runs, self.model, self.phases)
+            identified = posed.runs
+            self.runs = FilteredRuns.of(data, identified.settings)
+            self.model = columns = posed.task.model
+        _require_long_folds(folds, self.runs)
+        self.phases = phase_folds(data, self.runs.settings, folds)
+        self.common = compress_cells(identified, columns, self.phases)
+        if not data.torque_logged:
             self.raw = compress_cells(
                 self.runs, replace(self.model, reference=None), self.phases
             )

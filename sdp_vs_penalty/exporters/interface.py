@@ -1,9 +1,7 @@
 """What a module of this folder offers to be a format of export."""
 
-from collections.abc import Collection
 from typing import Protocol
 
-from sdp_vs_penalty.effects.effect import SimulatorField
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options
 
@@ -15,7 +13,7 @@ class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
     Five more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
-    the fields that they have (:class:`HoldsModel`), ``HOLDS_FORMULAS = True`` of those
+    the fields that they have, a collection of SimulatorField, ``HOLDS_FORMULAS = True`` of those
     that hold every effect with a closed form as well.
     ``EDITS = True`` is of formats that can edit the user's own file, ``options.urdf``.
     ``BODIES = False`` is of formats that hold neither links nor a payload, ``RESTS =
@@ -54,10 +52,3 @@ class ExportFormat(Protocol):
             impossible link.
         """
         ...
-
-
-class HoldsModel(ExportFormat, Protocol):
-    """A format that holds a model of the torque, judged as it is exported."""
-
-    #: The fields that it has a place for.
-    HOLDS: Collection[SimulatorField]

@@ -23,7 +23,6 @@ from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimation.proofs import proved
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import (
     ATTEMPTS,
     LmiSdp,
@@ -133,7 +132,6 @@ def write_posed(
     out: str | Path,
     method: str | None = None,
     options: PoseOptions | None = None,
-    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Write the SDP that ``identify`` solves, and OUT.json with the proved interval of
     its optimum.
@@ -153,8 +151,6 @@ def write_posed(
         that is SDPA_METHOD.
     options : PoseOptions, optional
         Effects, weights and so on, as for ``identify``.
-    progress : callable
-        Called with a short text at each step.
 
     Raises
     ------
@@ -171,11 +167,11 @@ def write_posed(
             "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
     check_format(out, estimator.entropy > 0.0)
-    posed = build_problem(problem, measurements, options, progress)
+    posed = build_problem(problem, measurements, options)
     task = posed.task
     runs = posed.runs
     objective, constraints = estimator.posed(task)
-    progress("proving the optimum")
+    task.progress("proving the optimum")
     fit = estimator.fit(task)
     proof = proved(task, fit, certify(task, fit)[0], method)
     centre = fit.theta

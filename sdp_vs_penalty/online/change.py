@@ -28,6 +28,7 @@ from sdp_vs_penalty.online.information import (
     Information,
     PayloadPrior,
     Posterior,
+    weight_of,
 )
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -201,23 +202,14 @@ class ChangeDetector:
 
         -inf if less than CHANGE_SHORTEST seconds came after it.
         """
-        window = self._window
-        matrix_before = self._matrices[place]
-        window.seconds = self.total.seconds - self._seconds[place]
-        if window.seconds < c.CHANGE_SHORTEST:
+        if self.total.seconds - self._seconds[place] < c.CHANGE_SHORTEST:
             return -np.inf
-        np.subtract(self.total.matrix, matrix_before, out=window.matrix)
-        weight = window.weight(self._correlation)
-        posterior = self._posterior
-        posterior.clear()
         if not self.is_carrying:
-            posterior.add(window.matrix, weight)
-            return posterior.solve()
+            return self._after(place)
         # A payload was carried: the same one would go on to explain the window.
-        weight_before = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
-        posterior.add(matrix_before, weight_before)
-        evidence_before = posterior.solve()
-        posterior.add(window.matrix, weight)
+        posterior = self._posterior
+        evidence_before = self._before(place)
+        self._add_after(place, posterior)
         evidence_of_both = posterior.solve()
         posterior.clear()
         posterior.add_again()
@@ -274,16 +266,16 @@ class ChangeDetector:
             is_carrying=is_carrying,
         )
 
-    def _before(self, place: int) -> None:
-        """Solve for the payload from the data before the snapshot in slot ``place``.
+    def _before(self, place: int) -> float:
+        """Solve for the payload from the data before the snapshot in slot ``place``;
+        return ln of its evidence.
 
-        ``_posterior.mean`` (10,) holds it. The weight of T seconds of data is 1 / T + 1
-        / tau with the correlation time tau [s] of the residuals.
+        ``_posterior.mean`` (10,) holds the payload.
         """
         self._posterior.clear()
-        weight = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
+        weight = weight_of(self._seconds[place], self._correlation)
         self._posterior.add(self._matrices[place], weight)
-        self._posterior.solve()
+        return self._posterior.solve()
 
     def _after(self, place: int) -> float:
         """Solve for the payload after the snapshot in slot ``place``; return ln of its
@@ -291,18 +283,16 @@ class ChangeDetector:
 
         ``_posterior.mean`` (10,) holds the payload.
         """
-        self._posterior_after(place, self._posterior)
+        self._posterior.clear()
+        self._add_after(place, self._posterior)
         return self._posterior.solve()
 
-    def _posterior_after(self, place: int, out: Posterior) -> None:
-        """Set ``out`` to the prior and the data after the snapshot in slot ``place``.
-
-        Data after = all data - data up to the snapshot. ``out`` is not solved yet.
-        """
+    def _add_after(self, place: int, out: Posterior) -> None:
+        """Add the data after the snapshot in slot ``place`` to ``out``, unsolved: all
+        data less those up to the snapshot."""
         window = self._window
         np.subtract(self.total.matrix, self._matrices[place], out=window.matrix)
         window.seconds = self.total.seconds - self._seconds[place]
-        out.clear()
         out.add(window.matrix, window.weight(self._correlation))
 
     def posterior_after(self, change: DetectedChange, out: Posterior) -> None:
@@ -313,7 +303,8 @@ class ChangeDetector:
         change : DetectedChange
             A change that :meth:`search` has returned.
         """
-        self._posterior_after(self._place(change), out)
+        out.clear()
+        self._add_after(self._place(change), out)
         out.solve()
 
     def _place(self, change: DetectedChange) -> int:

@@ -63,6 +63,12 @@ class PayloadPrior:
         self.log_det = -2.0 * SIZE * np.log(mass)
 
 
+def weight_of(seconds: float, correlation: float) -> float:
+    """Return the weight 1 / T + 1 / tau [1/s] of a stretch of length T [s] whose
+    residuals are correlated over the time tau [s]."""
+    return 1.0 / max(seconds, 1e-9) + 1.0 / correlation
+
+
 class Information:
     """A stretch's matrix G (11 + d, 11 + d) and its length T [s], or those of several."""
 
@@ -94,9 +100,8 @@ class Information:
         self.seconds *= factor
 
     def weight(self, correlation: float) -> float:
-        """Return the weight 1 / T + 1 / tau [1/s] of a stretch of length T [s] whose
-        residuals are correlated over the time tau [s]."""
-        return 1.0 / max(self.seconds, 1e-9) + 1.0 / correlation
+        """Return the weight of the stretch (:func:`weight_of`)."""
+        return weight_of(self.seconds, correlation)
 
 
 class Posterior:

@@ -774,10 +774,10 @@ def fit(job: JobRequest) -> Answer:
                 **{f.name: options.get(f.name) for f in fields(PoseOptions)},
                 "effects": job["effects"],
                 "seed": job["seed"],
+                "workers": Workers(int(job.number("jobs", 1)), progress=job.progress),
+                "progress": job.progress,
             }
         ),
-        progress=job.progress,
-        workers=Workers(int(job.number("jobs", 1)), progress=job.progress),
         noise_from=job.training_recordings,
         # Unheard: the page shows each run's issues beside the run.
         check=not job["anyway"] and Gate(no_progress),
@@ -915,10 +915,10 @@ def methods(job: JobRequest) -> Answer:
     for name in job["methods"]:
         effects = current.model.effects
         progress = partial(job.progress_of, name)
-        options = PoseOptions(effects=effects, seed=job["seed"])
+        options = PoseOptions(effects=effects, seed=job["seed"], progress=progress)
         try:
             estimates_made = estimate_parameters(
-                current.problem, filtered, name, options, progress=progress
+                current.problem, filtered, name, options
             )
             folds = None
             if job["folds"]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from sdp_vs_penalty.data.files import run_files
+from sdp_vs_penalty.formatting import given_options
 from sdp_vs_penalty.problem.load import problem_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -43,7 +44,7 @@ class CheckCommand:
         return cls(problem=name, runs=runs, gravity=gravity)
 
     @classmethod
-    def of_source(cls, problem: Problem, source: Any) -> Self | None:
+    def for_source(cls, problem: Problem, source: Any) -> Self | None:
         """Return the command that checks the runs that a caller passes; None where they
         are not all files.
         """
@@ -65,14 +66,7 @@ class CheckCommand:
 
         They are the direction of gravity and the joints that are held fixed.
         """
-        words = []
-        for name, value in (("--gravity", self.gravity), ("--hold", self.hold)):
-            if value is None:
-                continue
-            # A value that begins with a minus would be read as an option.
-            is_negative = value.startswith("-")
-            words += [f"{name}={value}"] if is_negative else [name, value]
-        return words
+        return given_options({"--gravity": self.gravity, "--hold": self.hold})
 
     @property
     def copy(self) -> Path:

@@ -24,6 +24,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import numbers, pairs
 from sdp_vs_penalty.errors import InputError, Remark, given
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml
+from sdp_vs_penalty.formatting import given_options
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
@@ -569,14 +570,13 @@ def convert_options(
     Problem has no word.
     """
     formulas = motors if isinstance(motors, str | bool) else ",".join(motors)
-    pairs = {
+    options = {
         "--problem": problem if isinstance(problem, str | Path) else None,
         "--hold": hold,
         "--topic": topic,
         "--motors": None if isinstance(formulas, bool) else formulas,
     }
-    words = [word for pair in pairs.items() if pair[1] for word in map(str, pair)]
-    return [*words, *["--motor-side"] * (motors is True)]
+    return [*given_options(options), *["--motor-side"] * (motors is True)]
 
 
 @checked_arguments

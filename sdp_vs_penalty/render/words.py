@@ -58,26 +58,26 @@ class FindingWords:
 
     #: Effect and joint, such as "Joint spring, joint 4".
     title: str
-    #: What the effect is on this arm, in a sentence with its size.
-    on_the_arm: str
     #: Rating: confident, near-tie or weak.
     rating: str
-    #: Size of the effect with its 95 % interval.
-    size: str
-    #: Constants of the effect's law.
-    constants: str
-    #: What adding the effect does to the error.
-    gain: str
     #: What the effect is in general.
     physics: str
-    #: Other effects that fit as well.
-    rivals: str
-    #: How many splits of one run show the effect.
-    splits: str
     #: Why the finding is weak.
     doubt: str
+    #: What the effect is on this arm, in a sentence with its size.
+    on_the_arm: str = ""
+    #: Size of the effect with its 95 % interval.
+    size: str = ""
+    #: Constants of the effect's law.
+    constants: str = ""
+    #: What adding the effect does to the error.
+    gain: str = ""
+    #: Other effects that fit as well.
+    rivals: str = ""
+    #: How many splits of one run show the effect.
+    splits: str = ""
     #: Run that decides whether the effect is there.
-    test: str
+    test: str = ""
 
     @property
     def size_and_constants(self) -> str:
@@ -176,16 +176,9 @@ def describe_constant(constant: Retune) -> FindingWords:
     """
     return FindingWords(
         title=f"{plain_name(constant.effect)}, joint {constant.joint}",
-        on_the_arm="",
         rating=constant.rating,
-        size="",
-        constants="",
-        gain="",
         physics=f"Re-estimated constant: {constant.explanation}.",
-        rivals="",
-        splits="",
         doubt=doubt_of(constant),
-        test="",
     )
 
 
@@ -363,13 +356,6 @@ _WHEN = {
 }
 
 
-def cause_of(failures: Failures, joint: int) -> str:
-    """Return the cause that a joint's (from 1) error depends on most; UNNAMED if none
-    is known."""
-    strongest = dependences(failures[joint - 1], 1)
-    return strongest[0][0] if strongest else UNNAMED
-
-
 def noise_unknown(compared: Comparison) -> str:
     """Say that no noise floor is known; "" where it is."""
     if compared.noise_floor is not None:
@@ -470,10 +456,12 @@ def shown_cause(finding: Finding | None, failures: Failures, joint: int) -> str:
     """Return the cause that the chart of a joint's error (from 1) is drawn against.
 
     That is the one which shows the joint's ``finding``, or else the cause that the
-    error depends on most.
+    error depends on most; UNNAMED if none is known.
     """
-    seen_against = "" if finding is None else finding.seen_against
-    return seen_against or cause_of(failures, joint)
+    if finding is not None and finding.seen_against:
+        return finding.seen_against
+    strongest = dependences(failures[joint - 1], 1)
+    return strongest[0][0] if strongest else UNNAMED
 
 
 def shown_waves(failure: JointFailure, finding: Finding | None = None) -> float:
@@ -483,11 +471,6 @@ def shown_waves(failure: JointFailure, finding: Finding | None = None) -> float:
     if finding is not None and "k" in finding.shape:
         return finding.shape["k"]
     return float(failure.orders[0][0]) if failure.orders else 1.0
-
-
-def describe_failure(failure: JointFailure, unit: str) -> str:
-    """Say where one joint's error is large; ``unit`` is its torque unit."""
-    return " ".join(sentences(failure, unit))
 
 
 def picture_title(before: Comparison, after: Comparison, joint: int, cause: str) -> str:

@@ -19,7 +19,7 @@ from sdp_vs_penalty.diagnosis.open_findings import (
     still_missing,
 )
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
-from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures
+from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures, sentences
 from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
@@ -203,19 +203,8 @@ def verdict(data: ReportData) -> Context:
     record = data.verdict
     change = "" if is_alone else words.describe_addition(first, last)
     joint = first.worst_joint
-    failures = data.failures[first.name]
     finding = words.shown_finding(data.diagnosis, joint)
-    cause = words.shown_cause(finding, failures, joint)
-    picture = charts.cause_figure(
-        first.signals,
-        None if is_alone else last.signals,
-        joint=joint,
-        cause=cause,
-        units=data.units,
-        position_units=data.last.robot.position_units,
-        floor=last.noise_floor,
-        waves=words.shown_waves(failures[joint - 1], finding),
-    )
+    cause = words.shown_cause(finding, data.failures[first.name], joint)
     rows = [
         (compared.name, data.verdict_of(compared).grade, compared.facts())
         for compared in data.comparisons
@@ -227,7 +216,9 @@ def verdict(data: ReportData) -> Context:
         "change": change,
         "on_the_arm": words.on_the_arm_of(data.sized_diagnosis),
         "picture": pieces.figure(
-            picture, words.picture_title(first, last, joint, cause), 300
+            _error_plot(data, joint, cause, finding),
+            words.picture_title(first, last, joint, cause),
+            300,
         ),
         "bars": pieces.bars(
             first.rmse, None if is_alone else last.rmse, last.noise_floor, data.units
@@ -243,6 +234,26 @@ def verdict(data: ReportData) -> Context:
         "names": ", ".join(data.measurements.names),
         "scope": first.facts()["scope"].text,
     }
+
+
+def _error_plot(
+    data: ReportData, joint: int, cause: str, finding: Finding | None
+) -> Any:
+    """Plot the error of a joint (from 1) against its cause, of the first and of the last
+    model; ``finding`` is the one that it shows."""
+    first = data.comparisons[0]
+    last = data.comparisons[-1]
+    failure = data.failures[first.name][joint - 1]
+    return charts.cause_figure(
+        first.signals,
+        None if first is last else last.signals,
+        joint=joint,
+        cause=cause,
+        units=data.units,
+        position_units=data.last.robot.position_units,
+        floor=last.noise_floor,
+        waves=words.shown_waves(failure, finding),
+    )
 
 
 def torques(data: ReportData) -> Context:
@@ -394,7 +405,7 @@ def causes_of_error(data: ReportData) -> Context:
     lines = [
         (
             f.joint,
-            words.describe_failure(f, unit),
+            " ".join(sentences(f, unit)),
             formatting.number(float(error)),
             formatting.number(f.noise_floor),
         )
@@ -476,21 +487,10 @@ def _picture_of_finding(data: ReportData, finding: Finding) -> Any:
     """
     if not finding.torque_is_certain:
         return ""
-    first = data.comparisons[0]
-    last = data.comparisons[-1]
     joint = finding.main_joint
-    failures = data.failures[first.name]
-    plot = charts.cause_figure(
-        first.signals,
-        None if first is last else last.signals,
-        joint=joint,
-        cause=words.shown_cause(finding, failures, joint),
-        units=data.units,
-        position_units=data.last.robot.position_units,
-        floor=last.noise_floor,
-        waves=words.shown_waves(failures[joint - 1], finding),
-    )
-    return pieces.figure(plot, height=250)
+    failures = data.failures[data.comparisons[0].name]
+    cause = words.shown_cause(finding, failures, joint)
+    return pieces.figure(_error_plot(data, joint, cause, finding), height=250)
 
 
 def parameters(data: ReportData) -> Context:

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
+from sdp_vs_penalty.formatting import given_options
 
 
 def verb(
@@ -64,6 +65,13 @@ def verb(
         "--known": known,
         "--out": str(free_name("model.json")),
     }
-    words = (word for pair in settings.items() if pair[1] for word in pair)
     console.save_json(json_, result.to_dict())
-    console.next_step(["identify", problem, "--data", *run_words(data, None), *words])
+    console.next_step(
+        [
+            "identify",
+            problem,
+            "--data",
+            *run_words(data, None),
+            *given_options(settings),
+        ]
+    )

@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
+from sdp_vs_penalty.formatting import given_options
 
 #: Said where the command to add takes some of the findings.
 CURVES_LEFT_OUT = (
@@ -62,7 +63,7 @@ def verb(
             and runs.gate(CheckCommand.for_runs(estimate.problem, data)),
         )
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
-    words += _written(
+    words += given_options(
         {
             "--test": None if test is None else runs.words([test], None)[0],
             "--test-window": test_window,
@@ -85,9 +86,3 @@ def verb(
         if json_ is not None and result.leaves_curves_out:
             console.paragraph(CURVES_LEFT_OUT)
         console.next_step(what)
-
-
-def _written(options: dict[str, object]) -> list[str]:
-    """Return the options that were given, with their values, as words of a command."""
-    pairs = [(name, x) for name, x in options.items() if x is not None]
-    return [str(word) for pair in pairs for word in pair]

@@ -42,13 +42,14 @@ def verb(
             known_loads=known_load,
             known=known,
             instruments=instruments,
+            progress=progress,
         )
         robot, (_, runs), _ = read_and_hold(
             lambda held: problem_from_options(problem, gravity, bounds, filters, held),
             hold,
             lambda robot: runs_from_options(robot, data, window),
         )
-        summary = write_posed(robot, runs, out, method, chosen, progress)
+        summary = write_posed(robot, runs, out, method, chosen)
     console.written(
         out,
         f"{summary['method']}: {summary['variables']} variables, {summary['rows']} rows",

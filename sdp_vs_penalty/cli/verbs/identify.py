@@ -74,10 +74,10 @@ def verb(
                     known_loads=known_load,
                     known=known,
                     instruments=instruments,
+                    workers=Workers(jobs, scheduler, progress),
+                    progress=progress,
                 ),
-                progress=progress,
                 proof=proof,
-                workers=Workers(jobs, scheduler, progress),
                 noise_from=runs_given if isinstance(runs_given, Measurements) else None,
                 check=not no_check and runs.gate(check_command),
             )
