@@ -35,9 +35,8 @@ from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
     is_part,
-    new_differences,
+    motions_of_rows,
     pairs,
-    phases,
     recurring,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -326,13 +325,12 @@ class _RepeatedRows:
         # may hold another torque: this is no noise of the sensor.
         no_law = runs.unexplained_standstill_torque[1]
         self.stuck = no_law[self.earlier_rows] | no_law[later_rows]
-        n_independent = new_differences(self.both, self.n_rows)
+        n_independent, self._phase = motions_of_rows(self.both, self.n_rows)
         self.independent_share = min(1.0, n_independent / len(self.earlier_rows))
         self.rates = rate_features(runs)
         # Seconds from the earlier to the later instant of each difference, (D,).
         gaps = [repeat.later - runs.t[repeat.rows] for repeat in repeats]
         self._gap = np.concatenate(gaps)
-        self._phase = phases(self.both, self.n_rows)
         # Number of rows within which two phases of the motion count as the same.
         self._rows_of_same_phase = max(1, round(SAME_PHASE * runs.rate))
 

@@ -364,8 +364,9 @@ def pairs(repeats: Sequence[Repeat]) -> Indices:
     return np.concatenate(rows)
 
 
-def new_differences(both: Indices, count: int) -> int:
-    """Count the independent differences between rows with the same motion.
+def motions_of_rows(both: Indices, count: int) -> tuple[int, Indices]:
+    """Count the independent differences between rows with the same motion, and tell
+    which differences are of one motion.
 
     K rows with the same motion have K (K - 1) / 2 differences, of which K - 1 are
     independent: six equal runs make fifteen pairs of each row, five of them
@@ -379,46 +380,18 @@ def new_differences(both: Indices, count: int) -> int:
     Returns
     -------
     int
-        Number of independent differences: rows less groups of rows with the same
-        motion.
-    """
-    n_motions, _ = _motions_of_rows(both, count)
-    return count - n_motions
-
-
-def phases(both: Indices, count: int) -> Indices:
-    """Return for each difference a number that stands for the phase of its motion.
-
-    Parameters
-    ----------
-    both : (D, 2) array of int
-        Pairs of rows with the same motion, from :func:`pairs`.
-
-    Returns
-    -------
+        Number of independent differences: the ``count`` rows less groups of rows with
+        the same motion (connected components; a row without a pair is one).
     (D,) array of int
-        The first of all rows that pairs connect with the difference's rows.
-    """
-    n_motions, motion = _motions_of_rows(both, count)
-    first_rows = np.full(n_motions, count, dtype=np.intp)
-    np.minimum.at(first_rows, motion, np.arange(count))
-    return first_rows[motion[both[:, 0]]]
-
-
-def _motions_of_rows(both: Indices, count: int) -> tuple[int, Indices]:
-    """Group rows that show the same motion: pairs ``both`` (D, 2) connect two of them.
-
-    Returns
-    -------
-    int
-        Number of groups (connected components); a row without a pair is one.
-    (count,) array of int
-        Number of each row's group.
+        The phase of each difference's motion: the first of all rows that pairs connect
+        with its own.
     """
     entries = (np.ones(len(both)), tuple(both.T))
     graph = scipy.sparse.coo_array(entries, shape=(count, count))
     n_motions, motion = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    return int(n_motions), motion.astype(np.intp)
+    first_rows = np.full(n_motions, count, dtype=np.intp)
+    np.minimum.at(first_rows, motion, np.arange(count))
+    return count - int(n_motions), first_rows[motion[both[:, 0]]]
 
 
 def recurring(both: Indices, phase: Indices, reach: int, marked: Mask) -> Mask:
@@ -433,7 +406,7 @@ def recurring(both: Indices, phase: Indices, reach: int, marked: Mask) -> Mask:
     both : (D, 2) array of int
         Pairs of rows with the same motion, from :func:`pairs`.
     phase : (D,) array of int
-        Phase of each difference, from :func:`phases`.
+        Phase of each difference, from :func:`motions_of_rows`.
     reach : int
         Number of rows within which two phases count as the same.
     """

@@ -265,8 +265,8 @@ def test_what_the_repeats_of_a_motion_share(seed):
     for _ in range(count):
         for a, b in both:
             group[[a, b]] = min(group[a], group[b])
-    assert repetition.new_differences(both, count) == count - len(set(group.tolist()))
-    phase = repetition.phases(both, count)
+    n_independent, phase = repetition.motions_of_rows(both, count)
+    assert n_independent == count - len(set(group.tolist()))
     assert phase.tolist() == group[both[:, 0]].tolist()
     marked = rng.random(len(both)) < 0.4
     reach = int(rng.integers(0, 2))
@@ -285,7 +285,7 @@ def test_what_the_repeats_of_a_motion_share(seed):
 
 def test_rows_that_only_a_later_row_connects_are_one_motion():
     both = np.array([[0, 2], [1, 2]])
-    assert repetition.phases(both, 3).tolist() == [0, 0]
+    assert repetition.motions_of_rows(both, 3)[1].tolist() == [0, 0]
 
 
 def test_the_resolution_of_positions_is_four_of_their_noises_deviations():

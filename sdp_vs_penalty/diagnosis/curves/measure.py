@@ -27,7 +27,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.curves.laws import (
-    Law,
+    CurveLaw,
     LawFit,
     law_in_words,
     recognise_law,
@@ -395,7 +395,7 @@ class _Measuring:
         law.
         """
 
-        def on_rows(law: Law, constants: Array) -> CurveColumns:
+        def on_rows(law: CurveLaw, constants: Array) -> CurveColumns:
             """Return the white columns of a law on the rows of the log."""
             raw = self.variables.filtered_law(
                 best.basis, lambda x: law.columns(x, constants)
