@@ -34,9 +34,9 @@ def test_the_workers_of_every_verb_can_be_pickled():
 
 def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tmp_path):
     settings = two_link.preprocessing.resolve(runs)
-    here = compress(FilteredRuns.of(runs, settings), two_link.model())
+    here = compress(FilteredRuns.filtering(runs, settings), two_link.model())
     there = compress(
-        FilteredRuns.of(runs, settings), two_link.model(), workers=Workers(2)
+        FilteredRuns.filtering(runs, settings), two_link.model(), workers=Workers(2)
     )
     for a, b in zip(here.factors, there.factors, strict=True):
         np.testing.assert_array_equal(a.triangle, b.triangle)

@@ -350,7 +350,7 @@ def judge_excitation(
     gravity = report.gravity or problem.robot.gravity
     run = report.repaired_all
     known = settings.resolve(run)
-    rows = FilteredRuns.of(run, known)
+    rows = FilteredRuns.filtering(run, known)
     issues = residual.not_excited(problem.with_gravity(gravity), rows)
     return replace(report, issues=(*report.issues, *issues))
 

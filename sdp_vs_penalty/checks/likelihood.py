@@ -707,7 +707,7 @@ class Likelihood:
             of a part; at least FLOOR.
         """
         parts, n_own = self.gram_matrices(repair, PARTS, further_columns)
-        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
+        other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
         gram, cross = other_parts.normal(weights)
         if others is not None:
             gram_of_others, cross_of_others = others
@@ -738,7 +738,7 @@ class Likelihood:
             Shares of the squared torque, at least FLOOR [-].
         """
         parts, n_own = self.gram_matrices(repair)
-        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
+        other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
         models = solve(other_parts.gram, other_parts.cross[..., None])[..., 0]
         energy_left = other_parts.left_of(parts, models).sum(axis=0)
         energy = positive(_torque_energies(parts).sum(axis=0))
@@ -779,7 +779,7 @@ class Likelihood:
         sizes = np.linalg.norm(slopes, axis=(0, 1))  # (r,)
         scaled = slopes / nonzero_or_one(sizes)
         parts, n_own = self.gram_matrices(now, PARTS, -scaled)
-        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
+        other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
         gram, cross = other_parts.normal(fit.weights)
         # The arm's s parameters come first, the r numbers and the right side behind.
         s = gram.shape[-1] - len(ats)

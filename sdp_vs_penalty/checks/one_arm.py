@@ -213,7 +213,7 @@ class RunComparison:
         self.equations = []
         for run in self.runs:
             grams, n_own = run.log.gram_matrices(run.repair, 1)  # one part: all rows
-            self.equations.append(NormalEquations.of(grams, n_own))
+            self.equations.append(NormalEquations.eliminating(grams, n_own))
 
     @cached_property
     def energy_left_by_one_arm(self) -> Array:
@@ -381,7 +381,7 @@ class RunComparison:
         if difference.repair is not None:
             repair = difference.repair.followed_by(repair)
         grams, n_own = run.log.gram_matrices(repair, 1, difference.columns)
-        equations = NormalEquations.of(grams, n_own)
+        equations = NormalEquations.eliminating(grams, n_own)
         normal = _first(equations.normal(self.weights[difference.run]))
         n_shared = len(self.normal_equations[difference.run][1])
         return _project_out_last(normal, n_shared)
@@ -911,7 +911,7 @@ def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
     cuts = range(3, n_parts - 2)
     # Gram matrices add: those of a stretch are the sum over its parts.
     stretches = [[grams[:k].sum(axis=0), grams[k:].sum(axis=0)] for k in cuts]
-    equations = NormalEquations.of(np.array(stretches), n_own)
+    equations = NormalEquations.eliminating(np.array(stretches), n_own)
     _, energy_left = equations.fitted(log.moving)  # (cuts, 2, n)
     of_cuts = energy_left.sum(axis=1)
     losses = np.log(of_cuts[:, log.moving]).sum(axis=1)

@@ -85,7 +85,7 @@ def fit_passing_load(
     normals = []
     for run, load, of_run in zip(runs, carried, weights, strict=True):
         grams, n_own = run.log.gram_matrices(run.repair, 1, load)
-        gram, cross = NormalEquations.of(grams, n_own).normal(of_run)
+        gram, cross = NormalEquations.eliminating(grams, n_own).normal(of_run)
         normals.append((gram[0], cross[0]))
     errors = []
     parameters = []
@@ -136,7 +136,7 @@ def _likeliest_stretch(
             on = is_carried[:, k * PARTS : (k + 1) * PARTS].astype(float)
             grams = np.tensordot(on, with_load, 1)
             grams += np.tensordot(1.0 - on, without, 1)
-            equations = NormalEquations.of(grams, n_own)
+            equations = NormalEquations.eliminating(grams, n_own)
             energy += equations.energy @ of_run
             normals.append(equations.normal(of_run))
         gram, cross = _sum(normals, others)

@@ -18,7 +18,11 @@ from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
+from sdp_vs_penalty.estimation.uncertainty import (
+    NOT_SEEN,
+    counts,
+    regression_uncertainty,
+)
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
@@ -228,7 +232,7 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     """
     model = problem.model()
     data = compress(rows, model)
-    known = of_regression(
+    known = regression_uncertainty(
         make_task(problem, model, data), data, base_rows(problem, model), white=True
     )
     # A base parameter is named after its first link parameter.

@@ -113,7 +113,7 @@ def add(
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    filtered = FilteredRuns.of(measurements, estimate.preprocessing)
+    filtered = FilteredRuns.filtering(measurements, estimate.preprocessing)
     progress("estimating shape constants")
     new = estimate_constants(estimate, added, measurements, frozen)
     _refuse_duplicates(estimate, new)

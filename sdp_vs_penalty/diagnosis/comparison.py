@@ -561,7 +561,7 @@ def compare(
         data = as_measurements(
             measurements, names=names, what="compare(measurements=...)"
         )
-        runs = FilteredRuns.of(data, preprocessing or first.preprocessing)
+        runs = FilteredRuns.filtering(data, preprocessing or first.preprocessing)
     for name, model in models.items():
         if model.robot.n != runs.measurements.n:
             what = f"measurements for {name}"
@@ -596,13 +596,13 @@ def compare_filtered(
     settings = runs.settings
     _, measurements = driven(first, runs.measurements)
     if measurements is not runs.measurements:
-        runs = FilteredRuns.of(measurements, settings)
+        runs = FilteredRuns.filtering(measurements, settings)
     all_measurements = measurements
     runs_of_noise = runs
     if noise_from is not None:
         _, all_measurements = driven(first, as_measurements(noise_from))
         if all_measurements is not measurements:
-            runs_of_noise = FilteredRuns.of(all_measurements, settings)
+            runs_of_noise = FilteredRuns.filtering(all_measurements, settings)
     floor = noise or _noise_floor(first, runs_of_noise)
     remark = subsample_sentence(
         window_subsample(all_measurements, settings),
@@ -674,7 +674,9 @@ def noise_floor(model: Estimate, recordings: Measurements) -> tuple[Array | None
         Source: repetition, a spectrum, or the residual.
     """
     _, with_joint_torque = driven(model, recordings)
-    return _noise_floor(model, FilteredRuns.of(with_joint_torque, model.preprocessing))
+    return _noise_floor(
+        model, FilteredRuns.filtering(with_joint_torque, model.preprocessing)
+    )
 
 
 def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:

@@ -405,10 +405,12 @@ class DiagnosisRuns:
         """
         if self._test_windows is None:
             return None
-        record = record_motion(FilteredRuns.of(self.searched, self.settings))
+        record = record_motion(FilteredRuns.filtering(self.searched, self.settings))
         if self.frozen and record is not None:
             known = self.estimate.training_motion
             record = None if known is None else record.joined(known)
         if record is None:
             return None
-        return record.new_share(FilteredRuns.of(self._test_windows, self.settings))
+        return record.new_share(
+            FilteredRuns.filtering(self._test_windows, self.settings)
+        )

@@ -551,7 +551,7 @@ def where_it_fails(
     residual = rows.residual
     folds = folds_of(rows, FOLDS)
     floors, source = noise or noise_level(
-        estimate.problem, FilteredRuns.of(measurements, settings)
+        estimate.problem, FilteredRuns.filtering(measurements, settings)
     )
     judge = _Judge(
         estimate=estimate,

@@ -15,7 +15,7 @@ __getattr__ = lazy_exports(
     drive_torque="driven",
     link_figures="consistent positive_definite_share",
     shapes="ShapeEstimate",
-    uncertainty="Interval NOT_SEEN Sandwich Uncertainty counts of_regression",
+    uncertainty="Interval NOT_SEEN Sandwich Uncertainty counts regression_uncertainty",
     verdict="GRADES ErrorsBesideNoise MISSING PREDICTION Verdict changes judge over_noise",
     constants="LEVEL NORMAL_95",
 )

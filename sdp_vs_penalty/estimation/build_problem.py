@@ -354,7 +354,7 @@ def _pose_torque_log(
         details["shapes"] = [s.to_dict() for s in shapes]
     # 3. Instruments: commands, which are free of the sensors' noise, give the motion.
     if options.instruments == "command":
-        runs = FilteredRuns.of(commanded_motion(log), runs.settings)
+        runs = FilteredRuns.filtering(commanded_motion(log), runs.settings)
         if not options.known_loads:
             details["recipe"] = options.recipe()
     # 4. Runs with known loads determine the gains of the torque channels.
@@ -555,7 +555,7 @@ def filter_runs(
     if isinstance(data, FilteredRuns):
         return data
     settings = settings or problem.preprocessing
-    return FilteredRuns.of(
+    return FilteredRuns.filtering(
         data, settings if data.torque_logged else servo_filters(settings, data)
     )
 

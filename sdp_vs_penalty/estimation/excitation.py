@@ -170,7 +170,7 @@ class Limits:
         return 0.5 * (self.upper - self.lower)
 
     @classmethod
-    def of_robot(cls, robot: Robot) -> Limits:
+    def from_robot(cls, robot: Robot) -> Limits:
         """Return the robot's limits, with assumptions where it states none.
 
         Returns
@@ -186,7 +186,7 @@ class Limits:
         return cls(lower, upper, velocity, velocity / seconds_to_velocity)
 
     @classmethod
-    def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
+    def from_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
         """Return the limits that a trajectory just keeps.
 
         Returns
@@ -326,7 +326,7 @@ def excite(
         ("iterations", iterations, 0, 10_000),
     ):
         require_in_range(f"excite({name})", value, low, high)
-    bounds = Limits.of_robot(problem.robot) if limits is None else limits
+    bounds = Limits.from_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(
             problem.robot, seed, duration, harmonics, frequency, blend
@@ -709,7 +709,7 @@ def payload_run(
     if not moving or not all(0 <= j < robot.n for j in moving):
         numbers = ", ".join(str(j + 1) for j in moving) or "none"
         raise InputError(f"joints that move: {numbers}", f"name some of 1 to {robot.n}")
-    limits = Limits.of_robot(robot)
+    limits = Limits.from_robot(robot)
     # One period of the first harmonic, blended from and to rest over an eighth of it.
     start = random_trajectory(
         robot,

@@ -29,7 +29,7 @@ from sdp_vs_penalty.estimation.sources import parameter_sources
 from sdp_vs_penalty.estimation.uncertainty import (
     LateUncertainty,
     Uncertainty,
-    of_regression,
+    regression_uncertainty,
 )
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
@@ -141,7 +141,7 @@ def _uncertainty(
     if model_with_constants is not task.model and posed.runs is not None:
         wide = in_columns(posed.runs, model_with_constants, workers)
     return (
-        of_regression(
+        regression_uncertainty(
             task,
             posed.regression,
             base,

@@ -113,7 +113,7 @@ def gains_from_loads(
     loaded = _loaded(loads, model.robot)
     parts = [(compress(runs, bare), 0.0)]
     parts += [
-        (compress(FilteredRuns.of(x, runs.settings), with_load), mass)
+        (compress(FilteredRuns.filtering(x, runs.settings), with_load), mass)
         for x, mass in loaded
     ]
     p = len(bare.parameters)
@@ -518,7 +518,7 @@ class _LoadedRun:
             gains=model.gains,
             allow_duplicates=True,
         )
-        return cls(compress(FilteredRuns.of(runs, settings), wide), mass)
+        return cls(compress(FilteredRuns.filtering(runs, settings), wide), mass)
 
     def without_block(self, block: int) -> _LoadedRun:
         """Return the runs without the rows of one block."""
@@ -621,7 +621,7 @@ def _gains_without_a_block(
     place = names.index(next(iter(model.known)))
     measured = runs.measurements
     commanded = {k: x for k, x in measured.commanded.items() if k != "qsim"}
-    rows = FilteredRuns.of(replace(measured, commanded=commanded), runs.settings)
+    rows = FilteredRuns.filtering(replace(measured, commanded=commanded), runs.settings)
     up_to_scale = replace(model, known={}, reference=None)
     training = compress(rows, up_to_scale)
     n_blocks = len(training.blocks)

@@ -401,7 +401,7 @@ class Split:
             posed = build_problem(problem, data, options)
             assert posed.runs is not None
             identified = posed.runs
-            self.runs = FilteredRuns.of(data, identified.settings)
+            self.runs = FilteredRuns.filtering(data, identified.settings)
             self.model = columns = posed.task.model
         _require_long_folds(folds, self.runs)
         self.phases = phase_folds(data, self.runs.settings, folds)

@@ -228,7 +228,7 @@ def default_excitation(estimate: Estimate, duration: float, seed: int) -> States
     """
     robot = estimate.robot
     return shrunk(
-        random_trajectory(robot, seed, duration), Limits.of_robot(robot)
+        random_trajectory(robot, seed, duration), Limits.from_robot(robot)
     ).states
 
 
@@ -276,7 +276,7 @@ def separate(
         For hypotheses that cannot be separated, or limits that no motion keeps.
     """
     hypotheses = Hypotheses(estimate, effects, level)
-    limits = Limits.of_robot(estimate.robot) if limits is None else limits
+    limits = Limits.from_robot(estimate.robot) if limits is None else limits
     effort = np.array([j.effort for j in estimate.robot.joints])
     search = _MotionSearch(hypotheses, limits, effort, duration, free)
     rng = np.random.default_rng(seed)

@@ -459,7 +459,7 @@ class _Loop:
             measurements = with_simulated_motion(self.runs.measurements, model, theta)
             difference = measurements.commanded["qsim"] - measurements.q
             distance = np.sqrt(np.mean(difference**2, axis=0))
-        return FilteredRuns.of(measurements, self.runs.settings), distance
+        return FilteredRuns.filtering(measurements, self.runs.settings), distance
 
 
 def servo_log(
@@ -733,7 +733,7 @@ def loop_beside_torque(
     robot = drives[0].robot
     turned = replace(data, tau=-data.tau)  # a drive's torque counts negative
     offset = standard_effect("offset")(robot)
-    runs = FilteredRuns.of(turned, settings)
+    runs = FilteredRuns.filtering(turned, settings)
 
     def fitted(delay: float) -> tuple[Model, Regression, Array]:
         """Return model, compressed rows and least-squares parameters for a delay [s]."""

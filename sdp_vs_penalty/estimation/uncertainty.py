@@ -679,7 +679,7 @@ def linear_spread(
     """Return the function that gives linear functions rows (b, p) of theta the standard
     deviations (b,) of their intervals, NaN where the data do not determine one.
 
-    The arguments are those of :func:`of_regression`.
+    The arguments are those of :func:`regression_uncertainty`.
     """
     p = len(task.bound)
     intervals = _intervals(
@@ -692,7 +692,7 @@ def linear_spread(
     return intervals.std
 
 
-def of_regression(
+def regression_uncertainty(
     task: Task,
     own_regression: Regression,
     base: BaseParameters,
@@ -766,7 +766,7 @@ def _intervals(
     gains: Array | None = None,
     extra: Array | None = None,
 ) -> _Intervals:
-    """Return what intervals are made of, as :func:`of_regression` takes it."""
+    """Return what intervals are made of, as :func:`regression_uncertainty` takes it."""
     p = len(task.bound)
     if gains is None:
         gains = known.gain_response(value)[:p]
@@ -798,7 +798,7 @@ def _allowed(task: Task) -> Array:
 @dataclass(frozen=True)
 class _Intervals:
     """What intervals of linear functions of theta are made of. Errors of the gains and
-    further errors are no noise, as in :func:`of_regression`."""
+    further errors are no noise, as in :func:`regression_uncertainty`."""
 
     #: The optimisation problem.
     task: Task
@@ -967,7 +967,7 @@ def beside_held(
     base : BaseParameters
         Base parameters of the new effects.
     gain_errors : (n, e) array, optional
-        As of :func:`of_regression`; default: those of the fixed model.
+        As of :func:`regression_uncertainty`; default: those of the fixed model.
 
     Returns
     -------
@@ -998,7 +998,7 @@ def beside_held(
     gains = sandwich.response(torque_by_gain)[:k]
     errors = held_uncertainty.gain_errors if gain_errors is None else gain_errors
     regression_of_new = wide.keeping(np.arange(wide.p) < k)
-    new_uncertainty = of_regression(
+    new_uncertainty = regression_uncertainty(
         task,
         regression_of_new,
         base,

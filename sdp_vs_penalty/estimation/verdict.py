@@ -722,7 +722,7 @@ def noise_level(
     filtered = (
         filtered_runs
         if windows is filtered_runs.measurements
-        else FilteredRuns.of(windows, settings)
+        else FilteredRuns.filtering(windows, settings)
     )
     runs = segmented(windows, settings)
     if not runs.segments:

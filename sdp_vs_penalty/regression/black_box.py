@@ -58,7 +58,7 @@ class BlackBox:
         return digest((self.q, self.gravity, self.mass_matrix))
 
     @classmethod
-    def of_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike) -> BlackBox:
+    def from_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike) -> BlackBox:
         """Return the answers that known links would give.
 
         robot : Robot with n joints; links : (links, 10) standard parameters; q : (K, n)

@@ -45,7 +45,7 @@ class NormalEquations:
     own_solution: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def of(cls, full: Array, n_own: int) -> NormalEquations:
+    def eliminating(cls, full: Array, n_own: int) -> NormalEquations:
         """Eliminate each joint's own columns (those that no other joint has).
 
         The Gram matrix [[A, B], [B^T, C]] of own and other columns becomes that of the

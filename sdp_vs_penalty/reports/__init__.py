@@ -108,7 +108,7 @@ def report(
     diagnosis = (
         load_diagnosis(findings) if isinstance(findings, str | Path) else findings
     )
-    filtered = FilteredRuns.of(driven(first, runs)[1], first.preprocessing)
+    filtered = FilteredRuns.filtering(driven(first, runs)[1], first.preprocessing)
     if comparisons is None:
         progress("comparing")
         comparisons = compare(named, filtered, noise_from=all_runs)

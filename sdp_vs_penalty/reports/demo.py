@@ -117,7 +117,7 @@ def demo(
     progress("adding it")
     sure = diagnosis.selected(confident=True) if diagnosis.sure else None
     better = model if sure is None else add(model, sure, train, seed=seed)
-    judged_runs = FilteredRuns.of(test, model.preprocessing)
+    judged_runs = FilteredRuns.filtering(test, model.preprocessing)
     *compared, after = compare_filtered(
         {**models, "with what was found": better}, judged_runs, noise=noise
     )

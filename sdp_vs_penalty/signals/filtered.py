@@ -407,7 +407,9 @@ class FilteredRuns:
         return sum(still_seconds(run.run, run.moving) for run in self.runs)
 
     @classmethod
-    def of(cls, measurements: Measurements, settings: Preprocessing) -> FilteredRuns:
+    def filtering(
+        cls, measurements: Measurements, settings: Preprocessing
+    ) -> FilteredRuns:
         """Put runs behind filters; nothing is computed yet.
 
         Parameters

@@ -16,6 +16,7 @@ stand in, and what is called noise is a guess.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -226,15 +227,16 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
         is_still = runs.still[:, joint] >= STILL
         moving.append(_without_rows(runs.pieces[joint], is_still))
     fits = [autoregression(residual[:, joint], moving[joint]) for joint in range(n)]
+    ar, sigma, degrees = map(np.array, zip(*fits, strict=True))
     floor = []
     for joint, pieces in enumerate(moving):
         has_rows = len(pieces) > 0
         floor.append(residual[np.concatenate(pieces), joint].std() if has_rows else 0.0)
     return Noise(
         floor=np.array(floor),
-        ar=np.array([coefficients for coefficients, _, _ in fits]),
-        sigma=np.array([deviation for _, deviation, _ in fits]),
-        degrees=np.array([degrees for _, _, degrees in fits]),
+        ar=ar,
+        sigma=sigma,
+        degrees=degrees,
         source=RESIDUAL,
         suspect=np.zeros_like(runs.keep),
         profile=np.ones_like(residual),
@@ -264,27 +266,27 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     repeated = _RepeatedRows(runs, repeats)
     rates_shown = repeated.rates if shown is runs else rate_features(shown)
     joints = [repeated.joint(j, rates_shown[j]) for j in range(runs.n)]
-    suspect = np.column_stack([x.suspect for x in joints])
+    floor, ar, sigma, degrees, events, profiles = zip(*joints, strict=True)
+    suspect = np.column_stack(events)
     if shown is not runs:
         suspect = _carried(suspect, runs, shown)
         repeats = shown.repeats()
     held, no_law = shown.unexplained_standstill_torque
     suspect &= ~no_law
     return Noise(
-        floor=np.array([x.floor for x in joints]),
-        ar=np.stack([x.ar for x in joints]),
-        sigma=np.array([x.sigma for x in joints]),
-        degrees=np.array([x.degrees for x in joints]),
+        floor=np.array(floor),
+        ar=np.stack(ar),
+        sigma=np.array(sigma),
+        degrees=np.array(degrees),
         source=REPETITION,
         suspect=suspect,
-        profile=np.column_stack([x.profile for x in joints]),
+        profile=np.column_stack(profiles),
         held=held,
         repeats=repeats,
     )
 
 
-@dataclass(frozen=True)
-class _JointNoise:
+class _JointNoise(NamedTuple):
     """The noise of one joint, as :class:`Noise` describes it for all."""
 
     #: Standard deviation of the noise [N m or N].

@@ -34,7 +34,7 @@ def small_task() -> Task:
     """Return a task of two links with friction, from ten seconds with noise."""
     problem = load_problem("two_link")
     run = replace(measured(problem, noise=3.0), dq=None)
-    filtered = FilteredRuns.of(run, problem.preprocessing.resolve(run))
+    filtered = FilteredRuns.filtering(run, problem.preprocessing.resolve(run))
     model = problem.model()
     return make_task(problem, model, compress(filtered, model), seed=4)
 

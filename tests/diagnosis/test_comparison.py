@@ -49,7 +49,7 @@ def test_figures_are_those_of_their_definitions(two_link, estimate):
 
 def test_a_log_behind_filters_is_judged_as_the_log_is(two_link, estimate):
     run = run_of(two_link, 1)
-    filtered = FilteredRuns.of(run, two_link.preprocessing)
+    filtered = FilteredRuns.filtering(run, two_link.preprocessing)
     (one,), (other,) = compare(estimate, run), compare(estimate, filtered)
     np.testing.assert_array_equal(one.mse, other.mse)
     np.testing.assert_array_equal(

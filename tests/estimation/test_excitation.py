@@ -48,7 +48,7 @@ def test_an_optimised_trajectory_keeps_any_limits(
 @pytest.mark.long
 def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda):
     paper = experiment(panda).trajectory
-    limits = Limits.of_trajectory(paper)
+    limits = Limits.from_trajectory(paper)
     before = excitation.Regressor.from_problem(panda).condition(paper)
     assert (
         105.0 < before < 125.0
@@ -72,7 +72,7 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda
 )
 def test_limits_that_admit_no_trajectory_are_refused(two_link, change, match):
     with pytest.raises(InputError, match=match):
-        replace(Limits.of_robot(two_link.robot), **change)
+        replace(Limits.from_robot(two_link.robot), **change)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_only_the_wrist_moves_within_its_limits_and_weighs_better_than_at_random
     assert np.ptp(q[:, :4], axis=0).max() == 0.0
     assert np.ptp(q[:, 4:], axis=0).min() > 0.1
     assert np.abs(dq).max() > 0.5
-    assert Limits.of_robot(estimate.robot).excess(run.trajectory) <= 1.0
+    assert Limits.from_robot(estimate.robot).excess(run.trajectory) <= 1.0
     assert np.exp(np.mean(np.log(run.deviation / run.started))) < 0.7
 
 
@@ -120,7 +120,7 @@ def small(two_link):
 
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):
     found = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
-    limits = Limits.of_robot(small.robot)
+    limits = Limits.from_robot(small.robot)
     q, dq, ddq = found.trajectory.states(np.linspace(0.0, 10.0, 4001))
     assert np.all((q >= limits.lower) & (q <= limits.upper))
     assert np.all(np.abs(dq) <= limits.velocity)

@@ -58,7 +58,7 @@ def settled_from(two_link, start, truth, stribeck=0.5):
     begin = two_link.model(texts(*start))
     settings = two_link.preprocessing.resolve(data)
     return fit_constants_jointly(
-        begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m)
+        begin, WANTED, lambda m: compress(FilteredRuns.filtering(data, settings), m)
     )
 
 

@@ -23,7 +23,7 @@ from sdp_vs_penalty.estimation import (
     Uncertainty,
     bootstrap,
     counts,
-    of_regression,
+    regression_uncertainty,
 )
 from sdp_vs_penalty.estimation.build_problem import build_problem
 from sdp_vs_penalty.estimation.uncertainty import LateUncertainty, unit_by
@@ -68,8 +68,8 @@ def measured(problem, model, seed, seconds):
 
 
 def told(problem, model, run):
-    data = compress(FilteredRuns.of(run, problem.preprocessing), model)
-    return of_regression(
+    data = compress(FilteredRuns.filtering(run, problem.preprocessing), model)
+    return regression_uncertainty(
         make_task(problem, model, data), data, base_rows(problem, model)
     )
 
@@ -130,7 +130,7 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     unit."""
     model = two_link.model(EFFECTS)
     run = measured(two_link, model, 1, 20.0)
-    data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
+    data = compress(FilteredRuns.filtering(run, two_link.preprocessing), model)
     weights = make_task(two_link, model, data).weights
     scale = np.where(
         np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02
@@ -155,12 +155,12 @@ def test_intervals_end_where_what_is_possible_does(two_link):
     run = replace(
         run, tau=run.tau + 60.0 * np.random.default_rng(9).normal(size=run.tau.shape)
     )
-    data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
+    data = compress(FilteredRuns.filtering(run, two_link.preprocessing), model)
     base = base_rows(two_link, model)
     task = make_task(two_link, model, data)
     theta = LmiSdp().fit(task).theta
     task.box[:, 0, 0] = 0.3
-    known = of_regression(task, data, base, theta, constrained=True)
+    known = regression_uncertainty(task, data, base, theta, constrained=True)
     low = -task.bound
     high = task.bound
     names = [p.name for p in model.parameters]

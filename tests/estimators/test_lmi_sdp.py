@@ -369,7 +369,7 @@ def test_fits_that_share_their_constraints_are_the_single_ones(two_link, method)
     model = two_link.model()
     regressions = [
         compress(
-            FilteredRuns.of(
+            FilteredRuns.filtering(
                 simulated(model, truth, noise=noise, seconds=6.0),
                 two_link.preprocessing,
             ),

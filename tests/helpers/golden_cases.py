@@ -378,7 +378,7 @@ def panda_measured(inputs: Inputs) -> Quantities:
     )
     task = posed_task(problem, run)
     unweighted = compress(
-        FilteredRuns.of(run, problem.preprocessing.resolve(run)), problem.model()
+        FilteredRuns.filtering(run, problem.preprocessing.resolve(run)), problem.model()
     ).least_squares()
     condition = condition_number(replace(task, data=unweighted))
     quantities: Quantities = {"condition number": (condition, "1")}

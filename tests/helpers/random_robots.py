@@ -109,7 +109,9 @@ def posed_task(
     return make_task(
         problem,
         model,
-        compress(FilteredRuns.of(run, problem.preprocessing.resolve(run)), model),
+        compress(
+            FilteredRuns.filtering(run, problem.preprocessing.resolve(run)), model
+        ),
         seed=seed,
     )
 

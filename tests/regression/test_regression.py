@@ -34,7 +34,7 @@ def noisy_run(seed):
     """The model of a random tree, a run of it with noise, and its compressed data."""
     effects = "rigid_body,viscous_friction,torque_offset"
     model, _, run = driven(seed, seconds=12.0, dt=4e-3, effects=effects, noise=0.1)
-    return model, run, compress(FilteredRuns.of(run, FILTERS), model)
+    return model, run, compress(FilteredRuns.filtering(run, FILTERS), model)
 
 
 @given(seeds)
@@ -112,8 +112,8 @@ def test_merging_blocks_equals_one_pass(seed):
     model, _, run = driven(
         seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1
     )
-    whole = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=1)
-    many = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=20)
+    whole = compress(FilteredRuns.filtering(run, FILTERS), model, blocks_per_run=1)
+    many = compress(FilteredRuns.filtering(run, FILTERS), model, blocks_per_run=20)
     # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
     assert (len(whole.blocks), len(many.blocks)) == (1, 18)
     assert whole.blocks == ((0, run.t[0], run.t[-1]),)
@@ -217,7 +217,7 @@ def test_independent_parameters_must_be_independent(panda):
 
 def answers(problem, count, seed=0):
     links = experiment(problem).links
-    return BlackBox.of_links(
+    return BlackBox.from_links(
         problem.robot, links, problem.robot.random_configurations(count, seed)
     )
 

@@ -175,7 +175,7 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
 def test_a_judged_run_keeps_columns_where_its_band_is_drawn(two_link):
     run = small_run(two_link)
     estimate = identify(two_link, run, check=False)
-    (filtered,) = FilteredRuns.of(run, estimate.preprocessing).runs
+    (filtered,) = FilteredRuns.filtering(run, estimate.preprocessing).runs
     whole = filtered.all_rows(estimate.model)
     judged = JudgedRun.from_run(filtered, estimate)
     np.testing.assert_array_equal(judged.torque, whole.torque)

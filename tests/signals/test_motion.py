@@ -26,9 +26,9 @@ from sdp_vs_penalty.signals import (
 
 
 def share(train, judged):
-    record = record_motion(FilteredRuns.of(train, SETTINGS))
+    record = record_motion(FilteredRuns.filtering(train, SETTINGS))
     kept = MotionRecord.from_dict(json.loads(json.dumps(record.to_dict())))
-    return kept.new_share(FilteredRuns.of(judged, SETTINGS))
+    return kept.new_share(FilteredRuns.filtering(judged, SETTINGS))
 
 
 def test_what_has_been_trained_on_is_not_new():
@@ -63,8 +63,8 @@ def test_other_motion_is_new():
 def test_the_record_is_bounded(monkeypatch):
     """Periods add nothing; much motion is kept more coarsely, and stays known, or not
     at all."""
-    one = record_motion(FilteredRuns.of(run_of(10, 11.0), SETTINGS))
-    ten = record_motion(FilteredRuns.of(run_of(10, 96.0), SETTINGS))
+    one = record_motion(FilteredRuns.filtering(run_of(10, 11.0), SETTINGS))
+    ten = record_motion(FilteredRuns.filtering(run_of(10, 96.0), SETTINGS))
     points = [sum(map(len, record.lines)) for record in (one, ten)]
     assert points[1] < 1.5 * points[0]
     rng = np.random.default_rng(3)
@@ -72,12 +72,12 @@ def test_the_record_is_bounded(monkeypatch):
     smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
     wild.q[:, 0] = smooth / smooth.std()
     monkeypatch.setattr(motion, "_LARGEST_RECORD", 14_000)
-    record = record_motion(FilteredRuns.of(wild, SETTINGS))
+    record = record_motion(FilteredRuns.filtering(wild, SETTINGS))
     assert sum(line.size for line in record.lines) <= 14_000
     assert record.distance > motion.DISTANCE
-    assert record.new_share(FilteredRuns.of(wild, SETTINGS)) == 0.0
+    assert record.new_share(FilteredRuns.filtering(wild, SETTINGS)) == 0.0
     monkeypatch.setattr(motion, "_LARGEST_RECORD", 100)
-    assert record_motion(FilteredRuns.of(wild, SETTINGS)) is None
+    assert record_motion(FilteredRuns.filtering(wild, SETTINGS)) is None
 
 
 @pytest.mark.parametrize(("seconds", "still"), [(27.0, 0.0), (27.0, 3.0), (8.0, 0.0)])

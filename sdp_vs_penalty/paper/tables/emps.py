@@ -134,7 +134,9 @@ def _row(
     row: Row = {"estimate": estimate, **dict(zip(names, constants, strict=True))}
     runs = {"tracking": tracking, "pulses": pulses}
     for name, run in runs.items():
-        force = torque_errors(compress(FilteredRuns.of(run, settings), model), theta)[1]
+        force = torque_errors(
+            compress(FilteredRuns.filtering(run, settings), model), theta
+        )[1]
         row[f"force_error_{name}_percent"] = force
     for name, run in runs.items():
         error = simulated(run, constants) - run.q[:, 0]

@@ -178,13 +178,15 @@ def _drawn(draw: Draw) -> dict[str, dict[str, Any]]:
     run = simulate(truth.trajectory, truth.torque, truth.sensor, [draw.number, 7])
     problem = load_problem(draw.problem)
     settings = problem.preprocessing.resolve(run)
-    regression = compress(FilteredRuns.of(run, settings), truth.model)
+    regression = compress(FilteredRuns.filtering(run, settings), truth.model)
 
     def task_of(rows: Regression, weighting: str = "noise") -> Task:
         return make_task(problem, truth.model, rows, weighting, seed=draw.number)
 
     def simulated(measured: Measurements) -> Task:
-        return task_of(compress(FilteredRuns.of(measured, settings), truth.model))
+        return task_of(
+            compress(FilteredRuns.filtering(measured, settings), truth.model)
+        )
 
     by_noise = task_of(regression)
     make_rows: dict[str, Callable[[], Task]] = {
@@ -292,7 +294,9 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
         Loop.along(designed, torque(designed), masses.mean(axis=0).diagonal()),
         sensor,
         known.links,
-        compress(FilteredRuns.of(runs, problem.preprocessing.resolve(runs)), model),
+        compress(
+            FilteredRuns.filtering(runs, problem.preprocessing.resolve(runs)), model
+        ),
     )
 
 

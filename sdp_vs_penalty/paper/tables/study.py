@@ -158,14 +158,16 @@ class Data:
         """The training rows behind the filters, compressed by QR to as many as
         parameters.
         """
-        return compress(FilteredRuns.of(self.train, self.preprocessing), self.model)
+        return compress(
+            FilteredRuns.filtering(self.train, self.preprocessing), self.model
+        )
 
     @cached_property
     def test_regression(self) -> Regression:
         """The test rows behind the filters, compressed to one block for each run."""
         assert self.test is not None
         return compress(
-            FilteredRuns.of(self.test, self.preprocessing),
+            FilteredRuns.filtering(self.test, self.preprocessing),
             self.model,
             blocks_per_run=1,
             workers=self.workers,
@@ -541,7 +543,7 @@ class Study:
             q = robot.random_configurations(1010, self.seed)
         else:
             q = np.loadtxt(file, ndmin=2)
-        return BlackBox.of_links(robot, self.experiment.links, q), file is not None
+        return BlackBox.from_links(robot, self.experiment.links, q), file is not None
 
     @cached_property
     def reverse_engineered(self) -> Result:

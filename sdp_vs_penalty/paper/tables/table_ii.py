@@ -101,8 +101,8 @@ def optimised(study: Study) -> dict[str, Excitation]:
     paper = study.experiment.trajectory
     problem = study.problem
     limits = {
-        "within the paper's extremes": Limits.of_trajectory(paper),
-        "within the robot's limits": Limits.of_robot(problem.robot),
+        "within the paper's extremes": Limits.from_trajectory(paper),
+        "within the robot's limits": Limits.from_robot(problem.robot),
     }
     how: dict[str, Any] = {
         "iterations": study.effort.iterations,

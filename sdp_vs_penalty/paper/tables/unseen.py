@@ -124,7 +124,7 @@ def _windows(
     count = round(all_phases.clocks[0].length / cell)  # cells in a period
     clear = math.ceil(all_phases.guard / cell)  # cells that the filters reach
     split = PhaseFolds(all_phases.clocks, count)
-    runs = FilteredRuns.of(data.train, data.preprocessing)
+    runs = FilteredRuns.filtering(data.train, data.preprocessing)
     cells = compress_cells(runs, data.model, split)
     starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
 
