@@ -67,6 +67,11 @@ def clipped(run: Measurements, share: float) -> Measurements:
     return replace(run, tau=np.clip(run.tau, -largest, largest))
 
 
+def coarse(run: Measurements, step: float) -> Measurements:
+    """A channel that counts in steps [N m]."""
+    return replace(run, tau=np.round(run.tau / step) * step)
+
+
 FREE = noisy(swing(servo))
 #: A log, and the kind and severity of each fact about its torque.
 LOGS: dict[str, tuple[Measurements, list[tuple[str, str]]]] = {
@@ -74,8 +79,10 @@ LOGS: dict[str, tuple[Measurements, list[tuple[str, str]]]] = {
     "off at the end": (without_drive(7.0, 12.0, 0), [("drive off", "note")]),
     "off for two seconds": (without_drive(5.0, 7.0, 1), [("drive off", "note")]),
     "off for half of it": (without_drive(3.0, 9.0, 2), [("drive off", "note")]),
-    "zeros for two seconds": (held(FREE, 2.0, 0.0), [("frozen torque", "error")]),
+    "zeros for two seconds": (held(FREE, 2.0, 0.0), [("drive off", "error")]),
     "zeros for half a second": (held(FREE, 0.5, 0.0), [("zeros", "warning")]),
+    "zeros until the end": (held(FREE, 60.0, 0.0), [("drive off", "error")]),
+    "coarse, and often zero": (coarse(FREE, 2.5), []),
     "frozen for two seconds": (held(FREE, 2.0), [("frozen torque", "error")]),
     "frozen for a second": (held(FREE, 1.0), [("frozen torque", "warning")]),
     "drive at its limit": (at_limit(0)[0], [("saturation", "note")]),

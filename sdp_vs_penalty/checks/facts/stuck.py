@@ -26,31 +26,46 @@ _AS_ELSEWHERE = likely("the arm that explains the other rows explains it there a
 
 
 def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a note about joints that move for long while their torque is exactly zero, if
-    the arm explains that: the drive was off."""
+    """Yield an issue about joints that move while their torque is exactly zero:
+    the drive was off. A note where the arm explains it: zero is the torque; elsewhere
+    something that is not in the log moved the joint, such as a hand."""
+    moved = {}
     for j in np.flatnonzero(glance.moving).tolist():
         x = glance.run.tau[:, j] if glance.run.torque_logged else np.ones(1)
+        # A coarse channel stays at other values as long.
+        others = np.diff(spans((np.diff(x) == 0.0) & (x[1:] != 0.0))).max(initial=1)
         parts = [
             (first, end)
             for first, end in spans(x == 0.0)
             if glance.run.t[end - 1] - glance.run.t[first] >= 2.0 * STUCK_SECONDS
-            and not _arm_rests(glance, first, end - 1)
+            and end - first >= LONG_STRETCH * others
+            and not glance.is_at_rest(j)[first:end].all()
         ]
         is_off = mask_of(len(x), parts)
-        if 0.0 < is_off.mean() < 1.0 and glance.holds_torque(j, is_off):
-            seconds = sum(glance.run.t[end - 1] - glance.run.t[a] for a, end in parts)
-            yield Issue.of(
-                kind="drive off",
-                severity="note",
-                joints=[j],
-                what=f"tau{j + 1} is exactly zero for {seconds:.3g} s, while the arm moves:"
-                " the drive was off, and zero is the torque.",
-                certainty=_AS_ELSEWHERE,
-                remedy="no action needed",
-                where=f"tau{j + 1}",
-                rows=int(is_off.sum()),
-                times=glance.one_arm_is_worse(j, is_off),
-            )
+        if not 0.0 < is_off.mean() < 1.0:
+            continue
+        if not glance.holds_torque(j, is_off):
+            moved[f"tau{j + 1}"] = is_off
+            continue
+        seconds = sum(glance.run.t[end - 1] - glance.run.t[a] for a, end in parts)
+        yield Issue.of(
+            kind="drive off",
+            severity="note",
+            joints=[j],
+            what=f"tau{j + 1} is exactly zero for {seconds:.3g} s, while the joint"
+            " moves: the drive was off, and zero is the torque.",
+            certainty=_AS_ELSEWHERE,
+            remedy="no action needed",
+            where=f"tau{j + 1}",
+            rows=int(is_off.sum()),
+            times=glance.one_arm_is_worse(j, is_off),
+        )
+    what = (
+        "{named} is exactly zero for {seconds:.3g} s, {times}, while the joint moves:"
+        " the drive was off, or nothing was logged; what moved the joint is not in the log."
+    )
+    sure = certain("it stays at no other value for nearly as long")
+    yield from glance.delete_rows("drive off", moved, what, sure)
 
 
 #: A drive exceeds its limit by less than this share for longer than an instant.
@@ -200,6 +215,8 @@ def _stuck(glance: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
     for first, last in pauses:
         if x[first] in (x.min(), x.max()):
             continue  # clipped there
+        if not is_position and x[first] == 0.0:
+            continue  # its drive is off there
         if is_position and velocity_goes_on(glance.run, j, first, last, level):
             is_frozen = True
         elif last == len(x) - 1:
@@ -335,7 +352,9 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
     lengths = np.diff(parts)[:, 0] + 1
     values = x[parts[:, 0]]
-    is_extreme = np.isin(values, (x.min(), x.max()))
+    is_extreme = np.isin(values, (x.min(), x.max())) & (
+        values != 0.0
+    )  # zero: a drive off
     elsewhere = int(lengths[~is_extreme].max(initial=1))
     longest = int(lengths[is_extreme].max(initial=1))
     if longest < max(LONG_STRETCH * elsewhere, STUCK):
