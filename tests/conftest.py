@@ -62,6 +62,8 @@ if (found := real_data_folder()) is not None:
 
 #: Files that take longest: a worker that begins one of them last would end last.
 LONGEST_FIRST = (
+    "test_fuzz.py",
+    "test_every_problem.py",
     "test_page.py",
     "test_payload.py",
     "test_contract.py",

@@ -12,9 +12,9 @@ import pytest
 from small_runs import write_run
 from unchecked import identify
 
-from sdp_vs_penalty import InputError, cross_validate
+from sdp_vs_penalty import cross_validate
 from sdp_vs_penalty.data import load_measurements
-from sdp_vs_penalty.parallel import ALONE, Workers, spread
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.signals import FilteredRuns
 
@@ -84,17 +84,3 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(two_link, runs):
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
     np.testing.assert_array_equal(found.theta, alone.theta)
-
-
-@pytest.mark.slow
-def test_a_scheduler_that_ends_is_a_sentence():
-    distributed = pytest.importorskip("distributed")
-    quiet = {"silence_logs": 50, "dashboard_address": None}
-    with distributed.LocalCluster(n_workers=1, processes=False, **quiet) as cluster:
-        results = spread(time.sleep, [0.0, 3.0, 3.0], cluster.scheduler_address)
-        next(results)
-        threading.Timer(0.2, cluster.sync, (cluster.scheduler.close,)).start()
-        with pytest.raises(
-            InputError, match="the scheduler, or one worker after another, has ended"
-        ):
-            next(results)

@@ -6,7 +6,6 @@ import io
 import json
 import shutil
 import subprocess
-import tomllib
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -164,11 +163,6 @@ def test_html_shows_each_name():
         assert {x.tag for x in tree.iter()} <= TAGS
         cells = [cell.text_content() for cell in tree.iter("td")]
         assert [cell.replace("`", "") for cell in cells] == [shown] * 2
-
-
-def test_toml_gives_each_name_back():
-    for name in NAMES:
-        assert tomllib.loads(f"title = {json.dumps(name)}")["title"] == name
 
 
 def test_a_csv_table_holds_each_name():

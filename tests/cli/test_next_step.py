@@ -11,7 +11,9 @@ from commands import run_cli
 from small_runs import small_run
 
 import sdp_vs_penalty as sdp
+from sdp_vs_penalty.cli.main import named
 from sdp_vs_penalty.cli.next_step import free_name, say_what_follows
+from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.cli.runs import recorded_runs
 from sdp_vs_penalty.data import save
 
@@ -39,8 +41,9 @@ def followed(words, capsys):
 def folder(two_link, tmp_path_factory):
     """Two runs of training, one that is new, and a model of the first two."""
     home = tmp_path_factory.mktemp("next")
-    for k, name in enumerate(("run 1.csv", "-run2.csv", "new.csv")):
-        save(small_run(two_link, seconds=10.0, seed=k), home / name)
+    seconds = {"run 1.csv": 10.0, "-run2.csv": 10.0, "new.csv": 5.0}
+    for k, name in enumerate(seconds):
+        save(small_run(two_link, seconds=seconds[name], seed=k), home / name)
     (home / "copy of run 1.csv").write_bytes((home / "run 1.csv").read_bytes())
     runs = sdp.load_measurements(home / "run 1.csv", home / "-run2.csv")
     sdp.identify(two_link, runs, "ols").save(home / "model.json")
@@ -119,19 +122,25 @@ def test_recorded_runs_are_the_words_again(inside):
     )
 
 
-def test_commands_that_follow_each_other_run(inside, capsys, monkeypatch):
-    """From a file to the last command that is printed."""
-    words = ["convert", "run 1.csv", "--problem", "two_link", "--out", "-a.csv"]
-    words[-2:] = ["--out=./-a.csv"]
+def test_commands_that_follow_each_other_run(inside, capsys):
+    """From a file to the last command that is printed; what `simulate` and `compare`
+    print is run in test_printed_commands.py."""
+    words = ["convert", "run 1.csv", "--problem", "two_link", "--out=./-a.csv"]
     commands = followed(words, capsys)
     assert [command[0] for command in commands[:3]] == ["convert", "check", "identify"]
-    followed(["compare", "model.json", "--data", "new.csv"], capsys)
-    words = "add model.json joint_spring:1 --data new.csv --out added.json"
-    followed(words.split(), capsys)
-    followed(["simulate", "model.json", "--follow", "new.csv"], capsys)
-    followed(
-        ["cross-validate", "two_link", "--data", "new.csv", "--method", "ols"], capsys
-    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate model.json --follow new.csv",
+        "cross-validate two_link --data new.csv --method ols",
+    ],
+)
+def test_what_follows_parses(words, inside, capsys):
+    assert run_cli(*words.split()) == 0
+    verb, *rest = next_words(capsys.readouterr().out)
+    Parser(verb, named(verb)).given(rest)
 
 
 @pytest.mark.long

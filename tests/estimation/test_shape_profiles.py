@@ -63,16 +63,12 @@ def settled_from(two_link, start, truth, stribeck=0.5):
 
 
 @pytest.mark.parametrize(
-    "truth",
+    ("truth", "start"),
     [
-        (0.025, 0.1, 2.0),
-        pytest.param((0.025, 0.07, 1.0), marks=pytest.mark.long),
-        pytest.param((0.004, 0.05, 2.0), marks=pytest.mark.long),
+        ((0.025, 0.1, 2.0), (0.01, 0.13, 2.0)),
+        pytest.param((0.025, 0.07, 1.0), (0.01, 0.13, 2.0), marks=pytest.mark.long),
+        pytest.param((0.004, 0.05, 2.0), (0.02, 0.09, 1.0), marks=pytest.mark.long),
     ],
-)
-@pytest.mark.parametrize(
-    "start",
-    [(0.01, 0.13, 2.0), pytest.param((0.02, 0.09, 1.0), marks=pytest.mark.long)],
 )
 def test_exact_data_give_exact_constants(two_link, truth, start):
     found = settled_from(two_link, start, truth)

@@ -70,23 +70,9 @@ def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
     assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01
 
 
-#: solver -> its settings; the optimum agrees to 1e-7 of the loss, violations stay below
-#: 1e-7.
-CVXPY_SOLVERS = {
-    "CLARABEL": {},
-    "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000},
-}
-
-
-@pytest.mark.parametrize(
-    "solver",
-    [
-        pytest.param(name, marks=pytest.mark.long if k else ())
-        for k, name in enumerate(CVXPY_SOLVERS)
-    ],
-)
 @pytest.mark.parametrize("method", METHODS)
-def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_link):
+def test_the_readable_model_has_the_same_optimum(method, toy_task, two_link):
+    """To 1e-7 of the loss, its violations below 1e-7."""
     estimator = make_estimator(method)
     fit = estimator.fit(toy_task)
     row = toy_task.data.loss(toy_task.ols) / toy_task.data.rows
@@ -94,8 +80,7 @@ def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_l
     assert weight == pytest.approx(estimator.entropy * row)
     assert (weight > 0.0) == (method in ("lmi-sdp", "lmi-sdp-entropic"))
     theta, certificate = certify(toy_task, fit)
-    asked = two_link, toy_task, fit.objective, estimator, solver
-    found, value = cvxpy_optimum(*asked, **CVXPY_SOLVERS[solver])
+    found, value = cvxpy_optimum(two_link, toy_task, fit.objective, estimator)
     loss = fit.objective.least_squares.loss(theta)
     assert value == pytest.approx(certificate.upper, abs=1e-7 * loss)
     assert fit.objective.value(found) == pytest.approx(
@@ -342,7 +327,7 @@ def effects(rng, n):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 8))]
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))]
 )
 def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     problem = load_problem(random_arm(tmp_path, seed))

@@ -82,7 +82,7 @@ def everything(name):
 #: Names of the effects of the library that act without a servo in the loop.
 NAMES = sorted(name for name, kind in effect_types().items() if kind.forward != "drive")
 
-#: Those that files write in ways of their own; all are in one model further below.
+#: Those that files write in ways of their own; all others are in one model further below.
 ALONE = ("joint_spring", "payload", "rigid_body", "torque_ripple")
 
 
@@ -129,10 +129,7 @@ def test_every_format_of_a_model_has_a_reader():
 
 
 @pytest.mark.parametrize("ending", READERS)
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(x, marks=() if x in ALONE else pytest.mark.long) for x in NAMES],
-)
+@pytest.mark.parametrize("name", ALONE)
 def test_each_file_makes_the_torque_of_the_model_that_is_judged(
     name, ending, two_link, tmp_path
 ):

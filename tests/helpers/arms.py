@@ -3,18 +3,14 @@ what belongs to a robot that is nobody's built-in one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from random_robots import link_parameters, sines
 
-from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.robot import Robot, inertia
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -76,18 +72,13 @@ state_cutoff = 6.0
 """
 
 
-def _words(numbers: str | Sequence[float]) -> str:
+def _words(numbers):
     return (
         numbers if isinstance(numbers, str) else " ".join(f"{x:.17g}" for x in numbers)
     )
 
 
-def write_urdf(
-    path: Path,
-    name: str,
-    axes: Sequence[Axis],
-    limits: tuple[float, float, float] = (0.2, 2.5, 2.0),
-) -> Path:
+def write_urdf(path, name, axes, limits=(0.2, 2.5, 2.0)):
     """A chain of these axes as a robot of that name; limits : of a slide, of a turn, of
     velocity."""
     links = ['<link name="link0"/>']
@@ -116,7 +107,7 @@ def write_urdf(
     return path
 
 
-def write_folder(folder: Path) -> Path:
+def write_folder(folder):
     """A folder with a problem.toml, a table of bounds and a cone, of the last two of
     THREE joints."""
     folder.mkdir()
@@ -128,12 +119,12 @@ def write_folder(folder: Path) -> Path:
     return folder
 
 
-def scara(folder: Path) -> Path:
+def scara(folder):
     """Write scara.urdf."""
     return write_urdf(folder / "scara.urdf", "scara", SCARA, LIMITS)
 
 
-def random_arm(folder: Path, seed: int) -> Path:
+def random_arm(folder, seed):
     """Write a random serial arm of two to six revolute and prismatic joints."""
     rng = np.random.default_rng(seed)
     axes = []
@@ -158,14 +149,7 @@ def random_arm(folder: Path, seed: int) -> Path:
     return write_urdf(folder / f"arm{seed}.urdf", f"arm{seed}", axes, LIMITS)
 
 
-def run_of(
-    problem: Problem,
-    friction: tuple[Array, Array, Array],
-    noise: Array,
-    seed: int = 0,
-    seconds: float = 8.0,
-    rate: float = 100.0,
-) -> Measurements:
+def run_of(problem, friction, noise, seed=0, seconds=8.0, rate=100.0):
     """Sums of sines, driven by the URDF's own links, viscous and Coulomb friction and
     an offset."""
     rng = np.random.default_rng(seed)
@@ -185,9 +169,7 @@ def run_of(
     return Measurements(t, q, tau + noise * rng.normal(size=tau.shape), dq)
 
 
-def run_of_widths(
-    arm: Problem, widths: tuple[float, ...], seconds: float
-) -> Measurements:
+def run_of_widths(arm, widths, seconds):
     """The SCARA; Coulomb friction written out, over another velocity on each joint."""
     viscous, coulomb, offset = SCARA_FRICTION
     bare = run_of(arm, (np.zeros(4),) * 3, np.zeros(4), seconds=seconds, rate=500.0)
@@ -198,7 +180,7 @@ def run_of_widths(
     return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
 
 
-def random_run(problem: Problem, seed: int) -> Measurements:
+def random_run(problem, seed):
     """A run of a random arm with friction and noise drawn over several orders of
     magnitude."""
     rng = np.random.default_rng(seed)
@@ -208,7 +190,7 @@ def random_run(problem: Problem, seed: int) -> Measurements:
     return run_of(problem, (viscous, coulomb, rng.normal(size=n)), noise, seed)
 
 
-def urdfdom_torque(path: Path, robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
+def urdfdom_torque(path, robot, q, dq, ddq):
     """Inverse dynamics (N, n) of a file as Pinocchio's own reader (urdfdom) builds it,
     not ours."""
     model = pin.buildModelFromUrdf(str(path))

@@ -4,10 +4,8 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,16 +17,14 @@ PROGRAM = ("-m", "sdp_vs_penalty")
 HOME = str(Path(sdp_vs_penalty.__file__).parents[1])
 
 
-def run_cli(*words: object) -> int:
+def run_cli(*words):
     """The exit code of a command."""
     with pytest.raises(SystemExit) as code:
         main([str(word) for word in words])
     return int(code.value.code or 0)
 
 
-def python(
-    *words: object, path: str = HOME, **options: Any
-) -> subprocess.CompletedProcess[str]:
+def python(*words, path=HOME, **options):
     """Another Python, with the package that lies on this path."""
     environment = {**os.environ, "PYTHONPATH": path}
     command = [sys.executable, *map(str, words)]
@@ -38,10 +34,10 @@ def python(
 
 
 @contextmanager
-def peak_memory() -> Iterator[list[float]]:
+def peak_memory():
     """A list that holds the peak in bytes, beyond what was taken before, once the block
     has ended."""
-    out: list[float] = []
+    out = []
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
     before = _status("VmRSS")
@@ -49,7 +45,7 @@ def peak_memory() -> Iterator[list[float]]:
     out.append(_status("VmHWM") - before)
 
 
-def _status(field: str) -> float:
+def _status(field):
     try:
         found = re.search(
             rf"{field}:\s+(\d+) kB", Path("/proc/self/status").read_text()

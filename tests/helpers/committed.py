@@ -4,20 +4,15 @@ texts of tests."""
 import csv
 import os
 import re
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.paper.tables import StudyTable
-
 RESULTS = Path(__file__).parents[2] / "results"
 TABLES = RESULTS / "tables"
-Row = dict[str, str]
 
 #: The columns that name a row of each table.
-KEYS: dict[str, tuple[str, ...]] = {
+KEYS = {
     "I": ("parameter", "what"),
     "II": ("coefficient", "trajectory"),
     "III": ("coefficient",),
@@ -55,26 +50,24 @@ MADE += [("panda", "global", RESULTS / "global")]
 MADE += [("two_link", "global", RESULTS / "global" / "two_link")]
 
 
-def keyed(name: str, rows: Iterable[Row]) -> dict[tuple[str, ...], Row]:
+def keyed(name, rows):
     """Rows by their names; an engine without its version."""
 
-    def clean(key: str, row: Row) -> str:
+    def clean(key, row):
         ours = key == "engine" and "published" not in row["motion"]
         return row[key].split()[0] if ours else row[key]
 
     return {tuple(clean(key, row) for key in KEYS[name]): row for row in rows}
 
 
-def differences(table: StudyTable, folder: Path) -> list[tuple[Any, ...]]:
+def differences(table, folder):
     """Where a table made again is not the committed one: row, column, both cells; or
     the row alone, if it is missing and not for want of the real run."""
     name = table.name
     text = (folder / f"table_{table.name}.csv").read_text()
     old = keyed(name, csv.DictReader(text.splitlines()))
     new = keyed(name, csv.DictReader(table.form.csv().splitlines()))
-    out: list[tuple[Any, ...]] = [
-        x for x in old.keys() - new.keys() if "measured" not in " ".join(x)
-    ]
+    out = [x for x in old.keys() - new.keys() if "measured" not in " ".join(x)]
     for key, row in new.items():
         if row.get("status", "run") != "run":
             continue  # an engine that is not here
@@ -87,7 +80,7 @@ def differences(table: StudyTable, folder: Path) -> list[tuple[Any, ...]]:
     return out
 
 
-def close(old: str, new: str, relative: float, absolute: float) -> bool:
+def close(old, new, relative, absolute):
     """Equal text, or two numbers within the tolerance."""
     if new == old:
         return True
@@ -121,7 +114,7 @@ USUAL = {
 }
 
 
-def free(name: str, column: str, row: Row) -> bool:
+def free(name, column, row):
     """What time, chance, a machine's speed or no torque decides."""
     method = row.get("method", "")
     return (
@@ -161,7 +154,7 @@ def free(name: str, column: str, row: Row) -> bool:
     )
 
 
-def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
+def tolerance(name, column, row):
     if name in ("III", "IV") and "penalty_paper" in column + row.get("estimate", ""):
         return 0.05, 0.02 if name == "III" else 1e-3
     special = {
@@ -174,7 +167,7 @@ def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
 
 
-def as_kept(name: str, text: str) -> None:
+def as_kept(name, text):
     """The words of a file in paper/small, and its numbers within 1 % (engines and
     solvers differ); SDP_VS_PENALTY_KEEP=1 writes it."""
     path = Path(__file__).parents[1] / "paper" / "small" / name

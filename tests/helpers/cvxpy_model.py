@@ -13,29 +13,16 @@ Written from the problem's physical quantities, not from the constraint arrays, 
 the two can be wrong only if both are.
 """
 
-from typing import Any
-
 import cvxpy as cp
 import numpy as np
 
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.effects.effect import PARAMETER_RANGE
-from sdp_vs_penalty.estimators import Task
-from sdp_vs_penalty.estimators.estimator import Array
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.solvers import Objective
 
 
-def cvxpy_optimum(
-    problem: Problem,
-    task: Task,
-    objective: Objective,
-    method: Any,
-    solver: str,
-    **settings: Any,
-) -> tuple[Array, float]:
-    """theta (p,) and the objective in (N m)^2 from the solver of that name ("CLARABEL",
-    "SCS"), with the minimum thickness [m] that the method demands and, where it does,
+def cvxpy_optimum(problem, task, objective, method):
+    """theta (p,) and the objective in (N m)^2 from CVXPY and Clarabel, with
+    the minimum thickness [m] that the method demands and, where it does,
     the bodies of the links.
 
     theta = centre + scale x: only the numbers that the solver handles are scaled, each
@@ -56,7 +43,7 @@ def cvxpy_optimum(
         data.R / root @ cp.multiply(scale, x) + (data.R @ task.ols - data.rho) / root
     )
     value = cp.sum_squares(residual) + data.residual_norm**2 / unit
-    constraints: list[Any] = []
+    constraints = []
     links = [Link(theta[indices]) for indices in task.links]
     for number, link in enumerate(links):
         constraints += _link(problem, number, link, method.thickness, method.body)
@@ -81,7 +68,7 @@ def cvxpy_optimum(
                 * (pull + float(np.linalg.slogdet(nominal)[1]) - 4.0)
             )
     program = cp.Problem(cp.Minimize(value), constraints)
-    program.solve(solver=solver, **settings)
+    program.solve(solver="CLARABEL")
     return np.asarray(theta.value, float), float(program.value) * unit
 
 
@@ -89,14 +76,14 @@ class Link:
     """A link's inertial parameters as CVXPY expressions, about the link frame: mass, h
     = m c (3,), J and sigma (3, 3), the second moment of the mass."""
 
-    def __init__(self, theta: Any) -> None:
+    def __init__(self, theta):
         self.mass = theta[0]
         self.h = theta[1:4]
         xx, xy, yy, xz, yz, zz = (theta[k] for k in range(4, 10))
         self.J = cp.bmat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         self.sigma = 0.5 * cp.trace(self.J) * np.eye(3) - self.J
 
-    def pseudo_inertia(self, thickness: float = 0.0) -> Any:
+    def pseudo_inertia(self, thickness=0.0):
         """Of a link whose gyration is less by a thickness in every direction (4, 4)."""
         column = cp.reshape(self.h, (3, 1), order="F")
         mass = cp.reshape(self.mass, (1, 1), order="F")
@@ -108,9 +95,7 @@ class Link:
         )
 
 
-def _link(
-    problem: Problem, number: int, link: Link, thickness: float, bodily: bool
-) -> list[Any]:
+def _link(problem, number, link, thickness, bodily):
     box = problem.box[number]
     mass = link.mass
     largest, com, _ = (x[number] for x in problem.link_sizes)
@@ -150,7 +135,7 @@ def _link(
     return out
 
 
-def _between(x: Any, lower: float, upper: float) -> list[Any]:
+def _between(x, lower, upper):
     return ([x >= lower] if np.isfinite(lower) else []) + (
         [x <= upper] if np.isfinite(upper) else []
     )

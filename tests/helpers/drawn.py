@@ -1,9 +1,6 @@
 """Hypothesis, which draws cases; where it is not installed, tests of drawn cases are
 skipped."""
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 
 try:
@@ -14,12 +11,12 @@ except ImportError:
 
     st = HealthCheck = MagicMock()
 
-    def given(*_: Any, **__: Any) -> Callable[..., Any]:
+    def given(*_, **__):
         return pytest.mark.skip(
             reason="hypothesis is not installed: pip install '.[test]'"
         )
 
-    def example(*_: Any, **__: Any) -> Callable[..., Any]:
+    def example(*_, **__):
         return lambda test: test
 
     settings = example

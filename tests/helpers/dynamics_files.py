@@ -4,9 +4,6 @@ import ctypes
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,14 +14,11 @@ from lxml import etree
 from sdp_vs_penalty import Estimate
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.estimation import Certificate, Interval, Uncertainty
-from sdp_vs_penalty.robot import Robot, load_urdf
+from sdp_vs_penalty.robot import load_urdf
 from sdp_vs_penalty.signals import Preprocessing
 
-Rows = np.ndarray
-Torques = Callable[[Path, Robot, Rows, Rows, Rows], Rows]
 
-
-def of_the_file(path: Path, robot: Robot, dq: Rows, ddq: Rows) -> Rows:
+def of_the_file(path, robot, dq, ddq):
     """Damping, dry friction and (Drake's) rotors that a URDF writes."""
     root = etree.parse(str(path)).getroot()
     joints = root.findall("joint")
@@ -43,11 +37,11 @@ def of_the_file(path: Path, robot: Robot, dq: Rows, ddq: Rows) -> Rows:
     return damping * dq + friction * np.tanh(dq / 0.01) + rotors * ddq
 
 
-def by_urdfdom(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+def by_urdfdom(path, robot, q, dq, ddq):
     return urdfdom_torque(path, robot, q, dq, ddq) + of_the_file(path, robot, dq, ddq)
 
 
-def by_our_reader(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+def by_our_reader(path, robot, q, dq, ddq):
     ours, links = load_urdf(path, robot.gravity)
     order = [[j.name for j in ours.joints].index(j.name) for j in robot.joints]
     back = np.argsort(order)
@@ -55,7 +49,7 @@ def by_our_reader(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Row
     return made[:, order] + of_the_file(path, robot, dq, ddq)
 
 
-def by_mujoco(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+def by_mujoco(path, robot, q, dq, ddq):
     """MuJoCo's own inverse dynamics: links, armature and damping; dry friction is a
     soft constraint there, so that only its size is taken."""
     mujoco = pytest.importorskip("mujoco", minversion="3.0")
@@ -74,7 +68,7 @@ def by_mujoco(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     return made + model.dof_frictionloss[at] * np.tanh(dq / 0.01)
 
 
-def by_c(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+def by_c(path, robot, q, dq, ddq):
     if shutil.which("cc") is None:
         pytest.skip("no C compiler")
     (function,) = re.findall(r"static inline void (\w+_torque)\(", path.read_text())
@@ -97,7 +91,7 @@ def by_c(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     return out
 
 
-def by_sdf(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+def by_sdf(path, robot, q, dq, ddq):
     """The links that SDF states, as a Pinocchio model built from its elements; damping
     and dry friction as it writes them."""
     pin = pytest.importorskip("pinocchio")
@@ -143,12 +137,12 @@ def by_sdf(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     return made + damping * dq + friction * np.tanh(dq / 0.01)
 
 
-def numbers(text: str) -> np.ndarray:
+def numbers(text):
     """Numbers between spaces."""
     return np.array(text.split(), float)
 
 
-def pose_of(text: str) -> Any:
+def pose_of(text):
     """x y z roll pitch yaw [m, rad] as a pose of Pinocchio."""
     import pinocchio as pin
 
@@ -157,7 +151,7 @@ def pose_of(text: str) -> Any:
 
 
 #: By ending: who reads the file, and what it has no place for.
-READERS: dict[str, tuple[tuple[Torques, ...], tuple[str, ...]]] = {
+READERS = {
     ".urdf": ((by_urdfdom, by_our_reader), ("rotor_inertia", "torque_offset")),
     ".drake.urdf": ((by_urdfdom, by_our_reader), ("torque_offset",)),
     ".sdf": ((by_sdf,), ("rotor_inertia", "torque_offset")),
@@ -169,9 +163,7 @@ READERS: dict[str, tuple[tuple[Torques, ...], tuple[str, ...]]] = {
 FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
 
 
-def estimate_of(
-    robot: Robot, effects: str, seed: int, links: np.ndarray | None = None
-) -> Estimate:
+def estimate_of(robot, effects, seed, links=None):
     """An estimate with random consistent links and random positive other parameters."""
     rng = np.random.default_rng(seed)
     model = Model(robot, parse_effects(effects, robot))

@@ -5,17 +5,15 @@ in code that shares nothing with the columns (``tests/simulation/test_challenge.
 looks). Forms that no world draws stand here.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from sdp_vs_penalty import Problem, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.diagnosis import size_of
 from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
 from sdp_vs_penalty.robot import random_trajectory
@@ -54,7 +52,7 @@ END = 15.5
 
 
 @cache
-def worlds() -> dict[str, tuple[Problem, World, Array]]:
+def worlds():
     """A seven-joint arm, and one with a prismatic joint between two revolute ones;
     their true links."""
     urdf = Path(__file__).parent / "slide_arm.urdf"
@@ -74,16 +72,14 @@ class SharedWorld(World):
     motion: TrueMotion | None = None
     torque_of_motion: Array | None = None
 
-    def rigid(self, motion: TrueMotion, model: Any = None) -> Array:
+    def rigid(self, motion, model=None):
         if motion is self.motion and model is None:
             return self.torque_of_motion
         return super().rigid(motion, model)
 
 
 @cache
-def setting(
-    which: str, width: float, fine: float, rate: float, has_torque: bool
-) -> tuple[SharedWorld, TrueMotion, Motion]:
+def setting(which, width, fine, rate, has_torque):
     """A robot whose dry friction turns over a width [rad/s, m/s], 17 s of its motion at
     the rate ``fine`` [1/s], and every so many of its samples as columns see them, at
     ``rate`` [1/s], with a torque or without."""
@@ -123,7 +119,7 @@ class Case:
     plain: Array
 
     @property
-    def fitted(self) -> tuple[Array, float]:
+    def fitted(self):
         """Parameters of least squares, and the share of the torque that they leave."""
         wide = np.concatenate([self.columns, self.plain], axis=2).reshape(
             self.torque.size, -1
@@ -135,7 +131,7 @@ class Case:
 
 
 @cache
-def hidden_cases(name: str) -> tuple[Case, ...]:
+def hidden_cases(name):
     """What worlds draw, wherever it makes a torque (an axis along gravity has no
     backlash), and the other forms."""
     kind = effect_types()[name]
@@ -162,12 +158,12 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
     return tuple(cases)
 
 
-def _width(name: str) -> float:
+def _width(name):
     """Over which dry friction turns: a sign is a sign, but a late one has a derivative."""
     return 0.3 if name in ("torque_delay", "global_delay", "torque_filter") else 1e-8
 
 
-def _case(where: str, which: str, hidden: Hidden) -> Case:
+def _case(where, which, hidden):
     kind = effect_types()[hidden.effect]
     width = _width(kind.name)
     # Derivatives in time are differences; friction states are integrated in the world,
@@ -180,7 +176,7 @@ def _case(where: str, which: str, hidden: Hidden) -> Case:
     seen = slice(int(BEGIN * rate), int(END * rate))
     torque = hidden.torque(sharp, true)[:: int(fine / rate)][seen]
 
-    def columns(kind: type[Effect], **shape: float) -> tuple[Effect, Array]:
+    def columns(kind, **shape):
         convention = {k: width for k, s in kind.shapes.items() if s.role == "estimated"}
         sized = (
             {kind.sized_shape: hidden.size} if kind.sized_shape in kind.shapes else {}
@@ -198,7 +194,7 @@ def _case(where: str, which: str, hidden: Hidden) -> Case:
     )
 
 
-def check_columns_are_the_hidden_torque(name: str) -> None:
+def check_columns_are_the_hidden_torque(name):
     """In amount and sign: torque less columns times parameters is next to nothing, and
     where one number says how large the effect is, that of the parameters is the true
     one. On both kinds of joints, of every form: shape constants that are choices."""
@@ -239,13 +235,11 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
     )
 
 
-def _laws(
-    *forms: tuple[Callable[[TrueMotion, int], Array], float | None, dict[str, float]],
-):
+def _laws(*forms):
     """Of a joint's motion: its torque, the number behind it and its shape, form by
     form."""
 
-    def made(w: World, j: int) -> list[Hidden]:
+    def made(w, j):
         return [
             at_joint(j, lambda w, m, x=law: x(m, j), number, **shape)
             for law, number, shape in forms
@@ -254,14 +248,14 @@ def _laws(
     return made
 
 
-def _transmission(w: World, j: int) -> list[Hidden]:
+def _transmission(w, j):
     first = min(j, w.arm.n - 2)
     ratio = -2.0
     if not w.arm.rotary[first : first + 2].all():
         return []
 
-    def change(law: float) -> Callable[[World, TrueMotion, float], Array]:
-        def torque(w: World, m: TrueMotion, size: float) -> Array:
+    def change(law):
+        def torque(w, m, size):
             x = m.dq if law == 1.0 else m.ddq
             force = size * (x[:, first] + ratio * x[:, first + 1])
             out = np.zeros_like(m.q)
@@ -278,11 +272,11 @@ def _transmission(w: World, j: int) -> list[Hidden]:
     ]
 
 
-def _both_ways(w: World, j: int) -> list[Hidden]:
+def _both_ways(w, j):
     """A low-pass there and back, of all but the links' torque: by its transfer
     function."""
 
-    def change(w: World, m: TrueMotion, size: float) -> Array:
+    def change(w, m, size):
         tau = w.torque(m) - w.rigid(m)
         wide = np.concatenate(
             [np.repeat(tau[:1], 4000, 0), tau, np.repeat(tau[-1:], 4000, 0)]
@@ -296,13 +290,13 @@ def _both_ways(w: World, j: int) -> list[Hidden]:
     return [Hidden((), change, None, {"T": 0.01, "phase": 2.0}, 0.01)]
 
 
-def _sharp_flanks(w: World, j: int) -> list[Hidden]:
-    def change(w: World, m: TrueMotion, b: float) -> Array:
+def _sharp_flanks(w, j):
+    def change(w, m, b):
         q = m.q.copy()
         q[:, j] -= b * np.sign(w.rigid(m)[:, j])
         return np.asarray(w.rigid(replace(m, q=q)) - w.rigid(m))
 
-    def shift(w: World, m: TrueMotion, b: float) -> Array:
+    def shift(w, m, b):
         step = butter(4, 8.0 * (m.t[1] - m.t[0]), output="sos")  # below 4 Hz
         return np.asarray(-b * sosfiltfilt(step, np.sign(w.rigid(m)[:, j])))
 
@@ -312,32 +306,28 @@ def _sharp_flanks(w: World, j: int) -> list[Hidden]:
     return [Hidden((j,), change, 1.0, size=5e-4, details={"allowed": ACCURACY}), slow]
 
 
-def _wave(m: TrueMotion, j: int) -> Array:
+def _wave(m, j):
     q = m.q[:, j]
     return np.asarray(
         np.sign(m.dq[:, j]) * (np.cos(2.0 * q + 1.0) + 0.5 * np.sin(4.0 * q))
     )
 
 
-def _dip(
-    share: Callable[[Array], Array], law: float, delta: float
-) -> tuple[Any, float, dict[str, float]]:
-    def torque(m: TrueMotion, j: int) -> Array:
+def _dip(share, law, delta):
+    def torque(m, j):
         return np.asarray(np.sign(m.dq[:, j]) * share(np.abs(m.dq[:, j]) / 0.1))
 
     return torque, 1.0, {"vs": 0.1, "delta": delta, "law": law}
 
 
-def _rise(
-    share: Callable[[Array], Array], law: float
-) -> tuple[Any, float, dict[str, float]]:
-    def torque(m: TrueMotion, j: int) -> Array:
+def _rise(share, law):
+    def torque(m, j):
         return np.asarray(share(m.dq[:, j]) - np.sign(m.dq[:, j]))
 
     return torque, 1.0, {"v0": 0.1, "law": law}
 
 
-def _even_slip(m: TrueMotion, j: int) -> Array:
+def _even_slip(m, j):
     out = np.zeros(len(m.t))
     z = np.zeros(3)
     for k, step in enumerate(np.diff(m.q[:, j]), start=1):
@@ -347,7 +337,7 @@ def _even_slip(m: TrueMotion, j: int) -> Array:
 
 
 #: By effect what makes the forms that no world draws, of a world and a joint.
-OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
+OTHER_FORMS = {
     "drift_offset": _laws((lambda m, j: m.t / 100.0, None, {"form": 1.0, "T": 60.0})),
     "drift_friction": _laws(
         (

@@ -47,7 +47,7 @@ class GoldenCase:
     markers: Sequence[str] = ()
 
     @classmethod
-    def read(cls, path: Path) -> "GoldenCase":
+    def read(cls, path):
         return cls(path, **tomllib.loads(path.read_text()))
 
 
@@ -61,19 +61,19 @@ class Difference:
     got: Any
     tolerance: str
 
-    def __str__(self) -> str:
+    def __str__(self):
         return (
             f"{self.name} [{self.unit}]: expected {text(self.expected)}, got"
             f" {text(self.got)} (tolerance {self.tolerance})"
         )
 
 
-def all_cases() -> list[GoldenCase]:
+def all_cases():
     """Every file of tests/golden."""
     return [GoldenCase.read(path) for path in sorted(FOLDER.glob("*.toml"))]
 
 
-def text(value: Any) -> str:
+def text(value):
     """A value as it is written in a file."""
     if isinstance(value, str):
         return f'"{value}"'
@@ -84,9 +84,7 @@ def text(value: Any) -> str:
     return f"[{', '.join(text(x) for x in value)}]"
 
 
-def differences(
-    case: GoldenCase, quantities: Mapping[str, tuple[Any, str]]
-) -> list[Difference]:
+def differences(case, quantities):
     """Where computed quantities are not what the case says."""
     found = []
     for name, expected in case.values.items():
@@ -100,7 +98,7 @@ def differences(
     return found
 
 
-def agrees(expected: Mapping[str, Any], value: Any) -> bool:
+def agrees(expected, value):
     """Whether a value is within what is allowed of it; words have to be the same."""
     if "at_most" in expected:
         return bool(np.all(np.asarray(value, float) <= expected["at_most"]))
@@ -115,7 +113,7 @@ def agrees(expected: Mapping[str, Any], value: Any) -> bool:
     return bool(np.all(np.abs(computed - recorded) <= allowed))
 
 
-def tolerance(expected: Mapping[str, Any]) -> str:
+def tolerance(expected):
     """The tolerance in words."""
     if "at_most" in expected:
         return "at most"
@@ -124,14 +122,14 @@ def tolerance(expected: Mapping[str, Any]) -> str:
     return f"{expected.get('absolute', 0.0):g}"
 
 
-def report(case: GoldenCase, found: Sequence[Difference]) -> str:
+def report(case, found):
     """What a failing test shows, a line a value."""
     lines = [f"{case.path.name}: {case.about}"]
     lines += [f"  {difference}" for difference in found]
     return "\n".join(lines)
 
 
-def record(case: GoldenCase, quantities: Mapping[str, tuple[Any, str]]) -> list[str]:
+def record(case, quantities):
     """Write a case's values anew; returns what changed, a line a value."""
     lines = case.path.read_text().splitlines()
     changed = []
@@ -148,7 +146,7 @@ def record(case: GoldenCase, quantities: Mapping[str, tuple[Any, str]]) -> list[
     return changed
 
 
-def main(names: Sequence[str]) -> None:
+def main(names):
     """Record the cases of these names, or all."""
     sys.path.append(str(FOLDER.parents[1] / "results"))
     from golden_cases import CASES

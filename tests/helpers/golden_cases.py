@@ -6,18 +6,16 @@ import os
 import re
 import shlex
 import tempfile
-from collections.abc import Callable, Mapping
 from contextlib import chdir, redirect_stdout
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from arms import THREE, write_urdf
 from commands import run_cli
-from corruptions.arms import FIVE, Arm
+from corruptions.arms import FIVE
 from corruptions.arms import simulated as simulated_arm
 from corruptions.bench import given
 from dynamics_files import READERS
@@ -26,6 +24,7 @@ from servo_log import EFFECTS as SERVO_EFFECTS
 from servo_log import log as servo_log
 from servo_log import write_slide
 from small_runs import small_run
+from studies import SimulatedStudy
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.checks import check
@@ -33,7 +32,7 @@ from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation import Regressor, certify
 from sdp_vs_penalty.estimators import PenaltyPaper, condition_number, make_estimator
-from sdp_vs_penalty.paper.tables import Study, build_tables
+from sdp_vs_penalty.paper.tables import build_tables
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.shootout import instance, reference
 from sdp_vs_penalty.shootout.contestants import contestants
@@ -43,13 +42,10 @@ from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.solvers import proof, verify_proof
 
-#: By name: a value (a number, a list of them, or words) and its unit.
-Quantities = dict[str, tuple[Any, str]]
-Inputs = Mapping[str, Any]
 TORQUE = "N m"
 
 
-def problem_of(inputs: Inputs) -> sdp.Problem:
+def problem_of(inputs):
     """A built-in problem, or an arm of three joints from its URDF file."""
     if inputs["problem"] != "three.urdf":
         return sdp.load_problem(inputs["problem"])
@@ -58,7 +54,7 @@ def problem_of(inputs: Inputs) -> sdp.Problem:
         return sdp.load_problem(path)
 
 
-def run_of(problem: sdp.Problem, inputs: Inputs) -> sdp.Measurements:
+def run_of(problem, inputs):
     """A motion that repeats itself, the paper's own experiment, or a short sum of
     sines."""
     seed = inputs["seed"]
@@ -73,7 +69,7 @@ def run_of(problem: sdp.Problem, inputs: Inputs) -> sdp.Measurements:
 NUMBER = r"(-?\d+(?:\.\d+)?(?:e[-+]?\d+)?)"
 
 
-def stated(text: str, unit: str) -> list[float]:
+def stated(text, unit):
     """The numbers of a text that belong to a unit: "0.158 ± 0.005 N m/rad", or
     "[N m]  0.0241" in a table."""
     name = re.escape(unit)
@@ -83,16 +79,16 @@ def stated(text: str, unit: str) -> list[float]:
     return [float(number) for number in numbers]
 
 
-def parameters(estimate: sdp.Estimate) -> Quantities:
+def parameters(estimate):
     """Base parameters and friction, and how well each is known."""
-    quantities: Quantities = {}
+    quantities = {}
     for interval in estimate.uncertainty.base:
         quantities[interval.name] = (interval.value, interval.unit)
         quantities[f"std {interval.name}"] = (interval.std, interval.unit)
     return quantities
 
 
-def certificate(certified: Any) -> Quantities:
+def certificate(certified):
     """Loss, what is proved of the optimum, and by how much constraints are violated."""
     quantities = {
         "loss": (certified.loss, "1"),
@@ -105,7 +101,7 @@ def certificate(certified: Any) -> Quantities:
     return quantities
 
 
-def identified(inputs: Inputs) -> Quantities:
+def identified(inputs):
     """One identification: parameters, certificate, verdict."""
     problem = problem_of(inputs)
     run = run_of(problem, inputs)
@@ -123,13 +119,13 @@ def identified(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def methods(inputs: Inputs) -> Quantities:
+def methods(inputs):
     """Several estimators on the same compressed data."""
     problem = problem_of(inputs)
     task = posed_task(problem, run_of(problem, inputs))
     quantities = {}
     for method in inputs["methods"]:
-        estimator: Any = make_estimator(method)
+        estimator = make_estimator(method)
         if isinstance(estimator, PenaltyPaper):
             # The best of ten runs, as the authors take it: one alone is a lottery, from 3.6
             # to 141 by seed and by SciPy's version.
@@ -140,13 +136,13 @@ def methods(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def identifiability(inputs: Inputs) -> Quantities:
+def identifiability(inputs):
     """How many parameters torque determines, and how well a motion shows them."""
     problem = problem_of(inputs)
     trajectory = experiment(problem).trajectory
     links = Regressor.from_problem(problem, "rigid_body")
     everything = Regressor.from_problem(problem, None)
-    black_box = SimulatedStudy(problem).reverse_engineered
+    black_box = SmallStudy(problem).reverse_engineered
     return {
         "base parameters of the links": (len(links.columns), "1"),
         "base parameters with friction": (len(everything.columns), "1"),
@@ -156,7 +152,7 @@ def identifiability(inputs: Inputs) -> Quantities:
     }
 
 
-def without_torque(inputs: Inputs) -> Quantities:
+def without_torque(inputs):
     """A slide whose servo's command was logged, and no torque; its mass is known."""
     with tempfile.TemporaryDirectory() as folder:
         slide = write_slide(Path(folder))
@@ -171,13 +167,13 @@ def without_torque(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def load_of(mass: float) -> np.ndarray:
+def load_of(mass):
     """A load's standard parameters (10,) in the last link's frame."""
     per_mass = [1.0, 0.05, -0.02, 0.1, 0.013, 0.0, 0.013, 0.0, 0.0, 0.005]
     return mass * np.array(per_mass)
 
 
-def with_load(problem: sdp.Problem, run: sdp.Measurements, mass: float) -> Any:
+def with_load(problem, run, mass):
     """The run as it would be with a load on the last link."""
     links = np.zeros((problem.robot.n, 10))
     links[-1] = load_of(mass)
@@ -186,7 +182,7 @@ def with_load(problem: sdp.Problem, run: sdp.Measurements, mass: float) -> Any:
     return replace(run, tau=run.tau + torque)
 
 
-def payload(inputs: Inputs) -> Quantities:
+def payload(inputs):
     """A load is found in a run, and added to the model of the bare arm."""
     problem = problem_of(inputs)
     bare = sdp.identify(problem, small_run(problem, 16.0, 0), "ols", check=False)
@@ -203,7 +199,7 @@ def payload(inputs: Inputs) -> Quantities:
     }
 
 
-def diagnosed(inputs: Inputs) -> Quantities:
+def diagnosed(inputs):
     """Effects are hidden in runs of two joints; what the search finds of them, and the
     errors before and after they are added."""
     hidden = [(name, joints) for name, joints in inputs["hidden"].items()]
@@ -217,7 +213,7 @@ def diagnosed(inputs: Inputs) -> Quantities:
     findings = sdp.diagnose(before, train, test, check=False)
     after = sdp.add(before, findings, train)
     first, second = sdp.compare([before, after], test)
-    quantities: Quantities = {
+    quantities = {
         "verdict": (findings.verdict, ""),
         "found": ([f"{f.effect}:{f.joints[0]}" for f in findings.effects], ""),
         "confidence": ([f.confidence for f in findings.effects], ""),
@@ -236,17 +232,17 @@ def diagnosed(inputs: Inputs) -> Quantities:
 
 
 @cache
-def three_joints() -> Arm:
+def three_joints():
     """An arm that Pinocchio alone moves."""
     return simulated_arm("three", FIVE[:3], 3)
 
 
-def checked(inputs: Inputs) -> Quantities:
+def checked(inputs):
     """What the check says of one log that was corrupted in several ways, one at a
     time; and of the log as it was."""
     arm = three_joints()
     kinds = {corruption.name: corruption for corruption in arm.corruptions()}
-    quantities: Quantities = {}
+    quantities = {}
     (clean,) = check(arm.problem, arm.train)
     quantities["clean"] = ([issue.kind for issue in clean.errors_and_warnings], "")
     for name in inputs["corruptions"]:
@@ -263,7 +259,7 @@ def checked(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def exported(inputs: Inputs) -> Quantities:
+def exported(inputs):
     """Torque of one state, by the model and by whoever reads an exported file."""
     problem = problem_of(inputs)
     effects = "rigid_body,viscous_friction,coulomb_friction@v_s=0.01"
@@ -283,7 +279,7 @@ def exported(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def noise(inputs: Inputs) -> Quantities:
+def noise(inputs):
     """The noise floor where a motion repeats itself, and where it does not."""
     problem = problem_of(inputs)
     run = repeating_run(problem, inputs["seed"], noise=inputs["noise"], seconds=40.0)
@@ -300,18 +296,17 @@ def noise(inputs: Inputs) -> Quantities:
     }
 
 
-class SimulatedStudy(Study):
-    """Without the real run, whether it is at hand or not."""
+class SmallStudy(SimulatedStudy):
+    """Of two methods."""
 
-    run: sdp.Measurements | None = None  # type: ignore[assignment]
     methods = {"ols": "ols", "lmi_sdp": "lmi-sdp"}
 
 
-def table_cells(inputs: Inputs) -> Quantities:
+def table_cells(inputs):
     """Single cells of the paper's tables, made of a simulated run and two methods:
     each is named by the column that finds its row, the row, and its own column."""
-    study = SimulatedStudy(problem_of(inputs))
-    quantities: Quantities = {}
+    study = SmallStudy(problem_of(inputs))
+    quantities = {}
     for name, cells in inputs["cells"].items():
         (table,) = build_tables([name], study)
         for key, row, column in cells:
@@ -320,10 +315,10 @@ def table_cells(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def session(inputs: Inputs) -> Quantities:
+def session(inputs):
     """Commands in order, in an empty folder: exit codes, and of what each prints the
     numbers that carry a unit."""
-    quantities: Quantities = {}
+    quantities = {}
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         for command in inputs["commands"]:
             printed = io.StringIO()
@@ -336,11 +331,11 @@ def session(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def shootout(inputs: Inputs) -> Quantities:
+def shootout(inputs):
     """Solvers on one instance: what each returns, judged by our certificate."""
     posed = instance(inputs["instance"])
     proved = reference(posed)
-    quantities: Quantities = {
+    quantities = {
         "certified lower bound": (proved.lower, "1"),
         "certified upper bound": (proved.upper, "1"),
     }
@@ -355,7 +350,7 @@ def shootout(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def proved(inputs: Inputs) -> Quantities:
+def proved(inputs):
     """A proof of optimality, checked in rational arithmetic."""
     problem = problem_of(inputs)
     task = posed_task(problem, run_of(problem, inputs))
@@ -370,7 +365,7 @@ def proved(inputs: Inputs) -> Quantities:
     return quantities
 
 
-def panda_measured(inputs: Inputs) -> Quantities:
+def panda_measured(inputs):
     """The paper's own run: optima, condition number and error on unseen motion."""
     problem = sdp.load_problem("panda")
     run = sdp.load_measurements(
@@ -381,7 +376,7 @@ def panda_measured(inputs: Inputs) -> Quantities:
         FilteredRuns.filtering(run, problem.preprocessing.resolve(run)), problem.model()
     ).least_squares()
     condition = condition_number(replace(task, data=unweighted))
-    quantities: Quantities = {"condition number": (condition, "1")}
+    quantities = {"condition number": (condition, "1")}
     for method in inputs["methods"]:
         certified = certify(task, make_estimator(method).fit(task))[1]
         for name, quantity in certificate(certified).items():
@@ -392,7 +387,7 @@ def panda_measured(inputs: Inputs) -> Quantities:
     return quantities
 
 
-CASES: Mapping[str, Callable[[Inputs], Quantities]] = {
+CASES = {
     "identified": identified,
     "methods": methods,
     "identifiability": identifiability,

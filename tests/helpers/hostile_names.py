@@ -1,7 +1,5 @@
 """Names that a terminal, a shell or a file format could take for something else."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 #: What a name is put together from; bytes that are no UTF-8 for names of files alone.
@@ -39,7 +37,7 @@ FRAGMENTS = (
 NO_TEXT = ("\udcff\udcfe", "\udc80")
 
 
-def hostile_names(count: int, *, of_files: bool, seed: int = 0) -> Iterator[str]:
+def hostile_names(count, *, of_files, seed=0):
     """Names of one to four fragments. of_files : names that a folder can hold."""
     rng = np.random.default_rng(seed)
     fragments = (*FRAGMENTS, *NO_TEXT) if of_files else FRAGMENTS
@@ -48,7 +46,7 @@ def hostile_names(count: int, *, of_files: bool, seed: int = 0) -> Iterator[str]
         yield "x".join(["n", *(fragments[k] for k in chosen.tolist())])
 
 
-def raw_controls(content: bytes) -> list[str]:
+def raw_controls(content):
     """Characters of an output that are neither printable nor line ends."""
     text = content.decode("utf-8", "surrogateescape")
     return [c for c in text if not c.isprintable() and c != "\n"]

@@ -9,9 +9,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 import psutil
 
@@ -23,7 +21,7 @@ _SET_CHILD_SUBREAPER = 36
 
 
 @contextmanager
-def adopting_orphans() -> Iterator[None]:
+def adopting_orphans():
     """While this runs, processes whose parent has ended become children of this one."""
     kernel = ctypes.CDLL(None)
     kernel.prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
@@ -33,7 +31,7 @@ def adopting_orphans() -> Iterator[None]:
         kernel.prctl(_SET_CHILD_SUBREAPER, 0, 0, 0, 0)
 
 
-def fork_command(action: Callable[[], object], folder: Path) -> int:
+def fork_command(action, folder):
     """Start a silent process that acts in the folder; its number."""
     code = 130
     child = os.fork()
@@ -45,7 +43,7 @@ def fork_command(action: Callable[[], object], folder: Path) -> int:
         os._exit(code)
 
 
-def _exit_code(action: Callable[[], object], folder: Path) -> int:
+def _exit_code(action, folder):
     """Act in this process, which is to end then."""
     code = 1
     try:
@@ -66,7 +64,7 @@ def _exit_code(action: Callable[[], object], folder: Path) -> int:
     return code
 
 
-def _be_silent(printed: Path) -> None:
+def _be_silent(printed):
     """Send what this process prints to a file."""
     handle = os.open(printed, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600)
     for stream in (1, 2):
@@ -75,7 +73,7 @@ def _be_silent(printed: Path) -> None:
     sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
 
 
-def wait_for(process: int, seconds: float) -> int:
+def wait_for(process, seconds):
     """The exit code of a child, negative for a signal; TimeoutError after so long."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -86,16 +84,14 @@ def wait_for(process: int, seconds: float) -> int:
     raise TimeoutError(f"process {process} still runs after {seconds:g} s")
 
 
-def run_to_end(action: Callable[[], object], folder: Path) -> tuple[int, float]:
+def run_to_end(action, folder):
     """Exit code and seconds of an action that nobody kills."""
     begin = time.monotonic()
     code = wait_for(fork_command(action, folder), 300.0)
     return code, time.monotonic() - begin
 
 
-def kill_after(
-    action: Callable[[], object], folder: Path, seconds: float, number: signal.Signals
-) -> int:
+def kill_after(action, folder, seconds, number):
     """Exit code of an action that gets a signal after some seconds."""
     process = fork_command(action, folder)
     time.sleep(seconds)
@@ -104,7 +100,7 @@ def kill_after(
     return wait_for(process, PATIENCE)
 
 
-def survivors(known: set[int]) -> list[str]:
+def survivors(known):
     """Commands of the descendants that still live after the patience, but for those
     known before."""
     end = time.monotonic() + PATIENCE
@@ -113,12 +109,12 @@ def survivors(known: set[int]) -> list[str]:
     return living
 
 
-def descendants() -> set[int]:
+def descendants():
     """Numbers of all processes that come from this one."""
     return {process.pid for process in psutil.Process().children(recursive=True)}
 
 
-def _living(known: set[int]) -> list[str]:
+def _living(known):
     living = []
     for process in psutil.Process().children(recursive=True):
         if process.pid in known:

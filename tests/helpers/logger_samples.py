@@ -6,7 +6,7 @@ The same numbers in all of them, so that a test can compare what is read.
 import datetime
 import json
 import tempfile
-from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -21,55 +21,132 @@ JOINTS = ("joint_1", "joint_2")
 
 
 @cache
-def sample_run() -> Measurements:
+def sample_run():
     """Eight seconds of the two-link arm at 50 Hz, of five decimals."""
     run = small_run(load_problem("two_link"), seconds=8.0, rate=50.0)
     q, dq, tau = (np.round(x, 5) for x in (run.q, run.dq, run.tau))
     return Measurements(np.round(run.t, 6), q, tau, dq)
 
 
-def _write(
-    path: Path, head: Sequence[str] | None, columns: Sequence[object], mark: str = ","
-) -> None:
+def _write(path, head, columns, mark=","):
     """Columns of texts or numbers as one text table."""
-    rows = zip(*(map(_cell, column) for column in columns), strict=True)  # type: ignore[call-overload]
+    rows = zip(*(map(_cell, column) for column in columns), strict=True)
     lines = [] if head is None else [mark.join(head)]
     path.write_text("\n".join([*lines, *map(mark.join, rows)]) + "\n")
 
 
-def _cell(x: object) -> str:
+def _cell(x):
     return x if isinstance(x, str) else f"{x:.10g}"
 
 
-def _numbered(*patterns: str) -> list[str]:
+def _numbered(*patterns):
     """Names by patterns like "q_{}", counted from 0."""
     return [pattern.format(k) for pattern in patterns for k in range(2)]
 
 
-def _blocks(*blocks: np.ndarray) -> list[np.ndarray]:
+def _blocks(*blocks):
     return [column for block in blocks for column in block.T]
 
 
-def rtde(path: Path, run: Measurements) -> None:
-    names = _numbered("actual_q_{}", "actual_qd_{}", "actual_current_{}", "target_q_{}")
-    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau, run.q + 1e-4)]
-    _write(path, ["timestamp", *names], columns, " ")
+@dataclass(frozen=True)
+class Columns:
+    """A log of a clock and a column a joint."""
+
+    #: The clock's name, its units a second, and where it starts.
+    clock: tuple[str, float, float]
+    #: The columns' names, numbered by {}, and what they hold.
+    names: dict[str, str]
+    #: The number of the first joint.
+    first: int = 0
+    #: The separator.
+    mark: str = ","
+    #: The name of a column of ones behind the clock.
+    ones: str = ""
+
+    def __call__(self, path, run):
+        """Write the run."""
+        degrees = np.degrees(run.q)
+        held = {
+            "q": run.q,
+            "dq": run.dq,
+            "tau": run.tau,
+            "q asked": run.q + 1e-4,
+            "degrees": degrees,
+            "degrees asked": degrees + 0.01,
+            "degrees from 0": degrees % 360.0,
+            "degrees/s": np.degrees(run.dq),
+            "external tau": 0.1 * run.tau,
+            "current": 0.3 * run.tau,
+        }
+        name, rate, start = self.clock
+        numbers = range(self.first, self.first + 2)
+        head = [pattern.format(k) for pattern in self.names for k in numbers]
+        ones = [np.ones(len(run.t))] if self.ones else []
+        blocks = _blocks(*(held[what] for what in self.names.values()))
+        head = [name, *([self.ones] if self.ones else []), *head]
+        _write(path, head, [start + rate * run.t, *ones, *blocks], self.mark)
 
 
-def rtde_torque(path: Path, run: Measurements) -> None:
-    """As the controller makes torques of currents."""
-    fields = ("actual_q_{}", "actual_qd_{}", "actual_current_as_torque_{}")
-    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau)]
-    _write(path, ["timestamp", *_numbered(*fields)], columns, " ")
+SECONDS = ("time", 1.0, 0.0)
+RTDE = ("timestamp", 1.0, 1234.5)
+KUKA = ("IPOC", 1e3, 0.0)
+_RTDE = {"actual_q_{}": "q", "actual_qd_{}": "dq"}
+_FRANKA = {"q[{}]": "q", "q_d[{}]": "q asked", "dq[{}]": "dq", "tau_J[{}]": "tau"}
+TABLES = {
+    "rtde": Columns(
+        RTDE, {**_RTDE, "actual_current_{}": "tau", "target_q_{}": "q asked"}, mark=" "
+    ),
+    # As the controller makes torques of currents.
+    "rtde_torque": Columns(
+        RTDE, {**_RTDE, "actual_current_as_torque_{}": "tau"}, mark=" "
+    ),
+    "rtde_controller": Columns(RTDE, {**_RTDE, "target_moment_{}": "tau"}, mark=" "),
+    "mujoco": Columns(
+        SECONDS, {"qpos_{}": "q", "qvel_{}": "dq", "qfrc_actuator_{}": "tau"}
+    ),
+    "franka": Columns(
+        ("time", 1e3, 0.0),
+        {f"state.{name}": what for name, what in _FRANKA.items()},
+        ones="success_rate",
+    ),
+    "franka_old": Columns(
+        ("duration", 1e3, 0.0),
+        {**_FRANKA, "tau_ext_hat_filtered[{}]": "external tau"},
+        mark=", ",
+        ones=" success rate",
+    ),
+    # Currents in per cent.
+    "kuka_rsi": Columns(
+        KUKA,
+        {"AIPos.A{}": "degrees", "ASPos.A{}": "degrees asked", "MACur.A{}": "tau"},
+        first=1,
+    ),
+    "kuka_rsi_torque": Columns(
+        KUKA, {"AIPos.A{}": "degrees", "$TORQUE_AXIS_ACT[{}]": "tau"}, first=1
+    ),
+    # By the names of the controller's variables.
+    "kuka_variables": Columns(
+        SECONDS, {"$AXIS_ACT.A{}": "degrees", "$TORQUE_AXIS_ACT[{}]": "tau"}, first=1
+    ),
+    "abb_rapid": Columns(SECONDS, {"rax_{}": "degrees", "torque_{}": "tau"}, first=1),
+    "kortex": Columns(
+        SECONDS,
+        {
+            "actuators[{}].position": "degrees from 0",
+            "actuators[{}].velocity": "degrees/s",
+            "actuators[{}].torque": "tau",
+            "actuators[{}].current_motor": "current",
+        },
+    ),
+    "xarm": Columns(
+        ("timestamp", 1.0, 0.0),
+        {"servo_angle_{}": "degrees", "joints_torque_{}": "tau"},
+    ),
+    "zero_based": Columns(("t", 1.0, 0.0), {"q{}": "q", "tau{}": "tau"}),
+}
 
 
-def rtde_controller(path: Path, run: Measurements) -> None:
-    names = _numbered("actual_q_{}", "actual_qd_{}", "target_moment_{}")
-    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau)]
-    _write(path, ["timestamp", *names], columns, " ")
-
-
-def rostopic(path: Path, run: Measurements) -> None:
+def rostopic(path, run):
     fields = _numbered(*(f"field.{x}{{}}" for x in ("position", "velocity", "effort")))
     stamps = [str(START * 10**9 + round(1e9 * t)) for t in run.t]
     names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
@@ -79,14 +156,14 @@ def rostopic(path: Path, run: Measurements) -> None:
     _write(path, head, [stamps, empty, *names, *blocks])
 
 
-def ros2_echo(path: Path, run: Measurements) -> None:
+def ros2_echo(path, run):
     seconds, nanoseconds = _two_parts(run)
     names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
     blocks = _blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))
     _write(path, None, [seconds, nanoseconds, [""] * len(run.t), *names, *blocks])
 
 
-def bagpy(path: Path, run: Measurements) -> None:
+def bagpy(path, run):
     seconds, nanoseconds = _two_parts(run)
     names = [[joint] * len(run.t) for joint in JOINTS]
     head = ["Time", "header.seq", "header.stamp.secs", "header.stamp.nsecs"]
@@ -97,62 +174,14 @@ def bagpy(path: Path, run: Measurements) -> None:
     _write(path, head, [late, count, seconds, nanoseconds, *names, *blocks])
 
 
-def flattened(path: Path, run: Measurements) -> None:
+def flattened(path, run):
     seconds, nanoseconds = _two_parts(run)
     fields = [f"{joint}_{x}" for x in ("position", "effort") for joint in JOINTS]
     head = ["header.stamp.sec", "header.stamp.nanosec", *fields]
     _write(path, head, [seconds, nanoseconds, *_blocks(run.q, run.tau)])
 
 
-def mujoco(path: Path, run: Measurements) -> None:
-    head = ["time", *_numbered("qpos_{}", "qvel_{}", "qfrc_actuator_{}")]
-    _write(path, head, [run.t, *_blocks(run.q, run.dq, run.tau)])
-
-
-def franka(path: Path, run: Measurements) -> None:
-    fields = ("state.q[{}]", "state.q_d[{}]", "state.dq[{}]", "state.tau_J[{}]")
-    head = ["time", "success_rate", *_numbered(*fields)]
-    blocks = _blocks(run.q, run.q + 1e-4, run.dq, run.tau)
-    _write(path, head, [1e3 * run.t, np.ones(len(run.t)), *blocks])
-
-
-def franka_old(path: Path, run: Measurements) -> None:
-    fields = ("q[{}]", "q_d[{}]", "dq[{}]", "tau_J[{}]", "tau_ext_hat_filtered[{}]")
-    head = ["duration", " success rate", *_numbered(*fields)]
-    blocks = _blocks(run.q, run.q + 1e-4, run.dq, run.tau, 0.1 * run.tau)
-    _write(path, head, [1e3 * run.t, np.ones(len(run.t)), *blocks], ", ")
-
-
-def kuka_rsi(path: Path, run: Measurements) -> None:
-    """Degrees, a clock in milliseconds, and currents in per cent."""
-    names = ("AIPos.A{}", "ASPos.A{}", "MACur.A{}")
-    head = ["IPOC", *(name.format(k) for name in names for k in (1, 2))]
-    blocks = _blocks(np.degrees(run.q), np.degrees(run.q) + 0.01, run.tau)
-    _write(path, head, [1e3 * run.t, *blocks])
-
-
-def kuka_variables(path: Path, run: Measurements) -> None:
-    """Degrees and Nm, by the names of the controller's variables."""
-    names = ("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]")
-    head = ["time", *(name.format(k) for name in names for k in (1, 2))]
-    _write(path, head, [run.t, *_blocks(np.degrees(run.q), run.tau)])
-
-
-def kuka_rsi_torque(path: Path, run: Measurements) -> None:
-    """Degrees, a clock in milliseconds, and torques in Nm."""
-    names = ("AIPos.A{}", "$TORQUE_AXIS_ACT[{}]")
-    head = ["IPOC", *(name.format(k) for name in names for k in (1, 2))]
-    _write(path, head, [1e3 * run.t, *_blocks(np.degrees(run.q), run.tau)])
-
-
-def abb_rapid(path: Path, run: Measurements) -> None:
-    """Degrees and Nm, by the names of a robjoint."""
-    names = ("rax_{}", "torque_{}")
-    head = ["time", *(name.format(k) for name in names for k in (1, 2))]
-    _write(path, head, [run.t, *_blocks(np.degrees(run.q), run.tau)])
-
-
-def plotjuggler(path: Path, run: Measurements) -> None:
+def plotjuggler(path, run):
     """Sparse: every row belongs to one of two topics."""
     head = ["__time"]
     head += [f"/joint_states/{j}/{x}" for j in JOINTS for x in ("position", "effort")]
@@ -165,7 +194,7 @@ def plotjuggler(path: Path, run: Measurements) -> None:
     path.write_text("\n".join(rows) + "\n")
 
 
-def pyfri(path: Path, run: Measurements) -> None:
+def pyfri(path, run):
     """Measured and interpolated positions, measured and external torques."""
     seconds, nanoseconds = _two_parts(run)
     head = ["index", "time", "record_time_nsec", "tsec", "tnsec"]
@@ -177,21 +206,12 @@ def pyfri(path: Path, run: Measurements) -> None:
     _write(path, [*head, "dt"], [*columns, np.full(len(run.t), 0.02)])
 
 
-def kortex(path: Path, run: Measurements) -> None:
-    """Feedback of the actuators; angles from 0 to 360 degrees."""
-    words = ("position", "velocity", "torque", "current_motor")
-    names = _numbered(*(f"actuators[{{}}].{word}" for word in words))
-    degrees = np.degrees(run.q) % 360.0, np.degrees(run.dq)
-    columns = [run.t, *_blocks(*degrees, run.tau, 0.3 * run.tau)]
-    _write(path, ["time", *names], columns)
-
-
-def lerobot_current(path: Path, run: Measurements) -> None:
+def lerobot_current(path, run):
     """As :func:`lerobot`, with the currents of the motors."""
     lerobot(path, run, "current")
 
 
-def lerobot(path: Path, run: Measurements, word: str = "effort") -> None:
+def lerobot(path, run, word="effort"):
     """Two episodes, positions in degrees, as the columns' metadata say; ``word``: what
     the torques are called."""
     import pyarrow as arrow
@@ -218,7 +238,7 @@ def lerobot(path: Path, run: Measurements, word: str = "effort") -> None:
     parquet.write_table(table.cast(schema), path)
 
 
-def franka_ros2(path: Path, run: Measurements) -> None:
+def franka_ros2(path, run):
     """A state of several parts, with the joints' names beside each."""
     seconds, nanoseconds = _two_parts(run)
     names = [[joint] * len(run.t) for joint in JOINTS]
@@ -231,7 +251,7 @@ def franka_ros2(path: Path, run: Measurements) -> None:
     _write(path, head, [seconds, nanoseconds, *names, *blocks])
 
 
-def bam(path: Path, run: Measurements, word: str = "torque") -> None:
+def bam(path, run, word="torque"):
     """A list of objects beside what was recorded, of two servos in lists."""
     entries = [
         {"timestamp": t, "position": q, "speed": dq, word: tau, "torque_enable": True}
@@ -243,21 +263,11 @@ def bam(path: Path, run: Measurements, word: str = "torque") -> None:
     path.write_text(json.dumps(content))
 
 
-def bam_load(path: Path, run: Measurements) -> None:
+def bam_load(path, run):
     bam(path, run, "load")
 
 
-def xarm(path: Path, run: Measurements) -> None:
-    head = ["timestamp", *_numbered("servo_angle_{}", "joints_torque_{}")]
-    _write(path, head, [run.t, *_blocks(np.degrees(run.q), run.tau)])
-
-
-def zero_based(path: Path, run: Measurements) -> None:
-    head = ["t", *_numbered("q{}", "tau{}")]
-    _write(path, head, [run.t, *_blocks(run.q, run.tau)])
-
-
-def iso(path: Path, run: Measurements) -> None:
+def iso(path, run):
     begin = datetime.datetime(2025, 5, 1, 12)
     stamps = [
         (begin + datetime.timedelta(seconds=float(t))).isoformat(" ", "milliseconds")
@@ -267,7 +277,7 @@ def iso(path: Path, run: Measurements) -> None:
     _write(path, head, [stamps, *_blocks(run.q, run.tau)])
 
 
-def lists(path: Path, run: Measurements) -> None:
+def lists(path, run):
     """As pandas writes cells of arrays."""
     cells = [
         [f'"[{row[0]:.10g}, {row[1]:.10g}]"' for row in block]
@@ -278,7 +288,7 @@ def lists(path: Path, run: Measurements) -> None:
     _write(path, head, [run.t, names, *cells])
 
 
-def decimal_comma(path: Path, run: Measurements) -> None:
+def decimal_comma(path, run):
     """As a German spreadsheet writes it, with a row of units."""
     rows = ["t;q1;q2;tau1;tau2", "s;deg;deg;Nm;Nm"]
     for k, t in enumerate(run.t):
@@ -287,45 +297,33 @@ def decimal_comma(path: Path, run: Measurements) -> None:
     path.write_text("\n".join(rows) + "\n")
 
 
-def commented(path: Path, run: Measurements) -> None:
+def commented(path, run):
     """As numpy.savetxt writes a header."""
     head = "# " + " ".join(["t", *_numbered("q_{}", "dq_{}", "tau_{}")])
     values = np.column_stack([run.t, run.q, run.dq, run.tau])
     np.savetxt(path, values, "%.10g", header=head[2:])
 
 
-def _two_parts(run: Measurements) -> tuple[list[str], list[str]]:
+def _two_parts(run):
     """Stamps as seconds and nanoseconds."""
     whole = [START * 10**9 + round(1e9 * t) for t in run.t]
     return [str(x // 10**9) for x in whole], [str(x % 10**9) for x in whole]
 
 
 #: What writes each sample.
-SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
-    "rtde.csv": rtde,
-    "rtde_torque.csv": rtde_torque,
-    "rtde_controller.csv": rtde_controller,
+SAMPLES = {
+    **{f"{name}.csv": table for name, table in TABLES.items()},
     "rostopic.csv": rostopic,
     "ros2_echo.csv": ros2_echo,
     "bagpy.csv": bagpy,
     "flattened.csv": flattened,
-    "mujoco.csv": mujoco,
-    "franka.csv": franka,
-    "kuka_rsi.csv": kuka_rsi,
-    "kuka_rsi_torque.csv": kuka_rsi_torque,
-    "kuka_variables.csv": kuka_variables,
-    "abb_rapid.csv": abb_rapid,
-    "franka_old.csv": franka_old,
     "pyfri.csv": pyfri,
-    "kortex.csv": kortex,
     "plotjuggler.csv": plotjuggler,
     "lerobot.parquet": lerobot,
     "lerobot_current.parquet": lerobot_current,
     "franka_ros2.csv": franka_ros2,
     "bam.json": bam,
     "bam_load.json": bam_load,
-    "xarm.csv": xarm,
-    "zero_based.csv": zero_based,
     "iso.csv": iso,
     "lists.csv": lists,
     "decimal_comma.csv": decimal_comma,
@@ -337,7 +335,7 @@ FOLDER = tempfile.TemporaryDirectory()
 
 
 @cache
-def sample_file(name: str) -> Path:
+def sample_file(name):
     """A sample as a file, which is written once."""
     path = Path(FOLDER.name) / name
     SAMPLES[name](path, sample_run())

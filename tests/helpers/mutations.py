@@ -8,18 +8,15 @@ import struct
 import xml.etree.ElementTree as ET
 import zipfile
 import zlib
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from hostile_names import hostile_names
 
-Rng = np.random.Generator
 #: What stands for a number, a name or a text.
 ODD = ["1e300", "-1", "nan", "5e-324", "inf", "1,2", "0x10", "99999999999999999999"]
 ODD_TOML = ["[]", "{}", "true", "1e400", "-0", "'x'", "[[1]]", "1979-05-27", "{a=1}"]
 #: Values of a JSON field, of every type.
-ODD_JSON: list[Any] = [
+ODD_JSON = [
     None,
     True,
     -3,
@@ -42,7 +39,7 @@ LARGEST_ARCHIVE = 10_000_000
 _MCAP = b"\x89MCAP0\r\n"
 
 
-def change_structure(suffix: str, content: bytes, rng: Rng) -> bytes:
+def change_structure(suffix, content, rng):
     """A file with one part lost, doubled, moved or replaced; as it was where it has no
     such parts."""
     change = _CHANGES.get(suffix)
@@ -73,17 +70,17 @@ _UNCHANGED = (
 )
 
 
-def pick(items: Any, rng: Rng) -> Any:
+def pick(items, rng):
     """One of some items."""
     return items[int(rng.integers(len(items)))]
 
 
-def odd_name(rng: Rng) -> str:
+def odd_name(rng):
     """A hostile name that a column, a field or a link may have."""
     return next(hostile_names(1, of_files=False, seed=int(rng.integers(10**6))))
 
 
-def _change_xml(content: bytes, rng: Rng) -> bytes:
+def _change_xml(content, rng):
     root = ET.fromstring(content)
     parents = [element for element in root.iter() if len(element)]
     parent = pick(parents, rng)
@@ -110,7 +107,7 @@ def _change_xml(content: bytes, rng: Rng) -> bytes:
     return ET.tostring(root)
 
 
-def _change_toml(content: bytes, rng: Rng) -> bytes:
+def _change_toml(content, rng):
     lines = content.decode().splitlines()
     k = int(rng.integers(len(lines)))
     way = int(rng.integers(5))
@@ -127,7 +124,7 @@ def _change_toml(content: bytes, rng: Rng) -> bytes:
     return "\n".join(lines).encode()
 
 
-def _change_lines(content: bytes, rng: Rng) -> bytes:
+def _change_lines(content, rng):
     """A line of a text lost, doubled or moved, or one of its words replaced."""
     lines = content.decode("latin-1").splitlines()
     k = int(rng.integers(len(lines)))
@@ -145,7 +142,7 @@ def _change_lines(content: bytes, rng: Rng) -> bytes:
     return "\n".join(lines).encode("latin-1")
 
 
-def _change_csv(content: bytes, rng: Rng) -> bytes:
+def _change_csv(content, rng):
     """A table with another header, other columns, another separator or encoding."""
     rows = [line.split(",") for line in content.decode().splitlines()]
     k = int(rng.integers(len(rows[0])))
@@ -176,7 +173,7 @@ def _change_csv(content: bytes, rng: Rng) -> bytes:
     return text.encode(encoding, "replace")
 
 
-def _change_json(content: bytes, rng: Rng) -> bytes:
+def _change_json(content, rng):
     """A field lost, doubled, renamed, exchanged with another one or replaced; another
     format."""
     document = json.loads(content)
@@ -204,7 +201,7 @@ def _change_json(content: bytes, rng: Rng) -> bytes:
     return json.dumps(document).encode()
 
 
-def _random_place(document: Any, rng: Rng) -> tuple[Any, Any]:
+def _random_place(document, rng):
     """A container of a document that is not empty, and a place in it."""
     inner = document
     while True:
@@ -216,14 +213,14 @@ def _random_place(document: Any, rng: Rng) -> tuple[Any, Any]:
         inner = inner[place]
 
 
-def _double_field(document: Any, inner: dict[str, Any], place: str) -> bytes:
+def _double_field(document, inner, place):
     """The text of a document in which a field comes twice, with two values."""
     mark = "doubled-field"
     inner[mark] = inner[place]
     return json.dumps(document).replace(mark, place).encode()
 
 
-def _change_archive(content: bytes, rng: Rng) -> bytes:
+def _change_archive(content, rng):
     """An array of an .npz lost, renamed, of another type or shape, or with odd
     numbers."""
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
@@ -259,7 +256,7 @@ def _change_archive(content: bytes, rng: Rng) -> bytes:
     return out.getvalue()
 
 
-def _change_database(content: bytes, rng: Rng) -> bytes:
+def _change_database(content, rng):
     """A message, a topic or a table of a ROS 2 bag changed."""
     with sqlite3.connect(":memory:") as bag:
         bag.deserialize(content)
@@ -267,7 +264,7 @@ def _change_database(content: bytes, rng: Rng) -> bytes:
         number, data = pick(rows, rng)
         place = int(rng.integers(len(data)))
         changed = data[:place] + bytes([int(rng.integers(256))]) + data[place + 1 :]
-        statements: list[tuple[str, tuple[Any, ...]]] = [
+        statements = [
             ("UPDATE messages SET data = ? WHERE id = ?", (changed, number)),
             ("UPDATE messages SET data = ? WHERE id = ?", (data[:place], number)),
             ("UPDATE messages SET data = NULL WHERE id = ?", (number,)),
@@ -285,7 +282,7 @@ def _change_database(content: bytes, rng: Rng) -> bytes:
         return bytes(bag.serialize())
 
 
-def _change_records(content: bytes, rng: Rng) -> bytes:
+def _change_records(content, rng):
     """One record (opcode, length, content) of an MCAP lost, doubled, cut or swapped."""
     records = list[bytes]()
     place = len(_MCAP)
@@ -316,7 +313,7 @@ def _change_records(content: bytes, rng: Rng) -> bytes:
     return _MCAP + b"".join(records) + _MCAP
 
 
-_CHANGES: dict[str, Callable[[bytes, Rng], bytes]] = {
+_CHANGES = {
     ".csv": _change_csv,
     ".dae": _change_xml,
     ".db3": _change_database,
@@ -334,7 +331,7 @@ _CHANGES: dict[str, Callable[[bytes, Rng], bytes]] = {
 }
 
 
-def sound_meshes() -> dict[str, bytes]:
+def sound_meshes():
     """One triangle in every format of meshes, by the suffix."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
     text = base64.b64encode(corners.tobytes()).decode()

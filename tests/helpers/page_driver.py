@@ -7,17 +7,16 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from commands import HOME, PROGRAM
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    pass
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 psutil = pytest.importorskip(
@@ -45,10 +44,10 @@ class Server:
     key: str
 
     @property
-    def address(self) -> str:
+    def address(self):
         return f"http://127.0.0.1:{self.port}/"
 
-    def workers(self) -> list[psutil.Process]:
+    def workers(self):
         """Processes that do a job: each leads a group of its own; the next one only
         waits."""
         found = []
@@ -61,7 +60,7 @@ class Server:
         return found
 
 
-def started(folder: Path, *options: str) -> Server:
+def started(folder, *options):
     """The verb, which has said where it is; its files are in the folder."""
     command = [sys.executable, *PROGRAM, "page", "--no-browser", *options]
     kept = {"TMPDIR": str(folder), "SDP_VS_PENALTY_PROJECTS": str(folder / "projects")}
@@ -76,7 +75,7 @@ def started(folder: Path, *options: str) -> Server:
 
 
 @contextmanager
-def serving(folder: Path, *options: str) -> Iterator[Server]:
+def serving(folder, *options):
     """The page's server, until it is no longer needed."""
     server = started(folder, *options)
     try:
@@ -87,7 +86,7 @@ def serving(folder: Path, *options: str) -> Iterator[Server]:
 
 
 @contextmanager
-def browsing() -> Iterator[Browser]:
+def browsing():
     with playwright.sync_playwright() as started:
         made = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield made
@@ -95,7 +94,7 @@ def browsing() -> Iterator[Browser]:
 
 
 @contextmanager
-def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
+def a_context(browser, **options):
     """A browser of its own, as it were; faults of its pages fail the test."""
     options = {
         "viewport": DESKTOP,
@@ -110,21 +109,21 @@ def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
     assert not faults, faults
 
 
-def key(name: str) -> str:
+def key(name):
     return f'[data-key="{name}"]'
 
 
-def open_page(context: BrowserContext, server: Server, path: str = "new") -> Page:
+def open_page(context, server, path="new"):
     """A page whose faults fail the test, and whose every request stays on this
     computer."""
     page = context.new_page()
     page.set_default_timeout(PATIENCE)
-    faults: list[str] = []
+    faults = []
     page.on("pageerror", lambda e: faults.append(str(e)))
     page.on("request", lambda r: asked(r.url))
     page.on("websocket", lambda w: asked(w.url))
 
-    def asked(url: str) -> None:
+    def asked(url):
         if not re.match(rf"(http|ws)://127\.0\.0\.1:{server.port}/|data:|blob:", url):
             faults.append(f"asked {url}")
 
@@ -135,29 +134,29 @@ def open_page(context: BrowserContext, server: Server, path: str = "new") -> Pag
     return page
 
 
-def idle(page: Page) -> None:
+def idle(page):
     expect(page.locator(".working")).to_be_hidden(timeout=PATIENCE)
 
 
-def act(page: Page, control: str, shown: str) -> None:
+def act(page, control, shown):
     """Press a control, and wait until what it makes is shown and its job is done."""
     page.click(key(control))
     page.wait_for_selector(shown)
     idle(page)
 
 
-def go(page: Page, stage: str) -> None:
+def go(page, stage):
     """To a stage by the rail."""
     page.click(f"nav.stages [data-to={stage}]")
 
 
-def pick(page: Page, robot: str) -> None:
+def pick(page, robot):
     """A built-in robot."""
     page.click(key(f"robot-{robot}"))
     page.wait_for_selector(key("drop-runs"), state="attached")
 
 
-def choose(page: Page, robot: str, data: list[Path]) -> None:
+def choose(page, robot, data):
     """A robot and files with its runs, and on to Identify."""
     pick(page, robot)
     page.set_input_files(key("drop-runs"), [str(path) for path in data])
@@ -166,7 +165,7 @@ def choose(page: Page, robot: str, data: list[Path]) -> None:
     go(page, "identify")
 
 
-def errors(page: Page) -> list[list[float]]:
+def errors(page):
     """RMS errors of the history's table: a list a joint, of its models."""
     rows = page.locator("[data-part=history] table.history tbody tr").all()
     heads = page.locator(
@@ -176,7 +175,7 @@ def errors(page: Page) -> list[list[float]]:
     return [list(map(float, row.locator("td").all_text_contents()[:n])) for row in rows]
 
 
-def barriers(page: Page) -> list[str]:
+def barriers(page):
     """What axe-core calls a serious or critical fault of accessibility on what is shown
     now."""
     from axe_playwright_python.sync_playwright import Axe
@@ -189,7 +188,7 @@ def barriers(page: Page) -> list[str]:
     ]
 
 
-def no_sideways_scrolling(page: Page) -> None:
+def no_sideways_scrolling(page):
     """Once what was drawn out of sight has found its width."""
     page.wait_for_function(
         "document.documentElement.scrollWidth <= window.innerWidth", timeout=5000

@@ -5,10 +5,6 @@ import asyncio
 import base64
 import json
 import re
-from argparse import Action
-from collections.abc import Callable, Coroutine, Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +12,10 @@ import pytest
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.cli.verbs import page as verb
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.page import Session, Sessions, jobs, worker
+from sdp_vs_penalty.page import jobs, worker
 
 
-def numbers(packed: Any) -> np.ndarray:
+def numbers(packed):
     """An array of a chart, as plotly's script reads it."""
     if isinstance(packed, list):
         return np.array(packed)
@@ -30,9 +26,7 @@ class Here:
     """Does jobs as a worker does, in this process: requests and answers are JSON all
     the same."""
 
-    async def run(
-        self, request: Mapping[str, Any], progress: Callable[[str], None]
-    ) -> dict[str, Any]:
+    async def run(self, request, progress):
         asked = jobs.JobRequest(json.loads(json.dumps(request)), progress)
         answer = worker.do(getattr(jobs, request["job"]), asked)
         if "error" in answer:
@@ -43,13 +37,11 @@ class Here:
             )
         )
 
-    def close(self) -> None:
+    def close(self):
         pass
 
 
-async def finish(
-    session: Session, act: Callable[[], Coroutine[Any, Any, None]]
-) -> None:
+async def finish(session, act):
     """Do something and wait until its job is done; a sentence about an error fails the
     test."""
     session.start(act)
@@ -58,12 +50,12 @@ async def finish(
         raise InputError(" ".join(session.notice.texts))
 
 
-def do(session: Session, *deeds: Callable[[], Coroutine[Any, Any, None]]) -> None:
+def do(session, *deeds):
     for deed in deeds:
         asyncio.run(finish(session, deed))
 
 
-def opened(sessions: Sessions, robot: str, **files: Path) -> Session:
+def opened(sessions, robot, **files):
     """A session in which a robot was chosen and runs were read, by the names that they
     come with."""
     s = sessions.new()
@@ -74,19 +66,19 @@ def opened(sessions: Sessions, robot: str, **files: Path) -> Session:
     return s
 
 
-def saved(folder: Path, runs: Any, *names: str) -> dict[str, Path]:
+def saved(folder, runs, *names):
     for run, name in zip(runs, names, strict=False):
         save(run, folder / name)
     return {name: folder / name for name in names}
 
 
-def forms() -> Mapping[str, Sequence[Action]]:
+def forms():
     """What the verb gives the page."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "sdp_vs_penalty.page.server.serve", lambda *given: held.append(given)
         )
-        held: list[Any] = []
+        held = []
         verb.verb()
     return dict(held[0][-1])
 
@@ -95,7 +87,7 @@ class Screen:
     """The page of a session, drawn without a browser; its controls are found by their
     keys."""
 
-    def __init__(self, session: Session, folder: Path | None = None) -> None:
+    def __init__(self, session, folder=None):
         from nicegui import Client, core
         from nicegui.page import page
 
@@ -105,15 +97,15 @@ class Screen:
         self.loop = asyncio.new_event_loop()
         core.loop = self.loop
         self.client = Client(page("/"))
-        self.client.run_javascript = lambda code, **_: self.scripts.append(code)  # type: ignore[assignment]
+        self.client.run_javascript = lambda code, **_: self.scripts.append(code)
         with self.client:
             self.view = View(session, folder, self.client, forms())
             self.do(Workbench, self.view)
 
-    def do(self, act: Callable[..., Any], *given: Any) -> None:
+    def do(self, act, *given):
         """Call something, and wait until the job that it starts is done."""
 
-        async def doing() -> None:
+        async def doing():
             with self.client:
                 act(*given)
             while (task := self.session.task) is not None:
@@ -123,16 +115,16 @@ class Screen:
         self.loop.run_until_complete(doing())
 
     @property
-    def keys(self) -> list[str]:
+    def keys(self):
         """Of the controls that can be seen, in their order."""
         return [str(e.props["data-key"]) for e in self.under() if "data-key" in e.props]
 
-    def at(self, key: str) -> Any:
+    def at(self, key):
         found, *others = (e for e in self.under() if e.props.get("data-key") == key)
         assert not others, key
         return found
 
-    def under(self, top: Any = None) -> list[Any]:
+    def under(self, top=None):
         """All that is visible below an element, in its order on the page."""
         top = self.client.layout if top is None else top
         children = [
@@ -143,14 +135,14 @@ class Screen:
         ]
         return [top, *(e for child in children for e in self.under(child))]
 
-    def part(self, name: str) -> list[Any]:
+    def part(self, name):
         """All of a part, or of a stage."""
         names = ("data-stage", "data-part")
         return self.under(
             next(e for e in self.under() if name in map(e.props.get, names))
         )
 
-    def text(self, name: str) -> str:
+    def text(self, name):
         """What a part says, or a stage, on a line."""
         told = [
             getattr(e, kind, "")
@@ -163,11 +155,11 @@ class Screen:
             ).split()
         )
 
-    def charts(self, name: str) -> list[dict[str, Any]]:
+    def charts(self, name):
         """The figures of a part."""
         return [e.figure for e in self.part(name) if hasattr(e, "figure")]
 
-    def hear(self, element: Any, kind: str, args: Any = None) -> None:
+    def hear(self, element, kind, args=None):
         """An event of an element."""
         from nicegui.events import GenericEventArguments
 
@@ -178,10 +170,10 @@ class Screen:
                 )
                 self.do(listener.handler, event)
 
-    def click(self, *keys: str) -> None:
+    def click(self, *keys):
         for key in keys:
             self.hear(self.at(key), "click")
 
-    def set(self, key: str, value: Any) -> None:
+    def set(self, key, value):
         """Write into a field, choose, or tick."""
         self.hear(self.at(key), "change", value)

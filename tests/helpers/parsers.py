@@ -5,7 +5,6 @@ import socket
 import subprocess
 import time
 import warnings
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,42 +12,42 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty.errors import Remark
 
 
-def echo(path: str, numbers: list[float]) -> Iterator[dict[str, np.ndarray]]:
+def echo(path, numbers):
     for number in numbers:
         yield {"number": np.full((2, 3), number)}
 
 
-def crash(path: str) -> Iterator[dict[str, np.ndarray]]:
+def crash(path):
     yield {"number": np.zeros(1)}
     os.abort()
 
 
-def wait(path: str) -> Iterator[dict[str, np.ndarray]]:
+def wait(path):
     yield {"number": np.zeros(1)}
     time.sleep(100.0)
 
 
-def work(path: str) -> Iterator[dict[str, np.ndarray]]:
+def work(path):
     while True:
         pass
     yield {}
 
 
-def fill(path: str) -> Iterator[dict[str, np.ndarray]]:
+def fill(path):
     yield {"number": np.ones(2**30)}
 
 
-def refuse(path: str) -> Iterator[dict[str, np.ndarray]]:
+def refuse(path):
     warnings.warn("row 3 is odd", Remark, stacklevel=2)
     raise InputError("row 4 is wrong", "delete it", path)
     yield {}
 
 
-def connect(path: str) -> Iterator[dict[str, np.ndarray]]:
+def connect(path):
     socket.socket()
     yield {}
 
 
-def start(path: str) -> Iterator[dict[str, np.ndarray]]:
+def start(path):
     subprocess.run(["true"], check=True)
     yield {}

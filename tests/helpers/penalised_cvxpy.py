@@ -1,19 +1,10 @@
 """The penalised problem's relaxation posed a second time, in CVXPY."""
 
-from collections.abc import Iterable
-from typing import Any
-
 import cvxpy as cp
 import numpy as np
 
-from sdp_vs_penalty.paper.penalised_optimum import PenalisedProblem
-from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Constraint
 
-
-def cvxpy_optima(
-    problem: PenalisedProblem, weights: Iterable[float]
-) -> dict[float, float]:
+def cvxpy_optima(problem, weights):
     """Return the relaxation's optimum at each weight by CVXPY and Clarabel, as a check.
 
     The model is compiled once, with the weight as its parameter. theta is scaled by the
@@ -59,7 +50,7 @@ def cvxpy_optima(
     return out
 
 
-def _torque_scale(problem: PenalisedProblem) -> Array:
+def _torque_scale(problem):
     """Return the size (p,) at which each parameter alone makes all the torque.
 
     It is at most the parameter's bound.
@@ -70,7 +61,7 @@ def _torque_scale(problem: PenalisedProblem) -> Array:
     return np.where(is_seen, np.minimum(size, problem.bound), problem.bound)
 
 
-def _cvxpy_value(c: Constraint, theta: Any) -> Any:
+def _cvxpy_value(c, theta):
     """Return the value F(theta) of a constraint as a CVXPY expression."""
     rows = c.coefficients.reshape(len(c.indices), -1).T
     value = rows @ theta[c.indices] + c.constant.ravel()
@@ -79,7 +70,7 @@ def _cvxpy_value(c: Constraint, theta: Any) -> Any:
     return value
 
 
-def _cvxpy(c: Constraint, theta: Any) -> Any:
+def _cvxpy(c, theta):
     """Return the CVXPY constraint that F(theta) lies in its second-order cone, or is
     >= 0.
     """

@@ -1,7 +1,5 @@
 """Logs of a pendulum with a drive, integrated here: its motion follows its torque."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from sdp_vs_penalty import Measurements
@@ -17,12 +15,7 @@ _INERTIA = 0.21
 _STEP = 5e-4
 
 
-def swing(
-    torque: Callable[[float, float, float], float],
-    seconds: float = 12.0,
-    rate: int = 200,
-    seed: int = 0,
-) -> Measurements:
+def swing(torque, seconds=12.0, rate=200, seed=0):
     """A log of the pendulum under ``torque(t, q, dq)`` [N m], with noise of 1e-5 rad."""
     rng = np.random.default_rng(seed)
     q, dq = 1.2, 0.0

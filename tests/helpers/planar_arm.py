@@ -38,7 +38,7 @@ def links_torque(q, dq, ddq):
     )
 
 
-def swings(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def swings(seed):
     """24 s of five sines a joint at 500 Hz: t (N,), q, dq, ddq (N, 2)."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 24.0, 0.002)
@@ -57,6 +57,6 @@ def friction(dq):
     return np.tanh(dq / 0.01) * (0.8, 0.4) + dq * (0.5, 0.3)
 
 
-def noise(seed: int, shape: tuple[int, ...]):
+def noise(seed, shape):
     """White noise of the torque channels, in N m."""
     return np.random.default_rng(seed + 1000).normal(0.0, 0.05, shape)

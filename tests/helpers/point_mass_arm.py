@@ -6,11 +6,10 @@ accelerations are central differences of their places. Torque [N m], angles [rad
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty import Measurements, Problem, load_problem
+from sdp_vs_penalty import Measurements, load_problem
 
 Array = np.ndarray
 
@@ -32,7 +31,7 @@ PERIOD = 10.0
 RATE = 200.0
 
 
-def write_urdf(path: Path) -> Path:
+def write_urdf(path):
     """The arm's kinematics, with links of rough inertia."""
     frames = (
         ("0 0 0", "0 0 1"),
@@ -53,7 +52,7 @@ def write_urdf(path: Path) -> Path:
     return path
 
 
-def rotations(angle: Array, axis: int) -> Array:
+def rotations(angle, axis):
     """(N, 3, 3) rotations about z (2) or y (1)."""
     c = np.cos(angle)
     s = np.sin(angle)
@@ -75,7 +74,7 @@ class Kinematics:
     axis: list[Array]
 
     @classmethod
-    def of(cls, q: Array) -> "Kinematics":
+    def of(cls, q):
         first = rotations(q[:, 0], 2)
         second = first @ rotations(q[:, 1], 1)
         third = second @ rotations(q[:, 2], 1)
@@ -87,7 +86,7 @@ class Kinematics:
             [first[:, :, 2], second[:, :, 1], third[:, :, 1]],
         )
 
-    def place(self, link: int, offset: tuple[float, float, float]) -> Array:
+    def place(self, link, offset):
         """(N, 3) where a point of a link is."""
         return self.origin[link] + self.rotation[link] @ np.array(offset)
 
@@ -101,14 +100,14 @@ class Trajectory:
     phase: Array
 
     @classmethod
-    def draw(cls, seed: int) -> "Trajectory":
+    def draw(cls, seed):
         rng = np.random.default_rng(seed)
         harmonics = np.array([1, 2, 3, 5])
         amplitude = rng.uniform(0.3, 1.0, (4, 3)) / harmonics[:, None]
         amplitude *= np.array([1.0, 0.6, 0.9]) / amplitude.sum(axis=0)
         return cls(harmonics, amplitude, rng.uniform(0.0, 2.0 * np.pi, (4, 3)))
 
-    def at(self, t: Array) -> Array:
+    def at(self, t):
         """(N, 3) positions."""
         turned = 2.0 * np.pi / PERIOD * t[:, None, None] * self.harmonics[:, None]
         return np.sum(self.amplitude * np.sin(turned + self.phase), axis=1)
@@ -128,12 +127,7 @@ class PointMassArm:
     channel: Callable[[Array, Array], Array] = lambda t, torque: torque
     extra: Callable[[Array, Array, Array], Array] = lambda t, q, dq: 0.0 * q
 
-    def run(
-        self,
-        seed: int,
-        periods: int = 3,
-        noise: tuple[float, float, float] = (0.05, 0.05, 0.03),
-    ) -> Measurements:
+    def run(self, seed, periods=3, noise=(0.05, 0.05, 0.03)):
         """A log of one motion of its seed."""
         trajectory = Trajectory.draw(seed)
         t = np.arange(round(periods * PERIOD * RATE)) / RATE
@@ -144,7 +138,7 @@ class PointMassArm:
         q = trajectory.at(t) + 1e-6 * rng.normal(size=torque.shape)
         return Measurements(t, q, torque)
 
-    def torque(self, trajectory: Trajectory, t: Array) -> Array:
+    def torque(self, trajectory, t):
         """(N, 3) of links, friction and springs."""
         h = 1e-3
         before = Kinematics.of(trajectory.at(t - h))
@@ -163,7 +157,7 @@ class PointMassArm:
         friction = VISCOUS * dq + COULOMB * self.direction(q, dq)
         return torque + friction + self.extra(t, q, dq)
 
-    def direction(self, q: Array, dq: Array) -> Array:
+    def direction(self, q, dq):
         """(N, 3) of dry friction: Dahl's bristles where a joint has them."""
         out = np.tanh(dq / 0.01)
         for j in np.flatnonzero(self.bristle_travel):
@@ -176,11 +170,11 @@ class PointMassArm:
         return out
 
 
-def delayed(seconds: float | Array) -> Callable[[Array, Array], Array]:
+def delayed(seconds):
     """A channel that logs torque later, by joint."""
     by_joint = np.broadcast_to(seconds, 3)
 
-    def channel(t: Array, torque: Array) -> Array:
+    def channel(t, torque):
         columns = [
             np.interp(t - late, t, x)
             for late, x in zip(by_joint, torque.T, strict=True)
@@ -190,10 +184,10 @@ def delayed(seconds: float | Array) -> Callable[[Array, Array], Array]:
     return channel
 
 
-def causal_filter(hertz: float) -> Callable[[Array, Array], Array]:
+def causal_filter(hertz):
     """A channel with one causal pole."""
 
-    def channel(t: Array, torque: Array) -> Array:
+    def channel(t, torque):
         decay = np.exp(-2.0 * np.pi * hertz * (t[1] - t[0]))
         out = torque.copy()
         for k in range(1, len(t)):
@@ -203,11 +197,11 @@ def causal_filter(hertz: float) -> Callable[[Array, Array], Array]:
     return channel
 
 
-def scaled(gains: tuple[float, float, float]) -> Callable[[Array, Array], Array]:
+def scaled(gains):
     """Channels that read so many times the torque."""
     return lambda t, torque: torque * np.array(gains)
 
 
-def arm_problem(folder: Path) -> Problem:
+def arm_problem(folder):
     """The arm as its users describe it."""
     return load_problem(write_urdf(folder / "point_masses.urdf"))

@@ -12,25 +12,22 @@ import copy
 import hashlib
 import json
 import random
-from collections.abc import Callable, Iterator
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.solvers import verify_proof
 
-Proof = dict[str, Any]
 #: A claim is false by at least this share of the objective's size: far above this
 #: file's rounding.
 _CLEARLY = 1e-6
 
 
-def text(x: float | Fraction) -> str:
+def text(x):
     return str(Fraction(x))
 
 
-def texts(array: Any) -> Any:
+def texts(array):
     made = np.asarray(array, float)
     return (
         [texts(row) for row in made]
@@ -39,17 +36,17 @@ def texts(array: Any) -> Any:
     )
 
 
-def short(rng: np.random.Generator, *shape: int) -> np.ndarray:
+def short(rng, *shape):
     """Multiples of 1/8 between -4 and 4."""
     return rng.integers(-32, 33, shape) / 8.0
 
 
-def definite(rng: np.random.Generator, d: int) -> np.ndarray:
+def definite(rng, d):
     v = short(rng, d, d)
     return np.asarray(v @ v.T + np.eye(d) / 4.0)
 
 
-def signed(body: Proof) -> Proof:
+def signed(body):
     rest = {k: v for k, v in body.items() if k != "sha256"}
     return {
         **rest,
@@ -57,7 +54,7 @@ def signed(body: Proof) -> Proof:
     }
 
 
-def number(text: Any) -> Any:
+def number(text):
     """A text, or lists of them, in floating point."""
     return (
         np.array([number(t) for t in text])
@@ -66,13 +63,13 @@ def number(text: Any) -> Any:
     )
 
 
-def content(c: Proof, x: np.ndarray) -> np.ndarray:
+def content(c, x):
     """F(x) of a constraint, flat."""
     shapes = number(c["coefficients"]).reshape(len(c["indices"]), len(c["constant"]))
     return np.asarray(number(c["constant"]) + x[c["indices"]] @ shapes)
 
 
-def value(p: Proof, x: np.ndarray) -> float:
+def value(p, x):
     """f(x) in floating point; infinite where x is clearly outside of a constraint, NaN
     on its edge."""
     r = number(p["R"]).reshape(-1, len(x)) @ x
@@ -99,7 +96,7 @@ def value(p: Proof, x: np.ndarray) -> float:
     return total
 
 
-def genuine(rng: np.random.Generator) -> Proof:
+def genuine(rng):
     """A random problem with a strictly feasible theta, multipliers in the cones, and
     what they prove.
 
@@ -195,7 +192,7 @@ def genuine(rng: np.random.Generator) -> Proof:
     return p | {"upper": repr(upper + _CLEARLY * (1.0 + abs(upper)))}
 
 
-def without_loss(rng: np.random.Generator) -> Proof:
+def without_loss(rng):
     """A true proof whose loss is zero beside entropies, tight to rounding.
 
     f = sum w (<Q, F> - log det F + log_det - d) with log_det = -log det Q is least
@@ -206,7 +203,7 @@ def without_loss(rng: np.random.Generator) -> Proof:
     theta = short(rng, n)
     m = int(rng.integers(0, 3))
     R = short(rng, m, n)
-    p: Proof = {
+    p = {
         "format": verify_proof.FORMAT,
         "kind": "optimum",
         "model": "",
@@ -257,7 +254,7 @@ def without_loss(rng: np.random.Generator) -> Proof:
     return with_interval(p | {"constraints": constraints})
 
 
-def with_interval(p: Proof) -> Proof:
+def with_interval(p):
     """The proof with the ends that its multipliers prove, as doubles outward."""
     exact = verify_proof.typed(
         signed(p | {"lower": "0", "upper": "0"}), verify_proof.OPTIMUM, {}
@@ -270,7 +267,7 @@ def with_interval(p: Proof) -> Proof:
     return p | {"lower": repr(float(ends[0])), "upper": repr(float(ends[1]))}
 
 
-def inflated(p: Proof, rng: np.random.Generator) -> Proof | None:
+def inflated(p, rng):
     """A constant in the objective that makes it look large beside a wide interval: it
     holds, and says nothing of what is above zero."""
     p = copy.deepcopy(p)
@@ -290,7 +287,7 @@ def inflated(p: Proof, rng: np.random.Generator) -> Proof | None:
     return p | {"lower": repr(float(p["lower"]) - width)}
 
 
-def size_above_constants(p: Proof) -> float:
+def size_above_constants(p):
     """The loss and the divergences at theta, in floating point."""
     x = number(p["theta"])
     rows = number(p["R"]).reshape(-1, len(x)) @ x - number(p["rho"])
@@ -305,7 +302,7 @@ def size_above_constants(p: Proof) -> float:
     return float(total)
 
 
-def widened(p: Proof, rng: np.random.Generator) -> Proof | None:
+def widened(p, rng):
     """An end moved away by a hundredth of the objective's size, or far more."""
     width = (size_above_constants(p) + 1e-6) * float(rng.choice([0.01, 1.0, 1e6]))
     if rng.random() < 0.5:
@@ -313,7 +310,7 @@ def widened(p: Proof, rng: np.random.Generator) -> Proof | None:
     return p | {"upper": repr(float(p["upper"]) + width)}
 
 
-def infeasible(rng: np.random.Generator) -> Proof:
+def infeasible(rng):
     """s x >= 1 + a and -s x >= 1 - a in any of the parameters, beside constraints that
     always hold."""
     p = genuine(rng)
@@ -340,7 +337,7 @@ def infeasible(rng: np.random.Generator) -> Proof:
     return without_optimum(p)
 
 
-def without_optimum(p: Proof) -> Proof:
+def without_optimum(p):
     """The same multipliers as a claim that nothing is feasible."""
     rest = {key: v for key, v in p.items() if key not in ("theta", "lower", "upper")}
     return rest | {"kind": "infeasible", "R": [], "rho": [], "y": [], "floor": "0"}
@@ -350,7 +347,7 @@ def without_optimum(p: Proof) -> Proof:
 # None.
 
 
-def swapped(p: Proof, rng: np.random.Generator) -> Proof | None:
+def swapped(p, rng):
     """lower above the objective of a feasible point, upper below it."""
     f = value(p, number(p["theta"]))
     off = (1.0 + abs(f)) * float(rng.choice([2 * _CLEARLY, 1e-3, 1.0, 1e6]))
@@ -359,7 +356,7 @@ def swapped(p: Proof, rng: np.random.Generator) -> Proof | None:
     )
 
 
-def outside(p: Proof, rng: np.random.Generator) -> Proof | None:
+def outside(p, rng):
     """A theta that violates a constraint or a bound, with an upper bound that it would
     have."""
     x = number(p["theta"]) + float(rng.choice([1.0, 8.0])) * short(rng, len(p["theta"]))
@@ -370,7 +367,7 @@ def outside(p: Proof, rng: np.random.Generator) -> Proof | None:
     )
 
 
-def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
+def wrong_dual(p, rng):
     """A multiplier outside its cone, as long as it takes to prove a lower bound above
     f(theta)."""
     p, k = copy.deepcopy(p), int(rng.integers(0, len(p["constraints"])))
@@ -393,7 +390,7 @@ def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
     return p | {"lower": repr(value(p, x) + 1.0 + abs(value(p, x)))}
 
 
-def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
+def singular(p, rng):
     """An entropy at a singular matrix: f(theta) is infinite, whatever upper says. Or a
     singular or indefinite dual of the entropy of a large constant matrix, whose -log
     det is below whatever the logarithm of such a dual is taken to be."""
@@ -409,7 +406,7 @@ def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
     return p | {"lower": repr(best + _CLEARLY * 2 * size), "upper": repr(best + size)}
 
 
-def with_entropy(p: Proof, F: np.ndarray, dual: np.ndarray) -> Proof:
+def with_entropy(p, F, dual):
     """The same with one more constraint, of a constant matrix that has an entropy."""
     e = {
         "weight": "1",
@@ -431,7 +428,7 @@ def with_entropy(p: Proof, F: np.ndarray, dual: np.ndarray) -> Proof:
     return p | {"constraints": [*p["constraints"], c]}
 
 
-def concave(p: Proof, rng: np.random.Generator) -> Proof | None:
+def concave(p, rng):
     """A negative weight of an entropy: no convex problem, and none of docs/proof.md."""
     p = copy.deepcopy(p)
     entropies = [e for c in p["constraints"] for e in c["entropy"]]
@@ -446,10 +443,10 @@ _NUMBERS = (
     " |{}_0|+{}|0x10|1/0|nan|inf||.5|--1|1e400|1e9999|\uff11|-|{}/1/2|{} /1|1/-2|1/3"
 )
 _NUMBERS += "|{}" + 5000 * "0" + "|1/" + 5000 * "2"
-_OTHERS: list[Any] = [1, 0.5, None, True, [], {}, ["1"], "one", -1, 10**30]
+_OTHERS = [1, 0.5, None, True, [], {}, ["1"], "one", -1, 10**30]
 
 
-def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
+def malformed(p, rng):
     """One field lost, added, of another type or range, an index that is none, a list
     too long."""
     p = copy.deepcopy(p)
@@ -478,17 +475,17 @@ def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
     return p
 
 
-FALSE: dict[str, Callable[[Proof, np.random.Generator], Proof | None]] = {
+FALSE = {
     f.__name__: f for f in (swapped, outside, wrong_dual, singular, concave, malformed)
 }
 #: Infeasibility of what has a feasible point, with the multipliers of the optimum.
 FALSE["impossible"] = lambda p, rng: without_optimum(p)
 
 
-def unreadable(whole: str, rng: np.random.Generator) -> str:
+def unreadable(whole, rng):
     """A file that is not the JSON of a proof: broken, a field twice, changed after it
     was signed."""
-    ways: tuple[Callable[[], str], ...] = (
+    ways = (
         lambda: whole[: int(rng.integers(0, len(whole)))],
         lambda: whole.replace('"floor"', '"floor": "1", "floor"', 1),
         lambda: whole.replace('"kind"', '"kind": NaN, "also"', 1),
@@ -500,7 +497,7 @@ def unreadable(whole: str, rng: np.random.Generator) -> str:
     return ways[int(rng.integers(0, len(ways)))]()
 
 
-def cases(count: int, seed: int = 0) -> Iterator[tuple[str, str, bool]]:
+def cases(count, seed=0):
     """(kind, text of the file, whether it must be accepted): one genuine in four."""
     rng = np.random.default_rng(seed)
     names = [*FALSE, "unreadable"]

@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.estimators import Task, make_task
 from sdp_vs_penalty.problem import open_box, plausible_links
 from sdp_vs_penalty.regression import LeastSquares, compress
-from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.testing.robots import link_parameters as link_parameters
 from sdp_vs_penalty.testing.robots import pose as pose
@@ -18,23 +16,14 @@ from sdp_vs_penalty.testing.robots import rotation as rotation
 from sdp_vs_penalty.testing.robots import sines as sines
 from sdp_vs_penalty.testing.robots import tree as tree
 
-Array = NDArray[np.float64]
 
-
-def states(robot: Robot, count: int, seed: int = 0) -> tuple[Array, Array, Array]:
+def states(robot, count, seed=0):
     """Random configurations, velocities and accelerations, each (count, n)."""
     dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n)) * 2.0
     return robot.random_configurations(count, seed), dq, ddq
 
 
-def simulated(
-    model: Model,
-    theta: Array,
-    seed: int | np.random.Generator = 0,
-    noise: float = 0.0,
-    seconds: float = 20.0,
-    dt: float = 2e-3,
-) -> Measurements:
+def simulated(model, theta, seed=0, noise=0.0, seconds=20.0, dt=2e-3):
     """A run of this model along sums of sines, with white noise."""
     rng = np.random.default_rng(seed)
     motion = sines(rng, model.robot.n, np.arange(0.0, seconds, dt))
@@ -43,12 +32,8 @@ def simulated(
 
 
 def driven(
-    seed: int = 0,
-    seconds: float = 12.0,
-    dt: float = 2e-3,
-    effects: str = "rigid_body,viscous_friction",
-    noise: float = 0.0,
-) -> tuple[Model, Array, Measurements]:
+    seed=0, seconds=12.0, dt=2e-3, effects="rigid_body,viscous_friction", noise=0.0
+):
     """The model of a random tree of three joints, its parameters, and a run of it with
     white noise."""
     rng = np.random.default_rng(seed)
@@ -59,23 +44,21 @@ def driven(
     return model, theta, simulated(model, theta, rng, noise, seconds, dt)
 
 
-def open_problem(robot: Robot, nominal: Array) -> Problem:
+def open_problem(robot, nominal):
     """A robot without bounds, and its nominal links (n, 10)."""
     return Problem(
         "random", "random", robot, open_box(robot.n, 0.01), nominal, torque_side="link"
     )
 
 
-def with_box(
-    problem: Problem, link: int, entry: int, low: float, high: float
-) -> Problem:
+def with_box(problem, link, entry, low, high):
     """A problem with other bounds on one parameter of a link."""
     box = problem.box.copy()
     box[link, entry] = low, high
     return replace(problem, box=box)
 
 
-def bare(robot: Robot) -> Problem:
+def bare(robot):
     """A robot of which nothing but the kinematics is known."""
     nominal, sources = plausible_links(robot, np.zeros((robot.n, 10)))
     return replace(
@@ -86,7 +69,7 @@ def bare(robot: Robot) -> Problem:
     )
 
 
-def task_of(problem: Problem) -> Task:
+def task_of(problem):
     """A task whose data say nothing in particular: for what depends on the constraints
     alone."""
     model = problem.model()
@@ -101,9 +84,7 @@ def task_of(problem: Problem) -> Task:
     )
 
 
-def posed_task(
-    problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0
-) -> Task:
+def posed_task(problem, run, effects=None, seed=0):
     """What estimators are given of a run, under the problem's own filters."""
     model = problem.model(effects)
     return make_task(
@@ -117,14 +98,8 @@ def posed_task(
 
 
 def repeating_run(
-    problem: Problem,
-    seed: int,
-    noise: float = 0.5,
-    base: float = 0.1,
-    motion_seed: int = 7,
-    seconds: float = 24.0,
-    effects: str | None = None,
-) -> Measurements:
+    problem, seed, noise=0.5, base=0.1, motion_seed=7, seconds=24.0, effects=None
+):
     """The model with friction of 0.4, a motion of period 1 / base and white noise."""
     rng = np.random.default_rng(seed)
     model = problem.model(effects)

@@ -5,9 +5,7 @@ sentence is about, and words that it says of what is wrong and of the remedy.
 """
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,26 +14,26 @@ from sdp_vs_penalty import InputError
 REFUSALS = Path(__file__).parents[1] / "data" / "refusals.json"
 
 
-def refusals(kind: str) -> dict[str, Any]:
+def refusals(kind):
     """What is refused, of a kind: by name, or command, the input and what is said."""
     return dict(json.loads(REFUSALS.read_text())[kind])
 
 
-def refusal(call: Callable[[], object], *words: str) -> str:
+def refusal(call, *words):
     """The one sentence with which a call is refused; it holds the words."""
     with pytest.raises(InputError) as caught:
         call()
     return a_sentence(str(caught.value), *words)
 
 
-def a_sentence(text: str, *words: str) -> str:
+def a_sentence(text, *words):
     assert text.endswith(".")
     assert "\n" not in text
     assert all(word in text for word in words), text
     return text
 
 
-def same_refusal(kind: str, name: str, sentence: str) -> bool:
+def same_refusal(kind, name, sentence):
     """Whether a sentence says of the case what refusals.json asks: the file it is
     about, what is wrong, and words of the remedy. It is one sentence."""
     a_sentence(sentence)
@@ -46,9 +44,7 @@ def same_refusal(kind: str, name: str, sentence: str) -> bool:
     return True
 
 
-def differences(
-    kept: Any, found: Any, where: str = "", least: float = 1e-7
-) -> list[str]:
+def differences(kept, found, where="", least=1e-7):
     """Where two of them differ: numbers by more than processors round."""
     if (
         isinstance(kept, dict)

@@ -13,10 +13,10 @@ from sdp_vs_penalty.solvers import Cone, ConicProblem
 from sdp_vs_penalty.solvers.conic import CBF_NAMES
 
 
-def read_cbf(path: str | Path) -> ConicProblem:
+def read_cbf(path):
     """The problem of a CBF file as :func:`cbf_text` writes it: free variables, affine
     cones, scalar ones first."""
-    sections: dict[str, list[list[str]]] = {}
+    sections = {}
     name = ""
     for text in Path(path).read_text().splitlines():
         if text.startswith("#") or not text.strip():
@@ -67,7 +67,7 @@ PROGRAMS = {
 }
 
 
-def outside_optimum(program: str, folder: Path) -> float:
+def outside_optimum(program, folder):
     """What an installed program says is the optimum of a.dat-s in the folder."""
     if shutil.which(program) is None:
         pytest.skip(f"the program {program} is not installed")
@@ -79,7 +79,7 @@ def outside_optimum(program: str, folder: Path) -> float:
     return float(re.findall(printed, text)[-1])
 
 
-def _psd_row(i: int, j: int) -> tuple[int, float]:
+def _psd_row(i, j):
     low = min(i, j)
     high = max(i, j)
     return high * (high + 1) // 2 + low, 1.0 if low == high else float(np.sqrt(2.0))

@@ -3,7 +3,6 @@ nobody logs."""
 
 from functools import cache
 from math import tanh
-from pathlib import Path
 
 import numpy as np
 
@@ -22,7 +21,7 @@ COULOMB = 2.0
 OFFSET = 1.0
 
 
-def command(t: np.ndarray, seed: int) -> np.ndarray:
+def command(t, seed):
     rng = np.random.default_rng(seed)
     q = np.zeros_like(t)
     for k in range(1, 6):
@@ -33,16 +32,16 @@ def command(t: np.ndarray, seed: int) -> np.ndarray:
 
 @cache
 def log(
-    noise: float = 0.0,
-    ki: float = 0.0,
-    kh: float = 0.0,
-    delay: float = 0.0,
-    seed: int = 0,
-    torque: bool = False,
-    load: float = 0.0,
-    lead: float = 0.0,
-    limit: float = np.inf,
-) -> Measurements:
+    noise=0.0,
+    ki=0.0,
+    kh=0.0,
+    delay=0.0,
+    seed=0,
+    torque=False,
+    load=0.0,
+    lead=0.0,
+    limit=np.inf,
+):
     """20 s at 100 Hz; steps of 0.5 ms; load [kg]; friction turns ``lead`` [s] early;
     limit [N] of the drive."""
     h = 5e-4
@@ -73,7 +72,7 @@ def log(
     return Measurements.of(t[::20], groups, (f"run{seed}",))
 
 
-def write_slide(folder: Path) -> str:
+def write_slide(folder):
     """The path of slide.urdf."""
     (folder / "slide.urdf").write_text(URDF)
     return str(folder / "slide.urdf")

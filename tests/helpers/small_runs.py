@@ -2,21 +2,17 @@
 and of verbs."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Measurements, Problem, load_problem
+from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Preprocessing
 
 
-def small_run(
-    problem: Problem, seconds: float = 6.0, seed: int = 0, rate: float = 100.0
-) -> Measurements:
+def small_run(problem, seconds=6.0, seed=0, rate=100.0):
     """A run of sums of sines by the problem's nominal robot with some friction and
     noise."""
     rng = np.random.default_rng(seed)
@@ -37,16 +33,12 @@ def small_run(
     return Measurements(t, q, tau + 0.05 * rng.normal(size=tau.shape), dq)
 
 
-def write_run(
-    path: Path, problem: Problem, seconds: float = 6.0, seed: int = 0
-) -> Path:
+def write_run(path, problem, seconds=6.0, seed=0):
     save(small_run(problem, seconds, seed), path)
     return path
 
 
-def write_bag(
-    path: Path, run: Measurements, *, mcap: bool = False, **change: Any
-) -> None:
+def write_bag(path, run, *, mcap=False, **change):
     """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the
     same topic. Of several topics the k-th one's positions are larger by k."""
     pytest.importorskip("rosbags")
@@ -150,23 +142,14 @@ SETTINGS = Preprocessing(5.0, 8.0)
 JOINTS = 4
 
 
-def periodic(
-    rng: np.random.Generator, t: np.ndarray, period: float, joints: int = 3
-) -> np.ndarray:
+def periodic(rng, t, period, joints=3):
     """Five harmonics a joint (N, joints)."""
     w = 2.0 * np.pi / period * np.arange(1, 6)
     a, b = rng.normal(size=(2, joints, 5)) / np.arange(1, 6)
     return np.sin(np.outer(t, w)) @ a.T + np.cos(np.outer(t, w)) @ b.T
 
 
-def run_of(
-    seed: int,
-    seconds: float,
-    first: float = 0.0,
-    period: float = 9.63,
-    dt: float = 4e-3,
-    still: float = 0.0,
-) -> Measurements:
+def run_of(seed, seconds, first=0.0, period=9.63, dt=4e-3, still=0.0):
     """Five harmonics a joint in other units each, encoder noise; it stands ``still``
     seconds at first.
 
@@ -181,7 +164,7 @@ def run_of(
     return Measurements(t, q, np.ones_like(q), names=(f"run {seed}",))
 
 
-def write_joint_states(path: Path, messages: Any) -> None:
+def write_joint_states(path, messages):
     """A ROS 2 bag of messages (topic, t [s], names, position, velocity, effort), each
     of the last three perhaps empty."""
     pytest.importorskip("rosbags")
@@ -194,7 +177,7 @@ def write_joint_states(path: Path, messages: Any) -> None:
     header = store.types["std_msgs/msg/Header"]
     stamp = store.types["builtin_interfaces/msg/Time"]
     with Writer(path, version=9) as writer:
-        connections: dict[str, Any] = {}
+        connections = {}
         for topic, t, names, *fields in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)

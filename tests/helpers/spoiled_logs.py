@@ -1,15 +1,13 @@
 """Logs of one arm, each spoiled in one way that loggers know, as files that a person
 drops on the page."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from arms import THREE, write_urdf
 from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.data import save
 
 NAMES = ("run1.csv", "run2.csv", "test.csv")
@@ -20,10 +18,9 @@ RATE = 200.0
 DRIVE = np.array([9.0, 9.0, 7.0])
 #: Wrong zeros [rad].
 ZERO = np.array([0.0, 0.5, 0.0])
-Spoil = Callable[[Measurements], Measurements]
 
 #: What is done to each run, by the name of the fault.
-SPOILED: dict[str, Spoil] = {
+SPOILED = {
     "sign": lambda run: replace(run, tau=run.tau * [1.0, 1.0, -1.0]),
     "order": lambda run: replace(run, tau=run.tau[:, [0, 2, 1]]),
     "degrees": lambda run: replace(run, q=np.degrees(run.q), dq=None),
@@ -45,7 +42,7 @@ _FINGER = """
 """
 
 
-def write_logs(kind: str, folder: Path) -> tuple[Path, list[Path]]:
+def write_logs(kind, folder):
     """Write the arm's URDF and three spoiled runs; return their paths."""
     urdf = write_urdf(folder / "arm.urdf", "arm", THREE)
     problem = load_problem(urdf)
@@ -72,8 +69,8 @@ def write_logs(kind: str, folder: Path) -> tuple[Path, list[Path]]:
     return urdf, paths
 
 
-def _write_table(run: Measurements, path: Path, header: str) -> None:
+def _write_table(run, path, header):
     """Write clock, positions and torques as CSV."""
-    columns: Sequence[np.ndarray] = [run.t, run.q, run.tau]
+    columns = [run.t, run.q, run.tau]
     table = np.column_stack(columns)
     np.savetxt(path, table, delimiter=",", fmt="%.9g", header=header, comments="")

@@ -1,11 +1,10 @@
-"""Ten stories: runs of one kind each, from files through commands, page and report."""
+"""Stories: runs of one kind each, from files through commands, page and report."""
 
 import contextlib
 import html
 import io
 import json
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from commands import run_cli
 from page_sessions import Here, Screen
 
-from sdp_vs_penalty import Measurements, load_measurements, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.page import Sessions
@@ -43,43 +42,41 @@ class Story:
     screen: Any = None
 
     @property
-    def session(self) -> Any:
+    def session(self):
         """Of the page."""
         return self.screen.session
 
     @property
-    def test(self) -> str:
+    def test(self):
         """The run that models are judged on."""
         return self.names[-1]
 
     @property
-    def is_refused(self) -> bool:
+    def is_refused(self):
         """Whether nothing can be identified from the runs."""
         return not (self.folder / "model.json").exists()
 
-    def json(self, name: str) -> Any:
+    def json(self, name):
         """A JSON file of the folder."""
         return json.loads((self.folder / name).read_text())
 
     @property
-    def compared(self) -> dict[str, Any]:
+    def compared(self):
         """The comparison of the first model, as `compare --json` writes it."""
         return dict(self.json("one.json")["models"][0])
 
     @property
-    def diagnosis(self) -> Any:
+    def diagnosis(self):
         """As `diagnose --json` writes it."""
         return load_diagnosis(self.folder / "findings.json")
 
 
-def plain(text: str) -> str:
+def plain(text):
     """Words of a screen or file, without markup and line breaks."""
     return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", text)).split())
 
 
-def _simulated(
-    problem: str, effects: list[tuple[str, list[int]]]
-) -> list[Measurements]:
+def _simulated(problem, effects):
     """Runs with effects hidden; joints from 0."""
     if not effects:
         return list(_without_effects(problem))
@@ -87,22 +84,18 @@ def _simulated(
 
 
 @cache
-def _without_effects(problem: str) -> list[Measurements]:
+def _without_effects(problem):
     """Runs that several stories begin with."""
     return _thinned_runs(problem, [])
 
 
-def _thinned_runs(
-    problem: str, effects: list[tuple[str, list[int]]]
-) -> list[Measurements]:
+def _thinned_runs(problem, effects):
     """Simulated runs at a fifth of the samples."""
     runs = hidden_runs(load_problem(problem), effects, "strong", 24, len(NAMES)).runs
     return [run.rows(slice(None, None, THINNED)) for run in runs]
 
 
-def _with_torque(
-    runs: list[Measurements], extra: Callable[[Measurements], np.ndarray]
-) -> list[Measurements]:
+def _with_torque(runs, extra):
     """Runs with a torque (N,) more on joint 1."""
     changed = []
     for run in runs:
@@ -112,52 +105,52 @@ def _with_torque(
     return changed
 
 
-def spring() -> tuple[str, list[Measurements]]:
+def spring():
     return "two_link", _simulated("two_link", [("joint_spring", [1])])
 
 
-def own_arm() -> tuple[str, list[Measurements]]:
+def own_arm():
     """A URDF of the docs, with nothing hidden in it."""
     urdf = str(DOCS / "my_arm.urdf")
     return urdf, _simulated(urdf, [])
 
 
-def curve() -> tuple[str, list[Measurements]]:
+def curve():
     """A torque over position that no effect of the library makes."""
     runs = _simulated("two_link", [])
     bump = lambda run: 0.4 * np.exp(-(((run.q[:, 0] - 0.3) / 0.25) ** 2))  # noqa: E731
     return "two_link", _with_torque(runs, bump)
 
 
-def hum() -> tuple[str, list[Measurements]]:
+def hum():
     """7 Hz on joint 1 for three seconds of every training run."""
     runs = _simulated("two_link", [])
 
-    def wave(run: Measurements) -> np.ndarray:
+    def wave(run):
         since = run.t - run.t[0]
         return 0.3 * np.sin(2.0 * np.pi * 7.0 * since) * ((since > 8) & (since < 11))
 
     return "two_link", [*_with_torque(runs[:-1], wave), runs[-1]]
 
 
-def payload() -> tuple[str, list[Measurements]]:
+def payload():
     """The last run carries something that the others do not."""
     free = _simulated("two_link", [])
     loaded = _simulated("two_link", [("payload", [])])
     return "two_link", [*free[:-1], loaded[-1]]
 
 
-def bad_data() -> tuple[str, list[Measurements]]:
+def bad_data():
     """Spikes in the torque: nothing can be identified."""
     runs = _simulated("two_link", [])
 
-    def spikes(run: Measurements) -> np.ndarray:
+    def spikes(run):
         return np.where(np.arange(len(run.t)) % 900 == 500, 1e4, 0.0)
 
     return "two_link", _with_torque(runs, spikes)
 
 
-def servo_log() -> tuple[str, list[Measurements]]:
+def servo_log():
     """Commands and positions of a slide, without a torque."""
     import servo_log as slide
 
@@ -165,42 +158,15 @@ def servo_log() -> tuple[str, list[Measurements]]:
     return slide.URDF, runs
 
 
-def long_log() -> tuple[str, list[Measurements]]:
-    """More rows than a check looks at in one piece."""
-    runs = hidden_runs(load_problem("two_link"), [], "strong", 24, 3).runs
-    first = runs[0]
-    dt = float(first.t[1] - first.t[0])
-    count = 14
-    length = len(first.t)
-    clock = first.t[0] + dt * np.arange(count * length)
-    rng = np.random.default_rng(1)
-    tau = np.tile(first.tau, (count, 1))
-    tau += 0.02 * rng.normal(size=tau.shape)
-    there_and_back = [first.q if k % 2 == 0 else first.q[::-1] for k in range(count)]
-    q = np.concatenate(there_and_back)
-    long = Measurements(clock, q, tau)
-    return "two_link", [long, runs[1], runs[2]]
-
-
-def panda() -> tuple[str, list[Measurements]]:
-    """The authors' real run, cut in three."""
-    import os
-
-    run = load_measurements(Path(os.environ["SDP_VS_PENALTY_DATA"]) / "panda", joints=7)
-    end = float(run.t[-1])
-    parts = [(0.0, 0.35 * end), (0.36 * end, 0.7 * end), (0.71 * end, end)]
-    return "panda", [run.window(start, stop) for start, stop in parts]
-
-
-def ur10e() -> tuple[str, list[Measurements]]:
+def ur10e():
     """Three real runs of motor currents."""
     runs = measured_runs("ur10e")
     names = ("14harm50sec", "15harm50sec", "12-50sec_12harm")
     chosen = [next(r for k, r in runs.items() if k.endswith(name)) for name in names]
-    return "ur10e", [run.rows(slice(None, None, 2)) for run in chosen]
+    return "ur10e", [run.rows(slice(None, None, 4)) for run in chosen]
 
 
-def by_commands(story: Story) -> None:
+def by_commands(story):
     """What each command prints, until one refuses."""
     folder = story.folder
     model = folder / "model.json"
@@ -211,7 +177,7 @@ def by_commands(story: Story) -> None:
     data = ["--data", *files[:-1]]
     test = files[-1]
 
-    def run(name: str, *words: Any) -> bool:
+    def run(name, *words):
         out = io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
             code = run_cli(*words)
@@ -238,7 +204,7 @@ def by_commands(story: Story) -> None:
     story.said["html"] = plain(text)
 
 
-def by_page(story: Story) -> None:
+def by_page(story):
     """The same on the page."""
     session = Sessions(Here()).new()
     story.screen = Screen(session)
@@ -251,7 +217,7 @@ def by_page(story: Story) -> None:
     story.screen.click("identify", "diagnose")
 
 
-def walk(make: Callable[[], tuple[str, list[Measurements]]], folder: Path) -> Story:
+def walk(make, folder):
     """A story from its runs to what every place says of them."""
     problem, runs = make()
     if problem.startswith("<robot"):

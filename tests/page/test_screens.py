@@ -32,8 +32,8 @@ from sdp_vs_penalty.reports.demo import RUNS
 from sdp_vs_penalty.results import Change
 
 NAMES = ("a.csv", "b.csv", "test.csv")
-#: Of the test run [s]: the model is simulated along all of it.
-TEST_SECONDS = 8.0
+#: Of each run and of the test [s], along which the model is simulated: nothing needs more.
+SECONDS = (8.0, 8.0, 4.0)
 #: What a person sets to look at something else.
 ANOTHER = {
     "signal": "t",
@@ -57,8 +57,11 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     folder = tmp_path_factory.mktemp("runs")
     sessions = Sessions(Here())
     # As its file has it: a recording of its own.
-    test = replace(hidden.runs[3].window(0.0, TEST_SECONDS))
-    files = saved(folder, [*hidden.runs[:2], test], *NAMES)
+    *train, test = (
+        replace(hidden.runs[k].window(0.0, end))
+        for k, end in zip((0, 1, 3), SECONDS, strict=True)
+    )
+    files = saved(folder, [*train, test], *NAMES)
     session = sessions.new()
     screen = Screen(session)
     said = dict[str, Any]()

@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from random_robots import posed_task
+from studies import SimulatedStudy
 
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.effects import Motion
@@ -26,12 +27,6 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
 
 
-class Simulated(Study):
-    """Without the real run, whether it is at hand or not."""
-
-    run = None  # type: ignore[assignment]
-
-
 @pytest.fixture(scope="module")
 def task(two_link: Problem) -> Task:
     return posed_task(two_link, experiment(two_link).training_run(seed=1))
@@ -39,7 +34,7 @@ def task(two_link: Problem) -> Task:
 
 def test_p_hat_lies_220_percent_above_its_own_optimum(panda):
     """The objective needs no run: targets and links are published."""
-    (table,) = build_tables(["p_hat"], Simulated(panda))
+    (table,) = build_tables(["p_hat"], SimulatedStudy(panda))
     p_hat, optimum, wider = table.frame.to_dict("records")
     assert p_hat["phi"] == pytest.approx(1.23445e-3, rel=1e-4)
     assert optimum["phi"] == pytest.approx(3.8612e-4, rel=1e-4)

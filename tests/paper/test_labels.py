@@ -8,21 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from committed import RESULTS, TABLES
-from random_robots import repeating_run
+from studies import MeasuredStudy
 
-from sdp_vs_penalty import Measurements, load_problem
-from sdp_vs_penalty.paper.tables import Study, StudyTable, build_tables, study
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.paper.tables import StudyTable, build_tables, study
 from sdp_vs_penalty.paper.tables.folds import interval_of
 
 HELD_OUT = re.compile(r"held[- ]out", re.IGNORECASE)
 NOTES = Path(study.__file__).with_name("notes")
 FIGURES = Path(study.__file__).parents[1] / "figures"
-
-
-class MeasuredStudy(Study):
-    """The 2R with a run that repeats itself after ten seconds."""
-
-    run: Measurements | None = repeating_run(load_problem("two_link"), 0, 0.2)  # type: ignore[assignment]
 
 
 @pytest.fixture(scope="module")

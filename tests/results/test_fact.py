@@ -20,31 +20,17 @@ class Measured(Record):
         return None
 
 
-def test_a_fact_is_a_property():
+def test_a_fact_is_a_number_with_its_text_unit_and_definition():
+    found = Measured().facts()["joint_error"]
     assert Measured().joint_error[1] == 12.0
-
-
-def test_a_fact_is_printed_joint_by_joint():
-    assert Measured().facts()["joint_error"].texts == ["0.12", "12"]
-
-
-def test_a_fact_is_printed_with_its_unit():
-    assert Measured().facts()["joint_error"].text == "0.12, 12 N m"
-
-
-def test_a_fact_is_defined_by_the_docstring_of_its_method():
-    found = Measured().facts()["joint_error"].definition
-    assert found == "Root mean square of what is left."
+    assert found.texts == found.to_dict()["texts"] == ["0.12", "12"]
+    assert found.text == "0.12, 12 N m"
+    assert found.definition == "Root mean square of what is left."
+    assert found.to_dict()["value"] == pytest.approx([0.1234, 12.0])
 
 
 def test_what_is_not_known_is_a_dash():
     assert facts_of(Measured())["share"].text == "- %"
-
-
-def test_a_fact_in_json_has_the_text_that_is_printed():
-    plain = Measured().facts()["joint_error"].to_dict()
-    assert plain["texts"] == ["0.12", "12"]
-    assert plain["value"] == pytest.approx([0.1234, 12.0])
 
 
 def test_every_fact_of_the_results_is_defined():

@@ -13,35 +13,29 @@ TABLE = Table(
     title="Sizes",
     caption="Of two things.",
 )
+LATEX = Table(("name", "size"), [("a_b", 0.125)]).latex()
 
 
-def test_a_terminal_shows_title_and_rows():
-    lines = TABLE.text(40).splitlines()
-    assert lines[0] == "Sizes"
-    assert "0.125" in lines[3]
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        (TABLE.text(40), "Sizes\n"),
+        (TABLE.text(40).splitlines()[3], "0.125"),
+        (TABLE.markdown(), r"| a\|\<b> | 0.125 |"),
+        (TABLE.markdown(), "| :--- | ---: |"),  # numbers at the right
+        (TABLE.html(), "a|&lt;b&gt;"),
+        (Table(("what",), [("run `check`",)]).html(), "run <code>check</code>"),
+        (LATEX, r"\begin{tabular}{l S[table-alignment-mode=marker]}"),
+        (LATEX, r"a\_b & 0.125 \\"),
+    ],
+)
+def test_a_form_escapes_what_it_would_read_and_sets_numbers_as_such(text, part):
+    assert part in text
 
 
-def test_markdown_escapes_what_it_would_read():
-    assert r"| a\|\<b> | 0.125 |" in TABLE.markdown()
-
-
-def test_markdown_puts_numbers_at_the_right():
-    assert "| :--- | ---: |" in TABLE.markdown()
-
-
-def test_html_escapes_what_it_would_read():
-    assert "a|&lt;b&gt;" in TABLE.html()
-
-
-def test_html_shows_backticks_as_code():
-    html = Table(("what",), [("run `check`",)]).html()
-    assert "run <code>check</code>" in html
-
-
-def test_latex_has_a_column_of_numbers():
-    latex = Table(("name", "size"), [("a_b", 0.125)]).latex()
-    assert r"\begin{tabular}{l S[table-alignment-mode=marker]}" in latex
-    assert r"a\_b & 0.125 \\" in latex
+def test_a_frame_and_json_hold_the_cells():
+    assert TABLE.to_frame()["size"][0] == 0.125
+    assert Table.from_dict(TABLE.to_dict()).cells() == TABLE.cells()
 
 
 def test_csv_reads_back_to_the_same_numbers():
@@ -49,15 +43,6 @@ def test_csv_reads_back_to_the_same_numbers():
     text = Table(("x",), [(third,)]).csv()
     (_, (cell,)) = csv.reader(io.StringIO(text))
     assert float(cell) == third
-
-
-def test_a_frame_holds_the_cells_as_they_are():
-    assert TABLE.to_frame()["size"][0] == 0.125
-
-
-def test_a_table_comes_back_from_json():
-    again = Table.from_dict(TABLE.to_dict())
-    assert again.cells() == TABLE.cells()
 
 
 @pytest.mark.parametrize(

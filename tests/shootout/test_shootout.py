@@ -6,6 +6,7 @@ import os
 import re
 import resource
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
@@ -660,6 +661,14 @@ def test_runs_resume(tmp_path):
     assert set(lines[:-1]) <= set(after)
 
 
+@pytest.fixture(scope="module")
+def one_run(tmp_path_factory) -> Path:
+    """The folder of a shootout of one run."""
+    out = tmp_path_factory.mktemp("one") / "shootout"
+    runner.run(setup(out, solvers=["clarabel"], accuracies=(1e-6,)))
+    return out
+
+
 @pytest.mark.parametrize(
     ("column", "stale"),
     [
@@ -670,11 +679,11 @@ def test_runs_resume(tmp_path):
     ],
 )
 def test_a_run_of_another_instance_version_setting_or_limit_is_repeated(
-    tmp_path, column, stale
+    tmp_path, one_run, column, stale
 ):
-    out = tmp_path / "shootout"
+    out = Path(shutil.copytree(one_run, tmp_path / "shootout"))
     only = setup(out, solvers=["clarabel"], accuracies=(1e-6,))
-    first = runner.run(only).results.runs
+    first = runner.Results(out).runs
     with (out / "runs.csv").open(newline="") as file:
         (row,) = csv.DictReader(file)
     with (out / "runs.csv").open("w", newline="") as file:

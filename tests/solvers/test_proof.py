@@ -258,10 +258,9 @@ def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():
     )
 
 
-@pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.long)])
-def test_no_false_proof_is_accepted_and_no_genuine_one_refused(count, tmp_path):
+def test_no_false_proof_is_accepted_and_no_genuine_one_refused(tmp_path):
     """SDP_VS_PENALTY_PROOFS=NUMBER:SEED puts others, and more of them, to the checker."""
-    asked = os.environ.get("SDP_VS_PENALTY_PROOFS", f"{count}:7")
+    asked = os.environ.get("SDP_VS_PENALTY_PROOFS", "150:7")
     count, seed = map(int, asked.split(":"))
     file = tmp_path / "proof.json"
     judged = set()
@@ -278,15 +277,14 @@ def test_no_false_proof_is_accepted_and_no_genuine_one_refused(count, tmp_path):
     assert judged == {*FALSE, "unreadable", "genuine optimum", "genuine infeasible"}
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.long)])
-def test_a_proof_without_loss_is_measured_by_its_objective(count, tmp_path):
+def test_a_proof_without_loss_is_measured_by_its_objective(tmp_path):
     """True ones pass; ten kinds of false ones never, nor a constant that makes the
     objective look large."""
     file = tmp_path / "proof.json"
     rng = np.random.default_rng(1)
     ways = {**FALSE, "inflated": inflated, "widened": widened}
     judged = set()
-    for _ in range(count):
+    for _ in range(12):
         true = without_loss(rng)
         file.write_text(json.dumps(signed(true)))
         assert verify_proof.main(file).startswith("optimum in")
