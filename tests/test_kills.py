@@ -118,7 +118,7 @@ def page_job():
 
 
 @dataclass(frozen=True)
-class Story:
+class KilledWork:
     """What is killed; what it must end with, however often; what a rerun must keep."""
 
     act: Callable[[], object]
@@ -131,29 +131,31 @@ SHOOTOUT = (
     " --solvers clarabel,scs --accuracy 1e-4,1e-6 --jobs 2 --out out"
 )
 STORIES = {
-    "identify": Story(
+    "identify": KilledWork(
         command(
             "identify two_link --data a.csv b.csv --out out/model.json"
             " --proof out/proof.json"
         )
     ),
-    "identify by 2 processes": Story(
+    "identify by 2 processes": KilledWork(
         command("identify two_link --data a.csv b.csv --jobs 2 --out out/model.json")
     ),
-    "diagnose": Story(
+    "diagnose": KilledWork(
         command("diagnose model.json --data a.csv --json out/findings.json")
     ),
-    "tables by 2 processes": Story(
+    "tables by 2 processes": KilledWork(
         command("tables III --problem two_link --jobs 2 --out out")
     ),
-    "simulate": Story(command("simulate two_link --seed 3 --out out")),
-    "shootout by 2 processes": Story(
+    "simulate": KilledWork(command("simulate two_link --seed 3 --out out")),
+    "shootout by 2 processes": KilledWork(
         partial(main, [word.replace("~", " ") for word in SHOOTOUT.split()]),
         shootout_classes,
         shootout_rows,
     ),
-    "challenge by 2 processes": Story(challenge, challenge_findings, challenge_cases),
-    "page": Story(page_job),
+    "challenge by 2 processes": KilledWork(
+        challenge, challenge_findings, challenge_cases
+    ),
+    "page": KilledWork(page_job),
 }
 
 
@@ -255,7 +257,7 @@ def test_a_cluster_of_which_one_process_is_killed(victim, inputs, tmp_path):
     with killing.adopting_orphans():
         for _ in range(-(-N_KILLS // 3)):
             with local_cluster(tmp_path) as (address, scheduler, workers):
-                story = Story(
+                story = KilledWork(
                     command(
                         "identify two_link --data a.csv b.csv --out out/model.json"
                         f" --scheduler {address}"
@@ -284,6 +286,7 @@ def test_a_cluster_of_which_one_process_is_killed(victim, inputs, tmp_path):
             assert not killing.survivors(set())
 
 
+@pytest.mark.long
 def test_two_writers_of_one_file_leave_one_of_both(inputs, tmp_path):
     shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
     actions = [

@@ -15,6 +15,7 @@ from small_runs import write_run
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.long
 def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
     """The packages that it needs are from this environment."""
     pytest.importorskip(

@@ -150,6 +150,7 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
             assert " ".join(text.split()) in shown
 
 
+@pytest.mark.long
 def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
     code, said, _ = run("shootout", "--list")
     assert code == 0

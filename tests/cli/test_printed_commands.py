@@ -98,8 +98,10 @@ def robot(kind, folder):
 
 #: Arms, and whether what they miss is searched for (in half a minute) or told.
 KINDS = [
-    ("folder", False),
-    pytest.param("URDF named two_link", True, marks=pytest.mark.long),
+    *(
+        pytest.param(*case, marks=pytest.mark.long)
+        for case in (("folder", False), ("URDF named two_link", True))
+    ),
     *(
         pytest.param(kind, True, marks=pytest.mark.slow)
         for kind in ("panda", "folder", "SCARA")

@@ -11,6 +11,7 @@ from sdp_vs_penalty.simulation.experiments import simulate
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.001,torque_offset"
 
 
+@pytest.mark.long
 def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     """Spikes at every reversal, which no effect of the model explains, under a known
     truth."""

@@ -62,7 +62,7 @@ ENGINES = (5, 6)
 LONG_FIGURES = (1, 2, 3, 5, 6, 7, 8, 10)
 LONG_TABLES = ("I", "II", "methods", "data")
 #: What another problem's table of the same number shows as well; test_labels.py makes one.
-LONG_CASES = (("panda", "IV"), ("measured", "IV"), ("two_link", "IV"))
+LONG_CASES = [(p, "IV") for p in SMALL] + [("panda", "VIII"), ("panda", "IX")]
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +197,8 @@ def check_room(figure: Any) -> None:
         assert overlap is None or min(overlap.width, overlap.height) < 2.0  # pixels
 
 
-@pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.long), 1234567.0])
+@pytest.mark.long
+@pytest.mark.parametrize("size", [1.0, 1234567.0])
 def test_texts_have_their_room(size, tmp_path):
     figure, axes = new_figure(3, 2, 5.0, sharex=True)
     for k, axis in enumerate(axes.flat):
@@ -294,6 +295,7 @@ def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, studie
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
 
 
+@pytest.mark.long
 def test_any_urdf_has_tables_too(tmp_path, studies):
     urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE[1:])
     made = build_tables(None, SimulatedStudy(load_problem(urdf)))
