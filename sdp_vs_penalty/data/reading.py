@@ -111,7 +111,7 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
         _say_unused(log, unused)
     rivals = [x for columns in found.torques.values() for x in columns.values()]
     values = log.read(list(dict.fromkeys([*names, *rivals])))
-    if found.torques:
+    if found.torques and not choice.rename:
         found = _with_best_torque(found, values)
         groups = _groups(found.rename, log, choice)
     values = _in_one_order(log, values, found, choice)
@@ -129,9 +129,15 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     command = repeating_command(log, found, choice)
     repeated = f"; the same by `{command}`" if command and not log.remedy else ""
     shown = _rows_shown(run, found.rename)
-    warnings.warn(
-        ColumnsRemark(f"{log.path}: {sentence}{repeated}", shown), stacklevel=2
+    others = {
+        name: columns
+        for name, columns in found.torques.items()
+        if not columns.items() <= found.rename.items()
+    }
+    remark = ColumnsRemark(
+        f"{log.path}: {sentence}{repeated}", shown, found.rename, others
     )
+    warnings.warn(remark, stacklevel=2)
     return replace(run, reading=f"{log.path.name}: {sentence}")
 
 
@@ -148,7 +154,7 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
         return log, by_facts(log, joints, choice.topic)
     if choice.rename:
-        return log, _as_chosen(log, choice)
+        return log, _other_torques(log, choice) or _as_chosen(log, choice)
     if has_our_names(names):
         ours = {x: x for x in names if group_of(x) in ("t", *GROUPS)}
         episode = None
@@ -194,6 +200,22 @@ def recognised_in(log: Log, joints: Sequence[str] | None) -> Recognition | None:
         command = formatting.convert_command(log.path, "--rename", error.words)
         how = log.remedy or f"choose, such as with `{command}`"
         raise InputError(error.what, how, log.path) from None
+
+
+def _other_torques(log: Log, choice: Choice) -> Recognition | None:
+    """Return what is recognised of a log, with the torques that the user chose; None
+    where the user chose other channels as well, or nothing is recognised."""
+    from sdp_vs_penalty.data.hypotheses.recognition import with_torque
+    from sdp_vs_penalty.data.hypotheses.renaming import expanded
+
+    chosen = expanded(choice.rename or {}, log.names)
+    is_torque = all(group_of(x) == "tau" for x in chosen)
+    if has_our_names(log.names) or not is_torque:
+        return None
+    if not {*chosen.values()} <= {*log.columns}:
+        return None
+    found = recognised_in(log, choice.joints)
+    return found and with_torque(found, chosen)
 
 
 def _as_chosen(log: Log, choice: Choice) -> Recognition:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.results.remedy import Change, Remedy
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,
@@ -67,6 +68,22 @@ class Event(JsonRecord):
     frequency: float | None = None
     #: Amplitude of a hum [N m or N], else None.
     amplitude: float | None = None
+    #: Name of the recording; "" for a hum.
+    run: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """What happened, and when."""
+        what = f"isolated disturbance on joint {self.joint}"
+        return f"{what}: {self.t_start:.2f} s to {self.t_end:.2f} s"
+
+    @property
+    def remedy(self) -> Remedy:
+        """What would keep a disturbance out of the model: leaving its span out."""
+        span = [self.t_start, self.t_end]
+        words = f"leave {span[0]:.2f} s to {span[1]:.2f} s of {self.run} out"
+        change = Change("cut", words, {"run": self.run, "spans": [span]})
+        return Remedy(self.sentence, "possible", "it happens once", change)
 
     def order(self) -> tuple[float, int]:
         """Return what events are sorted by: the time at which they begin, then the
@@ -110,7 +127,8 @@ def find_events(
                 continue
             begin = float(rows.t[core[0]])
             end = float(rows.t[core[-1]])
-            out.append(Event(j + 1, begin, end))
+            run = rows.names[int(rows.run[core[0]])].partition(", ")[0]  # of a window
+            out.append(Event(j + 1, begin, end, run=run))
     return sorted(out, key=Event.order)
 
 

@@ -28,9 +28,11 @@ from sdp_vs_penalty.page import (
     WorkerPool,
     data_chart,
     guarded,
+    jobs,
     worker,
 )
 from sdp_vs_penalty.page import sessions as tabs
+from sdp_vs_penalty.results import Change
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
 REQUESTS = Path(__file__).parents[1] / "data" / "page_requests.json"
@@ -100,6 +102,70 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     assert "Error on motion left out" in s.notice.texts[0]
     s.undo()
     assert s.runs == [before]
+
+
+def test_what_a_repair_does_is_known_before_the_click(here, hidden, tmp_path):
+    """The sentence beside the button is that of the repair once it is made."""
+    run = hidden.runs[0]
+    wrong = replace(run, tau=run.tau * [1.0, -1.0])
+    s = opened(here, "two_link", **saved(tmp_path, [wrong], "sign.csv"))
+    change = s.remedies[0]["change"]
+    asyncio.run(s._foresee())
+    outcome = s.outcome_of(change)
+    assert outcome.startswith("Error on motion left out: ")
+    do(s, lambda: s.apply(change))
+    assert s.notice.texts == (outcome,)
+
+
+def test_another_set_of_torques_is_taken_by_a_button(here, hidden, tmp_path):
+    """And the commands do the same: `convert` with these columns."""
+    run = hidden.runs[0]
+    blocks = {"Position": run.q, "TorqueSm": run.tau, "TorqueCur": 2.0 * run.tau + 1.0}
+    heads = ["Time", *(f"{name}{j}" for name in blocks for j in (1, 2))]
+    table = np.column_stack([run.t, *blocks.values()])
+    np.savetxt(
+        tmp_path / "a.csv", table, "%.9g", ",", header=",".join(heads), comments=""
+    )
+    s = opened(here, "two_link", **{"a.csv": tmp_path / "a.csv"})
+    for name, number in (("TorqueCur", 6), ("TorqueSm", 4)):
+        (file,) = s.guessed
+        if other := [x for x in file["torques"] if x.startswith(name)]:
+            do(s, partial(s.read_mapped, file["columns"], *other))
+            (kept,) = s.runs
+            read = s.arrays(kept["file"])["tau1"]
+            np.testing.assert_allclose(read, blocks[name][:, 0], rtol=1e-6)
+            assert f"--rename 'tau1=#{number},tau2=" in s.commands()[0]
+    assert s.prepared
+
+
+def test_a_span_is_left_out_of_a_run_and_undone(here, hidden, tmp_path):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
+    cut = Change("cut", "leave it out", {"run": "a.csv", "spans": [[3.0, 4.0]]})
+    do(s, lambda: s.apply(cut.to_dict()))
+    assert [run["name"] for run in s.runs] == ["a_cut.csv", "b.csv"]
+    assert s.runs[0]["samples"] < s.runs[1]["samples"]
+    assert "convert a.csv --cut 3:4 --out a_cut.csv" in s.commands()[0]
+    s.undo()
+    assert [run["name"] for run in s.runs] == ["a.csv", "b.csv"]
+
+
+def test_measured_data_are_loaded_or_it_is_said_why_not(
+    here, hidden, tmp_path, monkeypatch
+):
+    assert opened(here, "panda").robot["data"]["name"] == "panda"
+    s = opened(here, "two_link")
+    assert s.robot["data"] is None
+
+    def offline(name: str) -> list[Path]:
+        raise InputError("cannot be downloaded", "check the network", "github.com")
+
+    monkeypatch.setattr(jobs, "fetch_dataset", offline)
+    s.robot["data"] = {"name": "panda"}
+    refusal(lambda: do(s, s.fetch_measured), "cannot be downloaded", "the network")
+    (path,) = saved(tmp_path, hidden.runs, "exciting.csv").values()
+    monkeypatch.setattr(jobs, "fetch_dataset", lambda name: [path])
+    do(s, s.fetch_measured)
+    assert [run["name"] for run in s.runs] == ["exciting.csv"]
 
 
 def ended(work: JobProcess, seconds: float) -> bool:

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.files import SPAN_MARGIN
+from sdp_vs_penalty.data.files import without_spans as leave_out
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.records import JsonRecord
 
 #: Share of the samples that has to be left without the spans in which something acts.
 ENOUGH = 1.0 / 3.0
-#: Time on either side of a span that is left out with it: an edge is known to so much
-#: [s].
-_MARGIN = 0.25
 #: The kind of a torque that wanders slowly with time. It acts all the time, and is only
 #: a rival of causes.
 WANDERING = "wandering"
@@ -142,9 +139,9 @@ def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
     windows = []
     begin = start
     for span in sorted(spans, key=lambda span: span.t_start):
-        if span.t_start - _MARGIN > begin:
-            windows.append((begin, span.t_start - _MARGIN))
-        begin = max(begin, span.t_end + _MARGIN)
+        if span.t_start - SPAN_MARGIN > begin:
+            windows.append((begin, span.t_start - SPAN_MARGIN))
+        begin = max(begin, span.t_end + SPAN_MARGIN)
     if begin < end:
         windows.append((begin, end))
     return ",".join(f"{a - start:.4g}:{b - start:.4g}" for a, b in windows)
@@ -185,12 +182,8 @@ def without_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:
     """
     kept = []
     for run in runs.runs():
-        acts = np.zeros(run.samples, bool)
-        for span in spans:
-            if span.run in ("", run.names[0]):
-                acts |= (run.t >= span.t_start - _MARGIN) & (
-                    run.t <= span.t_end + _MARGIN
-                )
-        if not acts.all():
-            kept.append(run.rows(~acts) if acts.any() else run)
+        of_run = [s for s in spans if s.run in ("", run.names[0])]
+        rest = leave_out(run, [(s.t_start, s.t_end) for s in of_run])
+        if rest.samples:
+            kept.append(rest)
     return concatenate(kept) if kept else runs.rows(slice(0, 0))
