@@ -93,14 +93,14 @@ def span(A: Array) -> Array:
     q, r, _ = scipy.linalg.qr(unit, mode="economic", pivoting=True, check_finite=False)
     size = np.abs(np.diagonal(r))
     rank = int(np.sum(size > UNSEEN * size[0]))
-    return np.asarray(q[:, :rank])
+    return q[:, :rank]
 
 
 def partialled(A: Array, others: Array) -> Array:
     """Return what least squares in the columns of A (r, p) leaves of other columns (r,
     ...): residuals (r, ...), orthogonal to the columns of A."""
     U = span(A)
-    return np.asarray(others - U @ (U.T @ others))
+    return others - U @ (U.T @ others)
 
 
 class InTurn:

@@ -68,7 +68,7 @@ class Arm:
         """
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
         J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
-        return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
+        return np.reshape(J, (6, -1)) @ self.follows
 
 
 def misplaced(
@@ -281,7 +281,7 @@ class World:
         motion : TrueMotion
             N samples of the joints' motion.
         """
-        return np.asarray(
+        return (
             self.coulomb * self.share(motion) + self.viscous * motion.dq + self.offset
         )
 
