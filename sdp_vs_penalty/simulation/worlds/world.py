@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.robot.arrays import Mask
 
 Array = NDArray[np.float64]
 
@@ -26,7 +25,7 @@ class Arm:
     #: Pinocchio's model.
     model: Any
     #: (n,) whether each joint turns.
-    rotary: Mask
+    rotary: NDArray[np.bool_]
     #: The model's joint that bears the last link.
     last: int
     #: (L, n) motion of the model's joints per motion of those that move by themselves.
