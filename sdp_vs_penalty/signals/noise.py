@@ -183,7 +183,7 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
     known = _from_repetition(noise_runs or runs, runs)
     if known is not None and _is_noise(known.floor, runs):
         return known
-    guess = noise_in(runs)
+    guess = noise_in(runs, runs.residual)
     of_spectrum = spectral_floor(runs)
     floor = guess.floor
     source = RESIDUAL
@@ -206,14 +206,22 @@ def _is_noise(floor: Array, runs: SegmentedRuns) -> bool:
     return bool(np.all((floor > _LEFT_BY_NUMBERS * torque) | (torque == 0.0)))
 
 
-def noise_in(runs: SegmentedRuns) -> Noise:
-    """Return the noise model of the residual, as if it were noise alone.
+def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
+    """Return the noise model of a residual, as if the residual were noise alone.
 
-    This is a guess: the model's error is part of the residual. It is fitted to the rows
-    in which a joint moves; to all rows if those are too few.
+    This is a guess: the model's error is part of the residual.
+
+    Parameters
+    ----------
+    residual : (M, n) array
+        Measured less modelled torque [N m or N].
+
+    Returns
+    -------
+    Noise
+        Fitted to the rows in which a joint moves; to all rows if those are too few.
     """
     n = runs.n
-    residual = runs.residual
     moving = []
     for joint in range(n):
         is_still = runs.still[:, joint] >= STILL
