@@ -29,7 +29,7 @@ from sdp_vs_penalty.data.hypotheses.channels import (
 from sdp_vs_penalty.data.log import Log, Values
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, columns_of
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, iter_chunks
-from sdp_vs_penalty.data.words.tokens import brief_names, group_of
+from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -221,7 +221,7 @@ def _other_torques(log: Log, choice: Choice) -> Recognition | None:
 def _as_chosen(log: Log, choice: Choice) -> Recognition:
     """Return the columns that the user chose, and those that have our names."""
     from sdp_vs_penalty.data.hypotheses.recognition import find_clock
-    from sdp_vs_penalty.data.hypotheses.renaming import expanded, parts_of
+    from sdp_vs_penalty.data.hypotheses.renaming import expanded
     from sdp_vs_penalty.data.words.loggers import episode_of
 
     names = log.names
@@ -290,8 +290,6 @@ def _groups(
     if clock in log.columns and "t" in rename:
         groups["t"] = [clock]
     elif clock:
-        from sdp_vs_penalty.data.hypotheses.renaming import parts_of
-
         groups["t"] = list(parts_of(clock, log.names))
     for group in GROUPS:
         if group in rename:
