@@ -23,7 +23,7 @@ from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import numbers, pairs
 from sdp_vs_penalty.errors import InputError, Remark, given
-from sdp_vs_penalty.files import problems_folder, read_table, read_toml
+from sdp_vs_penalty.files import problems_folder, read_table, read_toml, write_text
 from sdp_vs_penalty.formatting import given_options
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
@@ -679,4 +679,11 @@ def convert(
     run = without_spans(run, cut)
     if out is not None:
         save(run, out)
+        if run.reading:
+            write_text(columns_note(out), f"{run.reading}\n")
     return run
+
+
+def columns_note(out: str | Path) -> Path:
+    """Return the file beside a converted run that says what its columns were taken for."""
+    return Path(out).with_name(f"{Path(out).stem}_columns.txt")

@@ -43,7 +43,7 @@ def verb(
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.data.measurements import columns_of
     from sdp_vs_penalty.problem.check_command import CheckCommand
-    from sdp_vs_penalty.problem.load import convert, convert_options
+    from sdp_vs_penalty.problem.load import columns_note, convert, convert_options
     from sdp_vs_penalty.problem.problem import Problem
 
     robot: str | Problem | None = problem
@@ -71,5 +71,7 @@ def verb(
     console.written(
         out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}"
     )
+    if run.reading:
+        console.written(columns_note(out), "what the columns were taken for")
     if problem is not None:
         console.next_step(CheckCommand(problem=problem, runs=[out], hold=hold).words)

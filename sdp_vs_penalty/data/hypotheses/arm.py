@@ -15,6 +15,8 @@ N_PARTS = 10
 #: Share of its spread by which the joint that moves most moves within the window of the
 #: derivatives: a twentieth of a period of a swing.
 _MOVED = 0.4
+#: Registers have more bits than this.
+_LEAST_BIT = 6
 #: Rows of the narrowest window, and of the shortest log that is judged.
 _NARROWEST, _SHORTEST = 5, 100
 
@@ -58,7 +60,9 @@ def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
         if np.quantile(np.abs(moved), 0.9) >= _MOVED * spread:
             break
         width += 2
-    smooth = [savgol_filter(q, width, 3, k, step, axis=0)[width:-width] for k in range(3)]
+    smooth = [
+        savgol_filter(q, width, 3, k, step, axis=0)[width:-width] for k in range(3)
+    ]
     tau = savgol_filter(tau, width, 3, axis=0)[width:-width]
     every = slice(None, None, 1 + len(tau) // _ROWS_FITTED)
     q, dq, ddq = (x[every] for x in smooth)
@@ -69,7 +73,12 @@ def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
     rigid = np.asarray(robot.regressor(q, dq, ddq)).reshape(count, n, -1)
     own = np.zeros((count, n, 4 * n))
     for j in range(n):
-        laws = ddq[:, j], np.ones(count), dq[:, j], np.tanh(10.0 * dq[:, j] / usual_speed[j])
+        laws = (
+            ddq[:, j],
+            np.ones(count),
+            dq[:, j],
+            np.tanh(10.0 * dq[:, j] / usual_speed[j]),
+        )
         for k, law in enumerate(laws):
             own[:, j, k * n + j] = law
     part = np.arange(count) * N_PARTS // count
@@ -89,3 +98,18 @@ def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
             power = own[:, :, -2 * n :] @ coefficients * dq
             friction = float(np.mean(power / spreads / usual_speed))
     return Fit(shares[0], shares[1], friction)
+
+
+def signed_register(values: Array) -> tuple[Array, int]:
+    """Read columns (N, n) that are never negative as registers of a servo: whole numbers
+    of a step, whose highest bit is the sign; and the place of that bit, 0 for others."""
+    steps = np.diff(np.unique(values))
+    if not len(steps) or not values.min() >= 0.0:
+        return values, 0
+    # Numbers of 32 bits are rounded: three digits of a step are known.
+    step = float(f"{np.median(steps[steps < 1.5 * steps.min()]):.3g}")
+    counts = np.round(values / step)
+    bit = int(np.log2(counts.max()))
+    is_lattice = np.abs(values / step - counts).max() < 0.01 and bit > _LEAST_BIT
+    magnitudes = np.where(counts >= 2**bit, counts - 2**bit, -counts)
+    return (step * magnitudes, bit) if is_lattice else (values, 0)

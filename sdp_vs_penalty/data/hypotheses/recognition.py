@@ -168,8 +168,12 @@ def recognise(
         said=tuple(said_of),
     )
     if not logger:
-        if clock in usable and clock not in said and (x := read_time_by_unit(clock)):
-            said[clock] = x
+        if (
+            clock in usable
+            and clock not in said
+            and (by_unit := read_time_by_unit(clock))
+        ):
+            said[clock] = by_unit
         found = with_units_of_names(found, said)
     found = _with_stated_units(found, logger, columns)
     return _with_unit_of_clock(found, columns)
