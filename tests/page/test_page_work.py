@@ -469,7 +469,7 @@ def test_the_printed_address_lets_in_once(path, query, to):
         assert sent[0]["status"] == 403
         assert b"set-cookie" not in headers
         return
-    assert headers[b"location"] == to
+    assert (sent[0]["status"], headers[b"location"]) == (303, to)
     for word in (b"sdp-vs-penalty-key-99=secret", b"HttpOnly", b"SameSite=Strict"):
         assert word in headers[b"set-cookie"]
 
