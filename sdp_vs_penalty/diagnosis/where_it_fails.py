@@ -46,6 +46,7 @@ from sdp_vs_penalty.diagnosis.causes import (
     Refit,
     SplitError,
     States,
+    columns_of_causes,
     other_joint_quantity,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
@@ -679,15 +680,13 @@ class _Judge:
         of_error = dict[str, float]()
         beyond_usual = dict[str, float]()
         other_joint = ""
-        for name, columns_of in CAUSE_COLUMNS.items():
-            columns = columns_of(self.states, error)
-            alternatives = columns if isinstance(columns, list) else [columns]
+        for name, alternatives in columns_of_causes(self.states, error).items():
             explained = errors.explained_shares([x[keep] for x in alternatives])
             of_error[name] = explained.of_error
             beyond_usual[name] = explained.beyond_usual
             if name == OTHER_JOINTS and explained.beyond_usual > 0.0:
                 other_joint = other_joint_quantity(
-                    error.joint, explained.best_alternative
+                    self.states, error.joint, explained.best_alternative
                 )
         return CauseShares(
             of_error=of_error,

@@ -267,6 +267,7 @@ class SegmentedRuns:
             stands=float(np.mean(self.still > STILL)),
             lowest=float(paths.min()),
             highest=float(paths.max()),
+            step=max(s.stretch.dt for s in self.segments),
         )
 
     @cached_property

@@ -24,6 +24,7 @@ _IN_WORDS = {
     "force": ("a constant force", "link"),
     "torque": ("a constant torque", "joint"),
     "friction": ("a change of dry friction", "joint"),
+    "gain": ("a change of the torque channel's gain", "joint"),
     WANDERING: ("a torque that wanders slowly with time", "joint"),
 }
 
@@ -45,11 +46,11 @@ class PassingCause(JsonRecord):
     """What acts for a part of the runs only."""
 
     #: "load" (carried by the last link), "force" (constant in the world), "torque"
-    #: (constant, on one joint) or "friction" (a change of dry friction on one joint).
+    #: (constant, on one joint), "friction" or "gain" (a change of it, on one joint).
     kind: str
     #: Number of the link or joint, from 1.
     place: int
-    #: Mass [kg], force [N], or torque [N m or N], in ``unit``; a negative mass is that
+    #: Mass [kg], force [N], torque [N m or N], or gain [-], in ``unit``; a negative mass is that
     #: of a load that is missing.
     size: float
     #: Standard deviation of the size, in ``unit``.
@@ -76,7 +77,8 @@ class PassingCause(JsonRecord):
         what, part = _IN_WORDS[self.kind]
         unit = formatting.plain_unit(self.unit)
         size = abs(self.size) if self.kind == "load" else self.size
-        amount = f" of {size:.3g} ± {NORMAL_95 * self.std:.2g} {unit} (95 %)"
+        amount = f" of {size:.3g} ± {NORMAL_95 * self.std:.2g} {unit}".rstrip()
+        amount += " (95 %)"
         text = f"{what}{amount} on {part} {self.place}"
         if self.is_lack:
             text = f"{what}{amount} is missing on {part} {self.place}"
