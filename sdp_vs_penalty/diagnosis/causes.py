@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import spectral_lines
-from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.regression.linalg import span
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.reversals import since_reversal
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -303,7 +303,7 @@ def _beside(*columns: Array) -> Array:
 #: of what the gears transmit a gear that yields by tau / k.
 CAUSE_COLUMNS: Mapping[str, Callable[[_Seen], Array | list[Array]]] = {
     REVERSAL: _near_reversals,
-    STANDSTILL: lambda x: x.both_ways(1.0 * (x.rows_still > STILL)),
+    STANDSTILL: lambda x: x.both_ways(np.asarray(x.rows_still > STILL, float)),
     HIGH_SPEED: lambda x: x.both_ways(_fast(x)),
     VELOCITY: lambda x: _beside(hat_functions(x.dq), x.dq**2, x.dq * np.abs(x.dq)),
     POSITION: lambda x: hat_functions(x.q),
@@ -494,7 +494,7 @@ class Refit:
         n, n_rows, n_parameters = columns.shape
         # Not under a new name: the unscaled columns need not stay in memory.
         columns = columns / scale[:, None, None]
-        basis = orthonormal(columns.reshape(n * n_rows, n_parameters))
+        basis = span(columns.reshape(n * n_rows, n_parameters))
         scaled_error = (error / scale[:, None]).ravel()
         remainder = scaled_error - basis @ (basis.T @ scaled_error)
         return cls(

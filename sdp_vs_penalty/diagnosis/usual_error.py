@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.causes import Refit, States, travel_since_reversal
-from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.regression.linalg import span
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.reversals import since_reversal
 
@@ -85,7 +85,7 @@ class LagFit:
     @classmethod
     def of_joint(cls, turning: Array, lag: Array, error: Array) -> LagFit:
         """Set up the fit of a lag (M, 2) to an error (M,) beside friction (M, k)."""
-        basis = orthonormal(turning.copy())
+        basis = span(turning)
         error_left = error - basis @ (basis.T @ error)
         lag_left = lag - basis @ (basis.T @ lag)
         mean_square = float(nonzero_or_one(np.mean(error_left**2)))

@@ -50,7 +50,7 @@ from sdp_vs_penalty.diagnosis.causes import (
     other_joint_quantity,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
-from sdp_vs_penalty.diagnosis.hums import find_hums_above
+from sdp_vs_penalty.diagnosis.events import find_hums_above
 from sdp_vs_penalty.diagnosis.usual_error import UsualError, usual_errors
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of, model_columns
 from sdp_vs_penalty.effects.effect import smooth_sign
