@@ -6,7 +6,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     candidates="list_candidates",
-    causes="CauseShares held_out_share",
+    causes="CauseShares held_out_share LagFit shared_lags",
     comparison="compare predicted upper_relative_error",
     conclude="Conclusion",
     confidence="Judged reasons_for_doubt",
@@ -23,11 +23,10 @@ __getattr__ = lazy_exports(
     search="Search",
     sizes="Size largest_sums size_of size_with_interval sizes_with_intervals",
     sizes_in_model="effect_of size_in_model std_of_both",
-    usual_error="LagFit shared_lags",
     where_it_fails="dependences Failures JointFailure torque_scatter",
     refit="least_squares_refit",
     unexplained="remainder unexplained_error",
-    white_rows="diagnosis_rows mask_unsettled_rows whiten_rows",
+    white_rows="diagnosis_rows mask_unsettled_rows whiten_rows WhiteData",
     constants="COARSENING_ROWS EVIDENCE_TO_DISTINGUISH LAW_TOLERANCE",
     **{
         "curves.curve": "Curve",

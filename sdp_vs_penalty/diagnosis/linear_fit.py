@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, Nuisance
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.regression.evidence import deviance
@@ -19,6 +20,12 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Share of a column below which what others leave of it is rounding.
 DEPENDENT = 1e-5
+
+
+def margin(evidence: float, least: float = EVIDENCE_TO_DISTINGUISH) -> float:
+    """Return the difference of evidence below which another law does as well as one of
+    this evidence: odds of 20 to 1 (``least``), and the accuracy of laws, 4 %."""
+    return least + LAW_TOLERANCE * max(evidence, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

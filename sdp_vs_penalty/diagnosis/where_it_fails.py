@@ -10,7 +10,7 @@ is fitted to some stretches of the motion and judged on others, so that chance e
 nothing. They are shares of what other parameters of the model would leave, fitted to
 all joints at once: the rest resembles the model, whatever its cause. Friction that
 turns round over a short travel, and a lag that the joints share, are in nearly every log
-(:mod:`~sdp_vs_penalty.diagnosis.usual_error`): causes are judged beyond them, and the
+(:mod:`~sdp_vs_penalty.diagnosis.causes`): causes are judged beyond them, and the
 worst joint is the one whose error beyond them is the most times its noise.
 """
 
@@ -46,12 +46,13 @@ from sdp_vs_penalty.diagnosis.causes import (
     Refit,
     SplitError,
     States,
+    UsualError,
     columns_of_causes,
     other_joint_quantity,
+    usual_errors,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
 from sdp_vs_penalty.diagnosis.events import find_hums_above
-from sdp_vs_penalty.diagnosis.usual_error import UsualError, usual_errors
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of, model_columns
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES

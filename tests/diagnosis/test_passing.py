@@ -208,6 +208,7 @@ def test_friction_that_grows_for_a_time_is_friction(problem):
     assert_spans(cause, (12.0, 19.0))
 
 
+@pytest.mark.long
 def test_a_gain_that_differs_between_two_runs_is_one(problem):
     one, two = PointMassArm().run(1), PointMassArm().run(2)
     two = replace(two, tau=two.tau * [1.0, 1.15, 1.0], names=("b",))

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_ADD,
-    EVIDENCE_TO_DISTINGUISH,
-    LAW_TOLERANCE,
     MAX_CANDIDATES_REFINED,
     MINOR,
     THIRDS,
@@ -34,7 +32,7 @@ from sdp_vs_penalty.diagnosis.curves.laws import (
     recognise_law,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData, harm, lowers
-from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, margin
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
 from sdp_vs_penalty.effects.effect import Effect, JointEffect, follows_alone
@@ -228,12 +226,11 @@ def is_curve_preferred(
     J_to_replace = max(worth, 0.0)
     if beside_terms is not None:
         J_to_replace += beside_terms[0]
-    margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * J_to_replace
     n_numbers = sum(t.form.n_coefficients + t.form.n_constants for t in own_terms)
     is_simpler = law is not None and law.size < n_numbers
     if beside_terms is not None or is_simpler:
-        return J_to_replace - margin < J
-    return J_to_replace + margin < J
+        return J_to_replace - margin(J_to_replace) < J
+    return J_to_replace + margin(J_to_replace) < J
 
 
 def _best_curve(
@@ -367,8 +364,7 @@ class _Measuring:
             splines = self.variables.filtered_splines(basis)
             exact.append(self._fit_spline(basis, splines, robust=True))
         highest = max((f.J for f in exact), default=0.0)
-        nearly_highest = (1.0 - LAW_TOLERANCE) * highest - EVIDENCE_TO_DISTINGUISH
-        threshold = max(nearly_highest, EVIDENCE_TO_ADD)
+        threshold = max(highest - margin(highest), EVIDENCE_TO_ADD)
         equivalent = [f for f in exact if threshold < f.J]
         return min(equivalent, key=lambda f: (len(f.basis.axes), -f.J), default=None)
 
