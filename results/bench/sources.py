@@ -89,7 +89,7 @@ def make_world(name: str, folder: Path) -> None:
     fairly = [x.replace("_", " ") for x in fair(built.conditions)[0]]
     truth = Truth(
         with_words_alike(hidden) if hidden else "",
-        tuple(sorted({j for h in built.hidden for j in h.to_dict()["joints"]})),
+        tuple(sorted({j + 1 for h in built.hidden for j in h.joints})),
         silent=not hidden,
         besides=f"re-estimate|{with_words_alike(fairly)}",
     )
