@@ -177,23 +177,10 @@ def _laws_of_two(first: Axis, second: Axis) -> list[CurveLaw]:
     axes = first, second
     # A sign of a velocity has itself only: its powers are the same two values.
     factors = [_OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR for axis in axes]
-    laws = [
-        CurveLaw(
-            lambda p, _, f=f, g=g: [_FUNCTIONS[f](p[0]) * _FUNCTIONS[g](p[1])],
-            (f"{f} {_of_second(g)}",),
-        )
-        for f, g in product(*factors)
-    ]
+    laws = [_product_law(f, g) for f, g in product(*factors)]
     for k, axis in enumerate(axes):
-        for g in () if axis.is_sign else factors[1 - k]:
-            wave = _wave(
-                lambda p, b, k=k: b[0] * p[k],
-                "{b} {y}" if k else "{b} {x}",
-                [(float(b),) for b in _waves(axis, _SCAN_STEPS // 2)],
-                lambda p, k=k, g=g: _FUNCTIONS[g](p[1 - k]),
-                f" {g if k else _of_second(g)}",
-            )
-            laws.append(wave)
+        if not axis.is_sign:
+            laws += [_wave_times(k, axis, g) for g in factors[1 - k]]
     if not (first.is_sign or second.is_sign):
         fastest = _fastest(second)
         of_first = np.linspace(0.0, _fastest(first), _SCAN_STEPS // 4)[1:]
@@ -205,6 +192,28 @@ def _laws_of_two(first: Axis, second: Axis) -> list[CurveLaw]:
         )
         laws.append(wave)
     return laws
+
+
+def _product_law(f: str, g: str) -> CurveLaw:
+    """Make the law a f(x) g(y) of two functions, keys of _FUNCTIONS."""
+
+    def terms(p: Array, _: Array) -> list[Array]:
+        """Return the product at the points."""
+        return [_FUNCTIONS[f](p[0]) * _FUNCTIONS[g](p[1])]
+
+    return CurveLaw(terms, (f"{f} {_of_second(g)}",))
+
+
+def _wave_times(k: int, axis: Axis, g: str) -> CurveLaw:
+    """Make the law of a wave of variable k (from 0) of two, whose range is ``axis``,
+    times a function g of the other one, a key of _FUNCTIONS."""
+    return _wave(
+        lambda p, b: b[0] * p[k],
+        "{b} {y}" if k else "{b} {x}",
+        [(float(b),) for b in _waves(axis, _SCAN_STEPS // 2)],
+        lambda p: _FUNCTIONS[g](p[1 - k]),
+        f" {g if k else _of_second(g)}",
+    )
 
 
 def _of_second(reads: str) -> str:
