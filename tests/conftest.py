@@ -1,14 +1,11 @@
 """Fixtures that several test files share."""
 
-from __future__ import annotations
-
 import gc
 import importlib.util
 import os
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 # Before NumPy is loaded: several workers, each with threads for small matrices, only
 # hinder each other.
@@ -34,9 +31,6 @@ if (
 import pytest
 
 from sdp_vs_penalty import load_measurements, load_problem
-
-if TYPE_CHECKING:
-    pass
 
 
 def pytest_addoption(parser):

@@ -2,7 +2,6 @@
 changed."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,7 @@ from sdp_vs_penalty.paper.tables import kept, make_tables, makers
 
 
 @pytest.fixture
-def out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def out(tmp_path, monkeypatch):
     """A folder for tables, after table VI was made and kept; who makes it once more
     fails."""
     monkeypatch.setenv(memo.VARIABLE, str(tmp_path / "cache"))
