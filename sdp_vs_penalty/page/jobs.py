@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from sdp_vs_penalty.api.remedies import (
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.gate import Gate
+from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
 from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
@@ -179,7 +180,12 @@ class JobRequest(dict[str, Any]):
         """
         return windowed(run, time_windows(self["options"].get("window")))
 
-    @property
+    @cached_property
+    def loaded(self) -> Measurements:
+        """All recordings of the session, uncut, read once."""
+        return load_measurements(*(self.folder / run["file"] for run in self["runs"]))
+
+    @cached_property
     def runs(self) -> Runs:
         """The session's runs, sorted by their use: training data and test data.
 
@@ -187,34 +193,25 @@ class JobRequest(dict[str, Any]):
         judged on the test data; without any they are judged on the training data.
         Raises InputError if no run is used for training.
         """
-        files = [self.folder / run["file"] for run in self["runs"]]
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
-        loaded = load_measurements(*files)
         sides: dict[str, list[Measurements]] = {"train": [], "test": []}
-        for run, part in zip(self["runs"], loaded.runs(), strict=True):
+        for run, part in zip(self["runs"], self.loaded.runs(), strict=True):
             for side, stretch in _by_use(run, part):
                 sides[side].append(stretch)
         test = concatenate(sides["test"]) if sides["test"] else None
-        judged = self._recordings("train" if test is None else "test")
-        return Runs(concatenate(sides["train"]), test, loaded, judged)
+        judged = self.recordings("train" if test is None else "test")
+        return Runs(concatenate(sides["train"]), test, self.loaded, judged)
 
-    def _recordings(self, side: str) -> Measurements:
-        """Load the full recordings that contribute to one side, "train" or "test".
+    def recordings(self, side: str) -> Measurements:
+        """Return the full recordings that contribute to one side, "train" or "test".
 
-        A split run contributes to both sides and is loaded uncut.
+        A split run contributes to both sides and is not cut.
         """
-        files = [
-            self.folder / run["file"]
-            for run in self["runs"]
-            if run["use"] in (side, "split")
-        ]
-        return load_measurements(*files)
-
-    @property
-    def training_recordings(self) -> Measurements:
-        """The recordings that contribute training data, uncut by time windows."""
-        return self._recordings("train")
+        pairs = zip(self["runs"], self.loaded.runs(), strict=True)
+        return concatenate(
+            [part for run, part in pairs if run["use"] in (side, "split")]
+        )
 
 
 def _by_use(
@@ -825,6 +822,9 @@ def fit(job: JobRequest) -> Answer:
     options = job["options"]
     bounded = with_bounds(job.problem, options.get("bounds"))
     problem = with_filters(bounded, options.get("filters"))
+    recordings = job.recordings("train")
+    # Windows all over a long recording stand for it; its parts would be judged in full.
+    judged = recordings if any(map(is_long, recordings.runs())) else None
     estimate, _ = identify_and_judge(
         problem,
         job.windowed(job.runs.train),
@@ -838,9 +838,9 @@ def fit(job: JobRequest) -> Answer:
                 "progress": job.progress,
             }
         ),
-        noise_from=job.training_recordings,
+        noise_from=recordings,
         # Unheard: the page shows each run's issues beside the run.
-        check=not job["anyway"] and Gate(no_progress),
+        check=not job["anyway"] and Gate(no_progress, runs=judged),
     )
     return summary(job, estimate)
 
@@ -972,6 +972,7 @@ def methods(job: JobRequest) -> Answer:
         raise InputError("No method is chosen", "choose at least one to compare")
     filtered = read_and_filter(current.problem, train)
     rows = list[tuple[str, str, tables.Facts]]()
+    reasons = dict[str, str]()
     for name in job["methods"]:
         effects = current.model.effects
         progress = partial(job.progress_of, name)
@@ -991,14 +992,16 @@ def methods(job: JobRequest) -> Answer:
                     progress=progress,
                 )
         except InputError as error:
-            rows.append((name, str(error), {}))
+            rows.append((name, "failed", {}))
+            reasons[name] = str(error)
             continue
         (judged,) = compare(
             {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
         )
         facts = judged.facts() if folds is None else judged.facts() | folds.facts()
         rows.append((name, judged.verdict.grade, facts))
-    return {"table": tables.model_table(rows, "method").to_dict()}
+        reasons[name] = judged.verdict.lines[0].text
+    return {"table": tables.model_table(rows, "method").to_dict(), "reasons": reasons}
 
 
 def take(job: JobRequest) -> Answer:

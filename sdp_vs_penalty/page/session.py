@@ -17,7 +17,9 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
+from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_in_words, effects_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
@@ -29,6 +31,7 @@ from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
+from sdp_vs_penalty.render.words import shown_cause, shown_finding
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.joint import parse_held
@@ -264,6 +267,15 @@ class Session:
             is_brief=True,
         )
         return sentence or "no joint's error changed by more than 5 %."
+
+    def cause_of(self, joint: int) -> str:
+        """Return the cause that shows the error of a joint (from 1): that of its
+        finding, or else the one that the error depends on most."""
+        if not self.current.failures:
+            return VELOCITY
+        joints = {"units": (), "joints": self.current.failures}
+        finding = shown_finding(self.findings_of_current, joint)
+        return shown_cause(finding, Failures.from_dict(joints), joint)
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """Return the last answer of a job, such as "methods", for the current model.

@@ -54,7 +54,7 @@ for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
   });
 }
 document.addEventListener("dragstart", (event) => {
-  const column = event.target.closest?.(".column");
+  const column = event.target.closest?.(".of-file");
   if (column) event.dataTransfer.setData("text/plain", column.textContent);
 });
 document.addEventListener("click", (event) => {

@@ -35,21 +35,25 @@ def robot(view: View) -> None:
     if not robot:
         _choose(view)
         return
+    with draw.tag("div", style="pair"):
+        with draw.tag("div", style="body"):
+            _chosen(view)
+        if robot["drawn"]["bodies"]:
+            caption = "nominal links; the joint that moves lights up, in their order"
+            arm = ArmScene(view, robot["drawn"], caption, 1, None)
+            read = session.arrays(robot["sweep"])
+            arm.load(robot["sweep"], read, read["moves"])
+
+
+def _chosen(view: View) -> None:
+    """Draw what is known of the chosen robot, its gravity and joints that are held."""
+    session = view.session
+    robot = view.session.robot
     file = f"{robot['file']}: " if robot["file"] else ""
     draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
-    joints = (
-        f"{name} [{unit}]"
-        for name, unit in zip(robot["joints"], robot["units"], strict=True)
-    )
-    draw.note(
-        f"Joints in order, with the units of torque: {', '.join(joints)}."
-        f" {robot['known']}"
-    )
-    if robot["drawn"]["bodies"]:
-        caption = "nominal links; the joint that moves lights up, in their order"
-        arm = ArmScene(view, robot["drawn"], caption, 1, None)
-        read = session.arrays(robot["sweep"])
-        arm.load(robot["sweep"], read, read["moves"])
+    units = ", ".join(dict.fromkeys(robot["units"]))
+    draw.note(f"Joints in order: {', '.join(robot['joints'])}. Torques in {units}.")
+    draw.note(robot["known"])
     gravity, hold = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"])
     fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
@@ -202,9 +206,9 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
         "Filled in with what is recognised, or by their order: look at it. Drag a column"
         " to its place, or choose it there."
     )
-    with draw.tag("div", style="row columns"):
+    with draw.tag("div", style="row"):
         for name in columns:
-            draw.tag("span", name, "column", draggable="true")
+            draw.tag("span", name, "of-file", draggable="true")
     described = zip(columns, mapping["cells"], strict=True)
     options = [("", "not there")]
     options += [(name, f"{name}: {cells} ...") for name, cells in described]
@@ -373,36 +377,7 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
         )
 
 
-def _kept_of(run: dict[str, Any]) -> str:
-    """Return what part of a run is kept for testing: its name, "20 % of" its name, or
-    "" for nothing.
-    """
-    if run["use"] == "test":
-        return str(run["name"])
-    if run["use"] == "split":
-        share = formatting.percent(run["split"]["judged_share"], 2)
-        return f"{share} of {run['name']}"
-    return ""
-
-
-def _measured(session: Session) -> StageVerdict | None:
-    """Say which robot is chosen, how many runs it has, and whether any are for
-    testing.
-    """
-    robot = session.robot
-    if not robot:
-        return None
-    sentence = (
-        f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
-    )
-    if session.runs:
-        kept = ", ".join(filter(None, map(_kept_of, session.runs))) or "nothing"
-        count = formatting.count(len(session.runs), "run")
-        sentence += f"; {count}, {kept} kept for testing"
-    return StageVerdict("", f"{sentence}.")
-
-
-MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
+MEASURE = Stage("measure", "Measure", "", (robot, runs))
 
 
 @partial(
