@@ -14,6 +14,7 @@ Sections, one CSV file each:
 
 import argparse
 import csv
+import json
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -27,7 +28,7 @@ os.environ |= dict.fromkeys(
 import numpy as np
 import scipy
 
-from sdp_vs_penalty import Estimate, Measurements, identify, load_problem
+from sdp_vs_penalty import Estimate, Measurements, add, diagnose, identify, load_problem
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
@@ -45,6 +46,9 @@ from sdp_vs_penalty.solvers import verify_proof
 
 HERE = Path(__file__).parent
 ARMS = ("panda", "ur10e", "tx40", "emps", "two_link")
+#: Tolerances that Clarabel is asked for, the first that it reaches.
+TOLERANCES = (1e-12, 1e-10, 1e-8)
+TOLERANCE_NAMES = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
 #: Torque noise over each joint's root mean square, and how much it remembers of the last
 #: sample at 200 Hz: nothing, or for a tenth of a second.
 NOISE = 0.02
@@ -85,7 +89,8 @@ def ends(given: argparse.Namespace) -> Rows:
         functions = [chosen[k] for k in picked]
         pairs = EndSearch(allowed).both([f.g for f in functions])
         p = len(allowed.bound)
-        theta = cp.Variable(p)
+        scaled = cp.Variable(p)
+        theta = cp.multiply(allowed.bound, scaled)
         demands = []
         for c in allowed.constraints.convex:
             flat = c.coefficients.reshape(len(c.indices), -1)
@@ -110,9 +115,13 @@ def ends(given: argparse.Namespace) -> Rows:
                 one_over_radius.value = 1.0 / np.sqrt(allowed.limit(end.c))
                 unit = max(width, end.size)
                 certified = max(certified, end.gap / unit)
-                with suppress(cp.SolverError):
-                    problem.solve(solver=cp.CLARABEL)
-                if problem.status != "optimal":
+                for tolerance in TOLERANCES:
+                    settings = dict.fromkeys(TOLERANCE_NAMES, tolerance)
+                    with suppress(cp.SolverError):
+                        problem.solve(solver=cp.CLARABEL, **settings)
+                    if problem.status == "optimal":
+                        break
+                else:
                     failed += 1
                     continue
                 worst = max(worst, abs(problem.value - end.lowest) / unit)
@@ -190,7 +199,15 @@ def world(name: str):
 
 
 def coverage(given: argparse.Namespace) -> Rows:
-    """Yield a world and a noise a row: how often ranges hold the truth."""
+    """Yield a world and a noise a row: how often ranges hold the truth.
+
+    Draws are kept in a file beside the results, from which a later call goes on.
+    """
+    kept = given.out / "coverage.jsonl"
+    done = {}
+    if kept.exists():
+        lines = map(json.loads, kept.read_text(encoding="utf-8").splitlines())
+        done = {line["key"]: line["ends"] for line in lines}
     for name in given.worlds:
         problem, model, truth, (t, q, torque) = world(name)
         size = NOISE * np.sqrt(np.mean(torque**2, axis=0))
@@ -207,15 +224,20 @@ def coverage(given: argparse.Namespace) -> Rows:
         for colour, memory in COLOURS.items():
             held, lengths = [], []
             for draw in range(8 if given.quick else given.draws):
-                rng = np.random.default_rng([draw, 17])
-                white = rng.standard_normal((len(t) + 500, problem.robot.n))
-                noise = scipy.signal.lfilter([1.0], [1.0, -memory], white, axis=0)[500:]
-                noise *= size * np.sqrt(1.0 - memory**2)
-                run = Measurements(t, q, torque + noise)
-                options = PoseOptions(model.effects)
-                posed = build_problem(problem, run, options)
-                found = EndSearch(allowed_set(posed, truth)).both(functions)
-                low, high = np.array([[a.value, b.value] for a, b in found]).T
+                key = f"{name} {colour} {draw}"
+                if key not in done:
+                    rng = np.random.default_rng([draw, 17])
+                    white = rng.standard_normal((len(t) + 500, problem.robot.n))
+                    noise = scipy.signal.lfilter([1.0], [1.0, -memory], white, axis=0)
+                    noise = noise[500:] * size * np.sqrt(1.0 - memory**2)
+                    run = Measurements(t, q, torque + noise)
+                    posed = build_problem(problem, run, PoseOptions(model.effects))
+                    theta = make_estimator("lmi-sdp").fit(posed.task).theta
+                    found = EndSearch(allowed_set(posed, theta)).both(functions)
+                    done[key] = [[low.value, high.value] for low, high in found]
+                    with kept.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps({"key": key, "ends": done[key]}) + "\n")
+                low, high = np.array(done[key]).T
                 margin = 1e-9 * (1.0 + np.abs(true))
                 held.append((low - margin <= true) & (true <= high + margin))
                 lengths.append(high - low)
@@ -249,13 +271,17 @@ def band(given: argparse.Namespace) -> Rows:
             for chosen in (phase != fold, phase == fold)
         )
         model = identify("panda", train, noise_from=whole, check=False)
-        found = torque_band(model, unseen)
+        effects = diagnose(model, train, check=False).sure
+        if effects:
+            model = add(model, list(effects), train)
+        found = torque_band(model, unseen, train)
         rms = np.sqrt(np.mean(found.measured**2, axis=0))
         halves = found.half_width, found.half_width_with_error
         narrow, wide = (np.sqrt(np.mean(x**2, axis=0)) for x in halves)
         for j in range(len(rms)):
             yield {
                 "fold": fold + 1,
+                "effects found": len(effects),
                 "joint": j + 1,
                 "torque, RMS [N m]": f"{rms[j]:.3g}",
                 "half width, RMS [N m]": f"{narrow[j]:.3g}",
@@ -313,7 +339,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE)
     given = parser.parse_args()
     for name in given.sections:
-        rows = list(SECTIONS[name](given))
+        rows = []
+        for row in SECTIONS[name](given):
+            print(row, flush=True)
+            rows.append(row)
         given.out.mkdir(parents=True, exist_ok=True)
         with (given.out / f"{name}.csv").open(
             "w", newline="", encoding="utf-8"
@@ -321,8 +350,6 @@ def main() -> None:
             writer = csv.DictWriter(file, fieldnames=list(rows[0]))
             writer.writeheader()
             writer.writerows(rows)
-        for row in rows:
-            print(row, flush=True)
 
 
 if __name__ == "__main__":

@@ -843,7 +843,6 @@ class Diagnosis(Record, JsonRecord):
                 )
                 what = f"{finding.title}: these runs do not decide it"
                 remedies.append(Remedy(what, *finding.grade_and_why, change))
-        remedies += [e.remedy for e in self.events_without_cause if e.frequency is None]
         return tuple(remedies)
 
     @property
@@ -1333,9 +1332,8 @@ def event_lines(
         return [*causes, summary]
     lines = causes
     for e in events:
-        if e.frequency is None:
-            lines.append(e.sentence)
-        else:
-            hum = f"a hum of {_hum_in_words(diagnosis, e)}"
-            lines.append(f"{hum}: {e.t_start:.2f} s to {e.t_end:.2f} s")
+        what = f"isolated disturbance on joint {e.joint}"
+        if e.frequency is not None:
+            what = f"a hum of {_hum_in_words(diagnosis, e)}"
+        lines.append(f"{what}: {e.t_start:.2f} s to {e.t_end:.2f} s")
     return lines

@@ -87,7 +87,7 @@ class QuadraticForms:
         link."""
         u = x[self.indices]
         quadratic = np.einsum("ki,kij,kj->k", u, self.forms, u)
-        return quadratic + self.slopes * u[:, 0]
+        return np.asarray(quadratic + self.slopes * u[:, 0])
 
     def jacobian(self, x: Array) -> Array:
         """Return (K, p) the derivatives of the forms by all scaled parameters x
@@ -551,19 +551,15 @@ class Penalty(Estimator):
         return demands.plus(task.bodies) if self.body else demands
 
     def fit(self, task: Task) -> Fit:
-        """Minimise the loss with exact penalties from several starts."""
+        """Minimise the torque loss with exact penalties from several starts."""
         task = with_joint_prior(task, self.joint_prior)
         return fit_penalty(
             task,
-            self.data(task),
+            task.data,
             constraints=self.demands(task),
             starts=self.starts,
             tolerance=self.tolerance,
         )
-
-    def data(self, task: Task) -> LeastSquares:
-        """Return the loss that is minimised: that of the torque."""
-        return task.data
 
 
 @dataclass(frozen=True)
@@ -584,10 +580,15 @@ class PenaltyTwoStep(Penalty):
     #: a run that is made feasible from there ends 1.2 % above its proved optimum.
     tolerance: float = 1e-12
 
-    def data(self, task: Task) -> LeastSquares:
-        """Return the loss that is minimised: the distance to the OLS base
-        parameters."""
-        return task.base_distance
+    def fit(self, task: Task) -> Fit:
+        """Minimise the distance to the OLS base parameters with exact penalties."""
+        return fit_penalty(
+            task,
+            data=task.base_distance,
+            constraints=self.demands(task),
+            starts=self.starts,
+            tolerance=self.tolerance,
+        )
 
 
 #: A run whose own multipliers prove this gap, relative to the loss, is the last one: no

@@ -119,6 +119,9 @@ class AllowedSet:
     bound: Array
     #: (p,) the same of the far limits alone.
     far_bound: Array
+    #: (p, p) column k: parameter k grows by one and others counter it, so that no torque
+    #: shows it; zero for those that lead the base parameters.
+    unseen: Array
     #: (p,) strictly inside of all constraints.
     interior: Array
     #: (p,) a central model that fits best under the tightest constraints of the table.
@@ -149,14 +152,16 @@ class AllowedSet:
         return float(np.median(self.ball.c(self.ball.A, self.level)))
 
     def optimiser(self, c: float) -> InteriorPoint:
-        """Return the interior-point method on this set, scaled to a ball of radius 1.
+        """Return the interior-point method on this set, in units in which the ball of c
+        has the radius 1.
 
         It starts at a central point whose loss is a part of c above the least one.
         """
         radius = np.sqrt(self.limit(c))
-        ball = Ball(self.ball.A / radius, self.ball.a / radius, 1.0)
+        ball = Ball(self.ball.A / radius, self.ball.a / radius)
         loss = max(self.cost + self.ball.loss_ls, 1e-12 * self.task.data.tau_squared)
-        return InteriorPoint(self.cones, ball, self.best_fit(0.25 * c / loss))
+        start = self.best_fit(0.25 * c / loss)
+        return InteriorPoint(self.cones, ball, start, self.fit, self.bound)
 
     def best_fit(self, accuracy: float) -> Array:
         """Return a central theta (p,) whose loss is within ``accuracy`` of the least."""
@@ -235,11 +240,14 @@ def allowed_set(
     A = U.T @ data.R[:, base.leading] @ base.rows
     a = U.T @ data.rho
     residual = data.rho - U @ a
+    unseen = np.eye(A.shape[1])
+    unseen[base.leading] = -base.rows
+    unseen[:, base.leading] = 0.0
     ball = DataBall(
         A,
         a,
         loss_ls=float(residual @ residual) + data.residual_norm**2,
-        spread=_spread(posed, theta),
+        spread=spread_of(posed, theta),
         structure=_structure(posed, floor),
     )
     limits, far_bound = far_limits(posed.problem, task)
@@ -250,6 +258,7 @@ def allowed_set(
         ConstraintSet((*convex, *limits.convex)),
         bound=np.minimum(task.bound, far_bound),
         far_bound=far_bound,
+        unseen=unseen,
         interior=interior_point(task, ConstraintSet(convex)),
         fit=np.zeros(0),
         kinds=KINDS,
@@ -258,7 +267,7 @@ def allowed_set(
     return replace(allowed, fit=allowed.best_fit(1e-10))
 
 
-def _spread(posed: EstimationProblem, theta: Array) -> Callable[[Array], Array]:
+def spread_of(posed: EstimationProblem, theta: Array) -> Callable[[Array], Array]:
     """Return what gives functions (k, p) of theta their standard deviations (k,)."""
     task = posed.task
     model = with_sensitivities(task.model, theta)

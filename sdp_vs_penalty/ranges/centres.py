@@ -4,8 +4,8 @@ A centre of mass is a ratio c = h / m of two linear functions. Its least value i
 
     f(v) = least value of (h - v m),
 
-which is concave and falls: Newton's method on it (Dinkelbach, Management Science 1967) takes
-v to the ratio at the witness. Where the mass may be zero, no value of c is excluded.
+which is concave and falls: Newton's method on it takes v to the ratio at the witness, along
+the central path. Where the mass may be zero, no value of c is excluded.
 
 An inertia about the centre of mass is I_e = J_e - h^T Q_e h / m, with Steiner's form Q_e. For
 every point u of the link
@@ -33,9 +33,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: A mass that may be as small as this share of its greatest value may be zero [-].
 _NO_MASS = 1e-6
-#: Newton steps to a ratio's end: first with the common c, then with its own.
-_STEPS = 2
-_ROUGH, _FINE = 1e-2, 3e-9
 #: Entries of a link that are moments: Ixx, Iyy, Izz.
 _MOMENTS = (4, 6, 9)
 
@@ -76,41 +73,34 @@ def ratios(
     masses : sequence of (End, End)
         Least and greatest value of each m.
     """
-    out = []
-    for h, m, (least, greatest) in zip(numerators, denominators, masses, strict=True):
-        if least.value <= _NO_MASS * greatest.value:
-            out.append((OPEN[1.0], OPEN[-1.0]))
-            continue
-        low, high = (
-            _least_ratio(search, sign * h, m, least.value) for sign in (1.0, -1.0)
+    is_open = [low.value <= _NO_MASS * high.value for low, high in masses]
+    known = [k for k, opened in enumerate(is_open) if not opened]
+    ends = search.least(
+        [sign * numerators[k] for k in known for sign in (1.0, -1.0)],
+        [denominators[k] for k in known for _ in range(2)],
+    )
+    out = [(OPEN[1.0], OPEN[-1.0])] * len(masses)
+    for k, low, high in zip(known, ends[::2], ends[1::2], strict=True):
+        h, m = numerators[k], denominators[k]
+        below, above = (
+            _ratio(end, sign * h, m, masses[k][0].value)
+            for end, sign in ((low, 1.0), (high, -1.0))
         )
-        high = replace(high, value=-high.value, attained=-high.attained)
-        out.append((low, high))
+        above = replace(above, value=-above.value, attained=-above.attained)
+        out[k] = below, above
     return out
 
 
-def _least_ratio(
-    search: EndSearch, h: Array, m: Array, least_mass: float
-) -> NonlinearEnd:
-    """Return the least value of h^T theta / m^T theta, where the latter is at least
-    ``least_mass`` > 0."""
-    allowed = search.allowed
-    c = allowed.first_c
-    v = float(h @ allowed.fit) / float(m @ allowed.fit)
-    for k in range(2 * _STEPS):
-        accuracy = _ROUGH if k < _STEPS else _FINE
-        point = search.method(c).minimise(h - v * m, accuracy)
-        if k == _STEPS - 1:
-            (c,) = search.c_of([point]).tolist()
-        if k < 2 * _STEPS - 1:  # the certificate is of the last v
-            v = float(h @ point.theta) / float(m @ point.theta)
-    end = search.certified(h - v * m, point, c)
+def _ratio(end: End, h: Array, m: Array, least_mass: float) -> NonlinearEnd:
+    """Return the least value of h^T theta / m^T theta by the end of g = h - v m, where
+    the mass is at least ``least_mass`` > 0."""
+    v = float((h - end.g) @ m) / float(m @ m)
     # h - v m >= lowest, hence the ratio is at least v + lowest / m.
     return NonlinearEnd(
         v + min(end.lowest, 0.0) / least_mass,
         end.decided_by,
         end.limited_by,
-        float(h @ point.theta) / float(m @ point.theta),
+        float(h @ end.witness) / float(m @ end.witness),
         end.witness,
     )
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.ranges.allowed import FAR, AllowedSet, kind_of
-from sdp_vs_penalty.ranges.interior_point import InteriorPoint, Point
+from sdp_vs_penalty.ranges.interior_point import Points
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
@@ -29,17 +29,17 @@ from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof
 from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 
-#: Error of a search as a share of the function's local size: of the first, which only
-#: shows on what the end rests, and of the others.
-_ROUGH, _FINE = 5e-2, 3e-9
-#: c is rounded up to a power of this, so that ends of nearly equal c share a start.
-_GRID = 1.1
+#: Errors of a search as shares of the function's local size: of the first part, which
+#: only shows on what the end rests, and of the last.
+_ROUGH, _FINE = 0.2, 3e-9
+#: c is that of what a part of the search rests on times this: the last one's is not above.
+_ABOVE = 1.05
 #: Searches of an end at most, until c is the one of what the end rests on.
-_ROUNDS = 3
+_ROUNDS = 4
 #: Gap of an end as a share of its terms, up to which a quick certificate is enough.
 _CERTAIN = 1e-7
-#: Local lengths of the first step of further searches for an end.
-_OTHER_STARTS = (0.2, 2.0, 0.05)
+#: Local lengths of a search's first step, and of that of further searches.
+_FIRST, _OTHER_STARTS = 0.7, (0.2, 2.0, 0.05)
 #: Share of an end's size by which a proof's claim lies beyond it: what is proved to be
 #: empty must be so strictly.
 _CLEARANCE = 1e-6
@@ -86,7 +86,7 @@ class End:
         """Whether the witness is as near as a user can tell."""
         return self.gap <= _CERTAIN * self.size
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Size of the function's terms at the best fit, with which shares are formed."""
         return max(float(np.abs(self.g) @ np.abs(self.allowed.fit)), abs(self.attained))
@@ -188,7 +188,7 @@ class End:
 
 
 class EndSearch:
-    """Ends of many functions over one set; searches of equal c share their start."""
+    """Ends of many functions over one set, each with its own c."""
 
     def __init__(self, allowed: AllowedSet, more: float = 0.0) -> None:
         """Prepare the search over a set.
@@ -200,42 +200,63 @@ class EndSearch:
         """
         self.allowed = allowed
         self.more = more
-        self._methods = dict[float, InteriorPoint]()
+        self._method = allowed.optimiser(allowed.first_c + more)
+        self._unit = allowed.limit(allowed.first_c + more)
 
-    def least(self, functions: Sequence[Array]) -> list[End]:
-        """Return the least value of each function g (p,), each with its own c."""
-        first = self.method(self.allowed.first_c)
-        points = [first.minimise(g, _ROUGH) for g in functions]
-        c = self.c_of(points)
-        open_ones = np.arange(len(functions))
+    def least(
+        self, functions: Sequence[Array], masses: Sequence[Array] | None = None
+    ) -> list[End]:
+        """Return the least value of each function g (p,), with its own c.
+
+        With ``masses`` m (p,) it is the least ratio v of g^T theta to m^T theta: the
+        ends are those of g - v m, whose values are about zero.
+        """
+        if not functions:
+            return []
+        h = np.array(functions, float)
+        m = np.zeros_like(h) if masses is None else np.reshape(masses, h.shape)
+        c = np.full(len(h), self.allowed.first_c)
+        rough = self._points(h, m, c, _ROUGH)
+        c = _ABOVE * self.c_of(rough)
+        points = self._points(h, m, c, _FINE, rough)
         for _ in range(_ROUNDS):
-            for k in open_ones.tolist():
-                points[k] = self.method(c[k]).minimise(functions[k], _FINE)
-            better = self.c_of([points[k] for k in open_ones])
-            is_wider = better > _GRID**1.5 * c[open_ones]
-            open_ones = open_ones[is_wider]
-            if not len(open_ones):
+            rests = self.c_of(points)
+            wider = np.flatnonzero(rests > c)
+            if not len(wider):
                 break
-            c[open_ones] = better[is_wider]
-        ends = [
-            self.certified(g, point, float(x))
-            for g, point, x in zip(functions, points, c, strict=True)
-        ]
+            c[wider] = _ABOVE * rests[wider]
+            parts = h[wider], m[wider], c[wider]
+            points.put(wider, self._points(*parts, _FINE, rough[wider]))
         return [
-            end if end.is_certain else self._again(end, float(x))
-            for end, x in zip(ends, c, strict=True)
+            self._certified(h[k], m[k], points[k], x) for k, x in enumerate(c.tolist())
         ]
 
-    def _again(self, end: End, c: float) -> End:
-        """Return the best of an end and of searches for it from other starts: where a
-        set is thin, rounding ends some paths early."""
-        best = end
+    def _points(
+        self,
+        h: Array,
+        m: Array,
+        c: Array,
+        accuracy: float,
+        start: Points | None = None,
+        first: float = _FIRST,
+    ) -> Points:
+        """Return the points at which functions (k, p) are least, from a start in other
+        balls."""
+        radius = np.array([self.allowed.limit(x + self.more) for x in c]) / self._unit
+        return self._method.minimise(
+            h, accuracy, m=m, start=start, squared_radius=radius, first=first
+        )
+
+    def _certified(self, h: Array, m: Array, point: Points, c: float) -> End:
+        """Return the end at a point, or the best one of searches from other starts:
+        where a set is thin, rounding ends some paths early."""
+        best = self.certified(point, c)
         for first in _OTHER_STARTS:
-            point = self.method(c).minimise(end.g, _FINE, first)
-            other = self.certified(end.g, point, c)
-            best = max(best, other, key=lambda end: (-end.gap, end.lowest))
             if best.is_certain:
                 break
+            one = h[None], m[None], np.array([c])
+            other = self.certified(self._points(*one, _FINE, None, first)[0], c)
+            best = max(best, other, key=lambda end: (-end.gap, end.lowest))
         return best
 
     def both(self, functions: Sequence[Array]) -> list[tuple[End, End]]:
@@ -246,28 +267,22 @@ class EndSearch:
             for low, high in zip(ends[::2], ends[1::2], strict=True)
         ]
 
-    def c_of(self, points: Sequence[Point]) -> Array:
-        """Return c (k,) of what each point rests on, rounded up to the grid."""
+    def c_of(self, points: Points) -> Array:
+        """Return c (k,) of what each point rests on."""
         allowed = self.allowed
         ball = allowed.ball
-        w = [point.ball * (ball.A @ point.theta - ball.a) @ ball.A for point in points]
-        c = ball.c(np.array(w).reshape(-1, len(allowed.fit)), allowed.level)
-        c = np.where(c > 0.0, c, allowed.first_c)
-        return np.asarray(_GRID ** np.ceil(np.log(c) / np.log(_GRID)))
+        w = points.ball[:, None] * ((points.theta @ ball.A.T - ball.a) @ ball.A)
+        c = ball.c(w, allowed.level)
+        return np.where(c > 0.0, c, allowed.first_c)
 
-    def method(self, c: float) -> InteriorPoint:
-        """Return the interior-point method for a c, prepared once."""
-        if c not in self._methods:
-            self._methods[c] = self.allowed.optimiser(c + self.more)
-        return self._methods[c]
-
-    def certified(self, g: Array, point: Point, c: float) -> End:
-        """Return the end of g (p,) at a point that was found with a c, with the lower
-        bound of g^T theta that the point's multipliers prove."""
+    def certified(self, point: Points, c: float) -> End:
+        """Return the end at a point that was found with a c, with the lower bound of
+        g^T theta that the point's multipliers prove."""
         allowed = self.allowed
         ball = allowed.ball
         limit = allowed.limit(c + self.more)
-        weight = point.ball / limit  # the method's ball has the radius 1
+        g = point.g
+        weight = float(point.ball) / self._unit  # the method's ball is in this unit
         root = np.sqrt(weight)
         data = LeastSquares(root * ball.A, root * ball.a, 0.0, 0.0, 0)
         multipliers, _ = allowed.cones.multipliers(point.multipliers)

@@ -9,26 +9,30 @@ l > 0 and the perturbed complementarity l s = mu. A Newton step has the matrix
     H = 2 l A^T A + sum F_b^* (S_b^-1 . Z_b) F_b + (l / s) v v^T,     v = 2 A^T (A theta - a)
 
 (HKM direction, Mehrotra's predictor and corrector, as :mod:`solvers.primal_dual`). All
-functions share the cones and the ball, so that one analytic centre serves as the start of
-all: from it the central path of g begins at the tangent theta_0 - Hb^-1 g / mu.
+functions share cones and ball, so that one analytic centre serves as the start of all: from
+it the central path of g begins at the tangent theta_0 - Hb^-1 g / mu. A search goes on from a
+point of its path where the ball's radius changes, and takes a ratio h^T theta / m^T theta as
+g = h - v m, v the ratio at the present point (Dinkelbach, Management Science 1967). Many
+functions are one array with k rows: what NumPy's calls cost is shared.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
 #: Share of the way to the boundary that a step goes at most.
 _SHARE = 0.95
-#: Relative change of H's diagonal: what rounding in H may cost its positive
-#: definiteness.
-_RIDGE = 1e-14
+#: Relative changes of H's diagonal: the first that outweighs what rounding costs H of its
+#: positive definiteness is taken.
+_RIDGES = (1e-14, 1e-12, 1e-10, 1e-8)
 #: Steps at most: twice what the slowest end of five arms takes.
 _STEPS = 60
 #: Newton's decrement below which a point counts as the analytic centre.
@@ -39,90 +43,127 @@ _SHORTEST = 1e-8
 
 @dataclass(frozen=True)
 class Ball:
-    """The data's ball |A theta - a|^2 <= squared_radius."""
+    """The data's ball |A theta - a|^2 <= r^2, each function's with its own radius."""
 
     #: (r, p) rows of the visible directions, orthonormal in them.
     A: Array
     #: (r,) the rows at least squares.
     a: Array
-    #: Squared radius r^2, positive.
-    squared_radius: float
-
-    def slack(self, theta: Array) -> float:
-        """Return r^2 - |A theta - a|^2, positive inside."""
-        residual = self.A @ theta - self.a
-        return self.squared_radius - float(residual @ residual)
 
 
 @dataclass(frozen=True)
-class Point:
-    """A strictly feasible point with multipliers of cones and ball."""
+class Points:
+    """Strictly feasible points with multipliers of cones and ball, k functions a row
+    each."""
 
-    #: (p,) parameters, strictly inside of cones and ball.
+    #: (k, p) coefficients of what is minimised.
+    g: Array
+    #: (k,) squared radius of the ball.
+    squared_radius: Array
+    #: (k, p) parameters, strictly inside of cones and ball.
     theta: Array
-    #: (rows + 16 blocks,) multipliers of the slacks.
+    #: (k, rows + 16 blocks) multipliers of the slacks.
     multipliers: Array
-    #: Multiplier of the ball [function per squared residual].
-    ball: float
-    #: Complementarity and leftover slope, in units of the function.
-    error: float = math.inf
-    #: Newton steps that led here.
-    steps: int = 0
+    #: (k,) multiplier of the ball [function per squared residual].
+    ball: Array
+    #: (k,) what a certificate by these multipliers loses at most, in units of the
+    #: function: complementarity, and leftover slope times the parameters' bounds.
+    error: Array
+
+    def __getitem__(self, chosen: object) -> Points:
+        """Return some points; one by an integer, whose arrays have no first axis."""
+        return Points(*(getattr(self, f.name)[chosen] for f in fields(self)))
+
+    def put(self, places: Indices, points: Points) -> None:
+        """Replace the points at some places."""
+        for f in fields(self):
+            getattr(self, f.name)[places] = getattr(points, f.name)
 
 
 class _State:
-    """Slacks at a point, their inverses and derivatives."""
+    """Slacks at points, their inverses and derivatives; NaN for points outside."""
 
-    def __init__(self, cones: SmallCones, ball: Ball, theta: Array) -> None:
-        """Evaluate cones and ball at theta (p,); LinAlgError unless strictly inside."""
+    def __init__(
+        self, cones: SmallCones, ball: Ball, squared_radius: Array, theta: Array
+    ) -> None:
+        """Evaluate cones and balls of squared radii (k,) at theta (k, p)."""
         self.cones = cones
         self.theta = theta
-        self.slacks = cones.constant + cones.slack_map @ theta
+        self.slacks = cones.constant + (cones.slack_map @ theta.T).T
         self.rows, self.mats = split(cones, self.slacks)
-        self.ball_gradient = 2.0 * (ball.A @ theta - ball.a) @ ball.A
-        self.ball_slack = ball.slack(theta)
-        if not (np.all(self.rows > 0.0) and self.ball_slack > 0.0):
-            raise np.linalg.LinAlgError
-        self.root = np.linalg.inv(np.linalg.cholesky(self.mats))
-        self.inverse = np.swapaxes(self.root, 1, 2) @ self.root
+        residual = theta @ ball.A.T - ball.a
+        self.ball_gradient = 2.0 * residual @ ball.A
+        self.ball_slack = squared_radius - np.sum(residual**2, axis=1)
+        self.root = _inverse_roots(self.mats)
+        self.inverse = np.swapaxes(self.root, 2, 3) @ self.root
 
-    def barrier_multipliers(self, mu: float) -> Array:
-        """Return mu / s and mu S^-1 (rows + 16 blocks,), flat."""
-        return np.concatenate([mu / self.rows, (mu * self.inverse).ravel()])
+    @property
+    def is_inside(self) -> Mask:
+        """(k,) whether each point is strictly inside of cones and ball."""
+        return (
+            np.all(self.rows > 0.0, axis=1)
+            & (self.ball_slack > 0.0)
+            & np.isfinite(self.root).all(axis=(1, 2, 3))
+        )
+
+    def barrier_multipliers(self, mu: Array) -> Array:
+        """Return mu / s and mu S^-1 (k, rows + 16 blocks), flat, for mu (k,)."""
+        flat = self.inverse.reshape(len(mu), -1)
+        return mu[:, None] * np.hstack([1.0 / self.rows, flat])
 
     def scaled(self, change: Array, multipliers: Array) -> Array:
         """Return ds z / s of rows and the symmetric part of S^-1 dS Z of blocks, flat.
 
-        change and multipliers (rows + 16 blocks,) hold ds, dS and z, Z.
+        change and multipliers (k, rows + 16 blocks) hold ds, dS and z, Z.
         """
         rows, mats = split(self.cones, change)
         z, Z = split(self.cones, multipliers)
         product = self.inverse @ mats @ Z
-        half = 0.5 * (product + np.swapaxes(product, 1, 2))
-        return np.concatenate([rows * z / self.rows, half.ravel()])
+        half = 0.5 * (product + np.swapaxes(product, 2, 3))
+        return np.hstack([rows * z / self.rows, half.reshape(len(z), -1)])
 
-    def hessian(self, curvature: Array, multipliers: Array, ball: float) -> Array:
-        """Return the lower Cholesky factor of H (p, p), in LAPACK's order.
+    def hessians(
+        self, curvature: Array, multipliers: Array, ball: Array
+    ) -> list[Array | None]:
+        """Return the lower Cholesky factors of H (p, p), in LAPACK's order; None for a
+        point at which there is none.
 
-        curvature (p, p) is 2 A^T A; the multipliers are those of cones and ball.
+        curvature (p, p) is 2 A^T A; the multipliers are those of cones and balls.
         """
         cones = self.cones
         z, Z = split(cones, multipliers)
-        products = np.empty(cones.curvature.shape[1])
-        products[: cones.rows] = z / self.rows
-        kronecker = self.inverse[:, :, :, None, None] * Z[:, None, None]
-        products[cones.rows :] = kronecker.ravel()
+        kronecker = self.inverse[:, :, :, :, None, None] * Z[:, :, None, None]
+        products = np.hstack([z / self.rows, kronecker.reshape(len(z), -1)])
+        by_cones = np.ascontiguousarray((cones.curvature @ products.T).T)
+        share = ball / self.ball_slack
+        is_inside = self.is_inside
+        return [
+            _factor(curvature, *parts, cones.places) if is_inside[k] else None
+            for k, parts in enumerate(
+                zip(ball, by_cones, share, self.ball_gradient, strict=True)
+            )
+        ]
+
+
+def _factor(
+    curvature: Array,
+    ball: float,
+    by_cones: Array,
+    share: float,
+    gradient: Array,
+    places: Indices,
+) -> Array | None:
+    """Return the Cholesky factor of l curvature + cones + share v v^T, None if rounding
+    leaves none."""
+    for ridge in _RIDGES:
         H = ball * curvature
-        H.ravel()[cones.places] += cones.curvature @ products
-        v = self.ball_gradient
-        H += (ball / self.ball_slack) * np.multiply.outer(v, v)
-        H.ravel()[:: len(H) + 1] *= 1.0 + _RIDGE
-        factor, failed = scipy.linalg.lapack.dpotrf(
-            H.T, lower=1, overwrite_a=1, clean=0
-        )
-        if failed:
-            raise np.linalg.LinAlgError
-        return np.asarray(factor)
+        H.ravel()[places] += by_cones
+        H = scipy.linalg.blas.dsyr(share, gradient, lower=1, a=H.T, overwrite_a=1)
+        H.T.ravel()[:: len(H) + 1] *= 1.0 + ridge
+        factor, failed = scipy.linalg.lapack.dpotrf(H, lower=1, overwrite_a=1, clean=0)
+        if not failed:
+            return np.asarray(factor)
+    return None
 
 
 def barrier_hessian(cones: SmallCones, theta: Array) -> Array:
@@ -138,225 +179,335 @@ def barrier_hessian(cones: SmallCones, theta: Array) -> Array:
 
 
 def split(cones: SmallCones, flat: Array) -> tuple[Array, Array]:
-    """Return the rows (rows,) and the blocks (blocks, 4, 4) of flat slacks or
+    """Return the rows (..., rows) and the blocks (..., blocks, 4, 4) of flat slacks or
     multipliers, as views."""
-    return flat[: cones.rows], flat[cones.rows :].reshape(-1, ORDER, ORDER)
+    blocks = flat[..., cones.rows :]
+    shape = (*flat.shape[:-1], len(cones.weight), ORDER, ORDER)
+    return flat[..., : cones.rows], blocks.reshape(*shape)
 
 
-def _solve(factor: Array, right: Array) -> Array:
-    """Return H^-1 right, by the Cholesky factor of H."""
-    return np.asarray(scipy.linalg.lapack.dpotrs(factor, right, lower=1)[0])
+def _inverse_roots(mats: Array) -> Array:
+    """Return L^-1 of S = L L^T (k, blocks, 4, 4); NaN for all blocks of a point of
+    which one is not positive definite."""
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(mats)))
+    except np.linalg.LinAlgError:
+        out = np.full_like(mats, np.nan)
+        for k, blocks in enumerate(mats):
+            with suppress(np.linalg.LinAlgError):
+                out[k] = np.linalg.inv(np.linalg.cholesky(blocks))
+        return out
+
+
+def _solve(factors: Sequence[Array | None], right: Array) -> Array:
+    """Return H^-1 right (k, p), by the Cholesky factors of H; NaN without one."""
+    out = np.full_like(right, np.nan)
+    for x, factor, one in zip(out, factors, right, strict=True):
+        if factor is not None:
+            x[:] = scipy.linalg.lapack.dpotrs(factor, one, lower=1)[0]
+    return out
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products (k,) of rows (k, p)."""
+    return np.asarray(np.einsum("kp,kp->k", a, b))
 
 
 @dataclass(frozen=True)
 class _Direction:
     """Changes of everything along a Newton step."""
 
-    #: (p,) of theta.
+    #: (k, p) of theta.
     step: Array
-    #: (rows + 16 blocks,) of the slacks.
+    #: (k, rows + 16 blocks) of the slacks.
     slacks: Array
-    #: (rows + 16 blocks,) of the multipliers.
+    #: (k, rows + 16 blocks) of the multipliers.
     multipliers: Array
-    #: First-order change of the ball's slack, and the negative of its second-order one,
-    #: |A step|^2.
-    ball_slack: float
-    ball_bend: float
-    #: Of the ball's multiplier.
-    ball: float
+    #: (k,) first-order change of the ball's slack, and the negative of its second-order
+    #: one, |A step|^2.
+    ball_slack: Array
+    ball_bend: Array
+    #: (k,) of the ball's multiplier.
+    ball: Array
 
 
 class _Newton:
-    """The Newton system of g at a point with multipliers."""
+    """The Newton systems at points with multipliers."""
 
-    def __init__(self, method: InteriorPoint, g: Array, point: Point) -> None:
-        """Factorise the system; LinAlgError unless the point is strictly inside."""
+    def __init__(self, method: InteriorPoint, points: Points) -> None:
+        """Factorise the systems."""
         self.cones = method.cones
         self.A = method.ball.A
-        self.g = g
-        self.point = point
-        self.state = state = _State(method.cones, method.ball, point.theta)
-        self.factor = state.hessian(method.curvature, point.multipliers, point.ball)
-        z, Z = split(self.cones, point.multipliers)
-        self.rows = np.concatenate([state.rows, z])
-        self.roots = np.concatenate([state.root, np.linalg.inv(np.linalg.cholesky(Z))])
+        self.points = points
+        self.state = state = _State(
+            method.cones, method.ball, points.squared_radius, points.theta
+        )
+        self.factors = state.hessians(method.curvature, points.multipliers, points.ball)
+        z, Z = split(self.cones, points.multipliers)
+        self.rows = np.hstack([state.rows, z])
+        self.roots = np.hstack([state.root, _inverse_roots(Z)])
 
     def times(self, step: Array) -> Array:
         """Return H step by slacks and torque: without rounding where no torque shows
         the step."""
         state = self.state
-        ball = self.point.ball
-        moved = state.scaled(self.cones.slack_map @ step, self.point.multipliers)
-        along = ball / state.ball_slack * float(state.ball_gradient @ step)
-        by_ball = 2.0 * ball * (self.A @ step) @ self.A + along * state.ball_gradient
-        return np.asarray(self.cones.adjoint @ moved + by_ball)
+        ball = self.points.ball
+        slacks = (self.cones.slack_map @ step.T).T
+        moved = state.scaled(slacks, self.points.multipliers)
+        along = ball / state.ball_slack * _dot(state.ball_gradient, step)
+        by_ball = (2.0 * ball)[:, None] * ((step @ self.A.T) @ self.A)
+        by_ball += along[:, None] * state.ball_gradient
+        return np.asarray((self.cones.adjoint @ moved.T).T + by_ball)
 
     def direction(
         self,
-        mu: float,
+        mu: Array,
         bent: Array | float = 0.0,
-        bent_ball: float = 0.0,
+        bent_ball: Array | float = 0.0,
         refined: bool = False,
     ) -> _Direction:
-        """Return the changes that aim at a complementarity mu, by one solution of the
-        Newton system, or by a second one of what the first leaves.
+        """Return the changes that aim at complementarities mu (k,), by one solution of
+        the Newton system, or by a second one of what the first leaves.
 
         bent and bent_ball are second-order terms of an earlier direction, of the
         multipliers of cones and ball.
         """
         state = self.state
-        point = self.point
+        points = self.points
         target = state.barrier_multipliers(mu) - bent
         target_ball = mu / state.ball_slack - bent_ball
-        slope = self.g + target_ball * state.ball_gradient
-        right = self.cones.adjoint @ target - slope
-        step = _solve(self.factor, right)
+        slope = points.g + target_ball[:, None] * state.ball_gradient
+        right = (self.cones.adjoint @ target.T).T - slope
+        step = _solve(self.factors, right)
         if refined:
-            step = step + _solve(self.factor, right - self.times(step))
-        slacks = self.cones.slack_map @ step
-        ball_slack = -float(state.ball_gradient @ step)
-        torque = self.A @ step
+            step = step + _solve(self.factors, right - self.times(step))
+        slacks = (self.cones.slack_map @ step.T).T
+        ball_slack = -_dot(state.ball_gradient, step)
+        torque = step @ self.A.T
         return _Direction(
             step,
             slacks,
-            target - point.multipliers - state.scaled(slacks, point.multipliers),
+            target - points.multipliers - state.scaled(slacks, points.multipliers),
             ball_slack,
-            float(torque @ torque),
-            target_ball - point.ball - point.ball * ball_slack / state.ball_slack,
+            _dot(torque, torque),
+            target_ball - points.ball - points.ball * ball_slack / state.ball_slack,
         )
 
-    def complementarity(self, d: _Direction | None = None, share: float = 0.0) -> float:
-        """Return the sum of all products of slacks and multipliers, after a share of a
-        direction."""
+    def complementarity(
+        self, d: _Direction | None = None, share: Array | float = 0.0
+    ) -> Array:
+        """Return the sums (k,) of all products of slacks and multipliers, after shares
+        (k,) of a direction."""
         state = self.state
-        slacks, z = state.slacks, self.point.multipliers
-        ball_slack, ball = state.ball_slack, self.point.ball
+        slacks, z = state.slacks, self.points.multipliers
+        ball_slack, ball = state.ball_slack, self.points.ball
         if d is not None:
-            slacks = slacks + share * d.slacks
-            z = z + share * d.multipliers
+            t = np.asarray(share)[:, None]
+            slacks = slacks + t * d.slacks
+            z = z + t * d.multipliers
             ball_slack = ball_slack + share * d.ball_slack - share**2 * d.ball_bend
             ball = ball + share * d.ball
-        return float(slacks @ z) + ball_slack * ball
+        return _dot(slacks, z) + ball_slack * ball
 
-    def longest(self, d: _Direction) -> float:
-        """Return the longest multiple of a direction that stays inside."""
+    def longest(self, d: _Direction) -> Array:
+        """Return the longest multiples (k,) of a direction that stay inside."""
         rows, mats = split(self.cones, d.slacks)
         z, Z = split(self.cones, d.multipliers)
-        relative = np.concatenate([rows, z]) / self.rows
-        smallest = min(float(relative.min(initial=-1e-12)), d.ball / self.point.ball)
-        if len(self.roots):
-            changes = np.concatenate([mats, Z])
-            turned = self.roots @ changes @ np.swapaxes(self.roots, 1, 2)
-            smallest = min(smallest, float(np.linalg.eigvalsh(turned)[:, 0].min()))
+        relative = np.hstack([rows, z]) / self.rows
+        smallest = np.minimum(
+            relative.min(axis=1, initial=-1e-12), d.ball / self.points.ball
+        )
+        turned = self.roots @ np.hstack([mats, Z]) @ np.swapaxes(self.roots, 2, 3)
+        turned[~np.isfinite(turned).all(axis=(1, 2, 3))] = -np.eye(ORDER)
+        eigenvalues = np.linalg.eigvalsh(turned)[:, :, 0]
+        smallest = np.minimum(smallest, eigenvalues.min(axis=1, initial=-1e-12))
         # The ball: slack + t change - t^2 bend > 0.
         slack = self.state.ball_slack
-        root = math.sqrt(d.ball_slack**2 + 4.0 * d.ball_bend * slack)
-        to_ball = 2.0 * slack / max(root - d.ball_slack, 1e-300)
-        return min(-1.0 / smallest, to_ball)
+        root = np.sqrt(d.ball_slack**2 + 4.0 * d.ball_bend * slack)
+        to_ball = 2.0 * slack / np.maximum(root - d.ball_slack, 1e-300)
+        return np.minimum(-1.0 / smallest, to_ball)
 
-    def corrected(self, degree: int) -> tuple[_Direction, float]:
-        """Return Mehrotra's direction, and which multiple of it to go.
+    def corrected(self, degree: int) -> tuple[_Direction, Array]:
+        """Return Mehrotra's directions, and which multiples (k,) of them to go.
 
         The predictor shows how far one can go and what complementarity that leaves; the
         corrector aims at that share of it, with the predictor's second-order terms.
         """
-        first = self.direction(0.0)
-        reach = min(1.0, 0.999 * self.longest(first))
+        ball, state = self.points.ball, self.state
         before = self.complementarity()
-        remaining = max(self.complementarity(first, reach) / before, 0.0)
-        centring = min(max(remaining ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
-        bent = self.state.scaled(first.slacks, first.multipliers)
-        bent_ball = first.ball_slack * first.ball - self.point.ball * first.ball_bend
-        bent_ball /= self.state.ball_slack
+        first = self.direction(np.zeros_like(before))
+        reach = np.minimum(1.0, 0.999 * self.longest(first))
+        remaining = np.maximum(self.complementarity(first, reach) / before, 0.0)
+        power = np.maximum(1.0, 3.0 * reach**2)
+        centring = np.clip(remaining**power, 1e-7, 1.0)
+        bent = state.scaled(first.slacks, first.multipliers)
+        bent_ball = first.ball_slack * first.ball - ball * first.ball_bend
+        bent_ball /= state.ball_slack
         d = self.direction(centring * before / degree, bent, bent_ball, refined=True)
         share = _SHARE + (0.999 - _SHARE) * reach**2
-        return d, min(1.0, share * self.longest(d))
+        return d, np.minimum(1.0, share * self.longest(d))
 
 
 class InteriorPoint:
-    """The least values of linear functions over the same cones and ball."""
+    """The least values of linear functions over the same cones and balls about the same
+    torque."""
 
-    def __init__(self, cones: SmallCones, ball: Ball, start: Array) -> None:
-        """Find the analytic centre of the set, from which all functions start.
+    def __init__(
+        self, cones: SmallCones, ball: Ball, start: Array, fit: Array, bound: Array
+    ) -> None:
+        """Find the analytic centre of the cones and the ball of radius 1, from which all
+        functions start.
 
         Raises LinAlgError unless ``start`` (p,) is strictly inside of cones and ball.
+        ``fit`` (p,) is inside of the cones and of every ball that will be asked for;
+        |theta_k| <= ``bound`` (p,) in the cones.
         """
         self.cones = cones
         self.ball = ball
+        self.fit = fit
+        self.bound = bound
         self.curvature = 2.0 * ball.A.T @ ball.A
         self.degree = cones.rows + ORDER * len(cones.weight) + 1
-        theta = start
+        one = np.ones(1)
+        theta = start[None]
         for _ in range(_STEPS):
-            state = _State(cones, ball, theta)
-            multipliers = state.barrier_multipliers(1.0)
+            state = _State(cones, ball, one, theta)
+            multipliers = state.barrier_multipliers(one)
             weight = 1.0 / state.ball_slack
+            (factor,) = state.hessians(self.curvature, multipliers, weight)
+            if factor is None:
+                raise np.linalg.LinAlgError
             #: Factor of the barrier's Hessian at the centre.
-            self._barrier = state.hessian(self.curvature, multipliers, weight)
-            slope = cones.adjoint @ multipliers - weight * state.ball_gradient
-            step = _solve(self._barrier, slope)
-            decrement = math.sqrt(max(float(step @ slope), 0.0))
+            self._barrier = factor
+            slope = (cones.adjoint @ multipliers.T).T
+            slope -= weight[:, None] * state.ball_gradient
+            step = _solve([factor], slope)
+            decrement = np.sqrt(max(_dot(step, slope)[0], 0.0))
             if decrement < _CENTRAL:
                 break
             theta = theta + step / (1.0 + decrement)
         #: (p,) point of the largest product of all slacks, nearly.
-        self.centre = state.theta
+        self.centre = state.theta[0]
 
-    def minimise(self, g: Array, accuracy: float, first: float = 0.7) -> Point:
-        """Return the point with the least g^T theta, strictly inside.
+    def minimise(
+        self,
+        h: Array,
+        accuracy: float,
+        *,
+        m: Array | None = None,
+        start: Points | None = None,
+        squared_radius: Array | float = 1.0,
+        first: float = 0.7,
+    ) -> Points:
+        """Return the points with the least h^T theta, or h^T theta / m^T theta, strictly
+        inside.
 
         Parameters
         ----------
-        g : (p,) array
-            Coefficients of the function.
+        h, m : (k, p) array
+            Coefficients of the functions, and of what each is divided by; m = 0 for
+            none.
         accuracy : float
-            Largest error as a share of the function's local size at the centre.
+            Largest error as a share of a function's local size at the centre.
+        start : Points, optional
+            Of the same functions, perhaps in other balls; default: the centre.
+        squared_radius : (k,) array
+            Of each function's ball.
         first : float
             Local length of the first step away from the analytic centre.
         """
-        tangent = _solve(self._barrier, g)
-        size = math.sqrt(max(float(g @ tangent), 0.0))
-        if size <= 0.0:
-            return Point(self.centre, np.zeros(len(self.cones.constant)), 0.0, 0.0)
-        mu = size / first
-        best = point = self._start(self.centre - tangent / mu, mu)
-        for k in range(1, _STEPS + 1):
-            try:
-                newton = _Newton(self, g, point)
+        m = np.zeros_like(h) if m is None else m
+        centre = np.tile(self.centre, (len(h), 1))
+        g = _linear(h, m, centre)
+        tangent = _solve([self._barrier] * len(h), g)
+        size = np.sqrt(np.maximum(_dot(g, tangent), 0.0))
+        if start is None:
+            mu = size / first
+            step = np.divide(tangent, mu[:, None], out=0.0 * g, where=mu[:, None] > 0.0)
+            start = self._start(g, centre - step, mu)
+        points = self._moved(start, np.broadcast_to(squared_radius, size.shape))
+        best = points
+        best.error[size == 0.0] = 0.0
+        active = np.flatnonzero(size > 0.0)
+        points = points[active]
+        # Values that are not finite end the search for their function alone.
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            for _ in range(_STEPS):
+                if not len(active):
+                    break
+                points.g[:] = _linear(h[active], m[active], points.theta)
+                newton = _Newton(self, points)
                 d, share = newton.corrected(self.degree)
-            except np.linalg.LinAlgError:
-                break
-            if not share > _SHORTEST:  # NaN, too, ends the iteration
-                break
-            point = Point(
-                point.theta + share * d.step,
-                point.multipliers + share * d.multipliers,
-                point.ball + share * d.ball,
-            )
-            error = self._error(g, point, newton)
-            if error < best.error:
-                best = Point(point.theta, point.multipliers, point.ball, error, k)
-            if error <= accuracy * size:
-                break
+                t = share[:, None]
+                points = Points(
+                    points.g,
+                    points.squared_radius,
+                    points.theta + t * d.step,
+                    points.multipliers + t * d.multipliers,
+                    points.ball + share * d.ball,
+                    points.error,
+                )
+                error, points.error[:] = self._errors(points, newton)
+                is_better = points.error < best.error[active]
+                best.put(active[is_better], points[is_better])
+                goes_on = (share > _SHORTEST) & ~(error <= accuracy * size[active])
+                active, points = active[goes_on], points[goes_on]
         return best
 
-    def _start(self, theta: Array, mu: float) -> Point:
-        """Return the point with multipliers mu / s, at theta or at the centre."""
-        try:
-            state = _State(self.cones, self.ball, theta)
-        except np.linalg.LinAlgError:
-            state = _State(self.cones, self.ball, self.centre)
-        return Point(state.theta, state.barrier_multipliers(mu), mu / state.ball_slack)
+    def _start(self, g: Array, theta: Array, mu: Array) -> Points:
+        """Return points with multipliers mu / s, at theta or at the centre."""
+        one = np.ones(len(theta))
+        state = _State(self.cones, self.ball, one, theta)
+        is_outside = ~state.is_inside
+        if is_outside.any():
+            theta = np.where(is_outside[:, None], self.centre, theta)
+            state = _State(self.cones, self.ball, one, theta)
+        z = state.barrier_multipliers(mu)
+        return Points(g, one, theta, z, mu / state.ball_slack, np.full_like(mu, np.inf))
 
-    def _error(self, g: Array, point: Point, newton: _Newton) -> float:
-        """Return complementarity plus what the leftover slope can cost; infinite
-        outside of cones or ball."""
-        cones = self.cones
+    def _moved(self, points: Points, squared_radius: Array) -> Points:
+        """Return points in balls of other radii, moved towards the best fit as far as it
+        keeps their distance from a smaller ball."""
         ball = self.ball
-        slacks = cones.constant + cones.slack_map @ point.theta
-        slack = ball.slack(point.theta)
-        if not (np.all(slacks[: cones.rows] > 0.0) and slack > 0.0):
-            return math.inf
-        by_ball = 2.0 * point.ball * (ball.A @ point.theta - ball.a) @ ball.A
-        leftover = g + by_ball - cones.adjoint @ point.multipliers
-        cost = abs(float(leftover @ _solve(newton.factor, leftover)))
-        return float(slacks @ point.multipliers) + point.ball * slack + cost
+        at_fit = ball.A @ self.fit - ball.a
+        away = (points.theta - self.fit) @ ball.A.T
+        square = at_fit @ at_fit
+        slack = points.squared_radius - np.sum((away + at_fit) ** 2, axis=1)
+        # |at_fit + t away|^2 = squared_radius - slack.
+        room = squared_radius - square
+        room = room - np.minimum(slack, 0.5 * room)
+        b, a = away @ at_fit, _dot(away, away)
+        t = room / np.maximum(b + np.sqrt(b**2 + a * room), 1e-300)
+        t = np.where(squared_radius < points.squared_radius, np.minimum(t, 1.0), 1.0)
+        return Points(
+            points.g.copy(),
+            squared_radius.copy(),
+            self.fit + t[:, None] * (points.theta - self.fit),
+            points.multipliers.copy(),
+            points.ball.copy(),
+            np.full_like(t, np.inf),
+        )
+
+    def _errors(self, points: Points, newton: _Newton) -> tuple[Array, Array]:
+        """Return complementarities plus what the leftover slopes can cost (k,): near the
+        points, and anywhere within the parameters' bounds; infinite outside of cones or
+        ball."""
+        cones, ball = self.cones, self.ball
+        slacks = cones.constant + (cones.slack_map @ points.theta.T).T
+        residual = points.theta @ ball.A.T - ball.a
+        slack = points.squared_radius - np.sum(residual**2, axis=1)
+        leftover = points.g + (2.0 * points.ball)[:, None] * (residual @ ball.A)
+        leftover -= (cones.adjoint @ points.multipliers.T).T
+        sums = _dot(slacks, points.multipliers) + points.ball * slack
+        near = sums + np.abs(_dot(leftover, _solve(newton.factors, leftover)))
+        is_inside = (slacks[:, : cones.rows] > 0.0).all(axis=1) & (slack > 0.0)
+        is_inside &= np.isfinite(near)
+        anywhere = sums + np.abs(leftover) @ self.bound
+        return np.where(is_inside, near, np.inf), np.where(is_inside, anywhere, np.inf)
+
+
+def _linear(h: Array, m: Array, theta: Array) -> Array:
+    """Return h - v m (k, p) with the ratios v = h^T theta / m^T theta; h where m = 0."""
+    mass = _dot(m, theta)
+    v = np.divide(_dot(h, theta), mass, out=np.zeros_like(mass), where=mass != 0.0)
+    return h - v[:, None] * m

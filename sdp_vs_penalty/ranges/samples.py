@@ -7,16 +7,18 @@ s^2 the variance that an interval takes for a row (c at one standard deviation).
 the divergence from the nominal links with the weight k of the default method's pull.
 
 Hit-and-run (Smith, Operations Research 1984): along a random direction the density is a
-Gaussian on an interval, whose ends are eigenvalues of small matrices. Directions have the
-precision A^T A / s^2 plus the barrier's Hessian at the chains' mean, fixed after the warm-up. An
-entropic prior enters by a Metropolis step. Many chains run as one array. They are judged by
+Gaussian on an interval, whose ends are eigenvalues of small matrices. A direction moves a few
+parameters, such as those of two neighbouring links, so that few constraints shorten the interval;
+some move all. They have the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean,
+fixed after the warm-up. An entropic prior enters by a Metropolis step. Many chains run as one
+array, from dispersed starts. They are judged by
 the split R^ of Gelman and Rubin (Bayesian Data Analysis, 3rd ed., 11.4) and the effective sample
 size of Geyer's initial positive sequence.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,19 +31,19 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
-from sdp_vs_penalty.ranges.interior_point import barrier_hessian
+from sdp_vs_penalty.ranges.interior_point import barrier_hessian, split
 from sdp_vs_penalty.ranges.table import training_of
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
 PRIORS = ("flat", "entropic")
 #: Chains that run as one array.
 _CHAINS = 16
-#: Sweeps, a step for each parameter: of the warm-up, and between two samples of a chain.
-_WARM_UP, _BETWEEN = 30, 2
-#: Steps whose directions are drawn together.
-_BATCH = 64
+#: Sweeps of the warm-up, and between two samples of a chain. A sweep has a step of all
+#: parameters for each parameter, and so many of each subspace.
+_WARM_UP, _BETWEEN = 16, 1
+_SMALL = 10
 #: Largest R^ of chains that have forgotten where they began.
 STATIONARY = 1.1
 
@@ -153,12 +155,21 @@ def sample_models(
         allowed.optimiser(allowed.first_c).centre,
         np.random.default_rng(seed),
         _divergence(allowed.task) if prior == "entropic" else None,
+        _subspaces(allowed),
     )
     drawn = chains.draw(max(-(-n // _CHAINS), 4))
     flat = drawn.reshape(-1, drawn.shape[2])
     chosen = chains.rng.permutation(len(flat))[:n]
     r_hat, effective = diagnose_chains(drawn)
     return Samples(flat[chosen], prior, effective * (n / len(flat)), r_hat, seed)
+
+
+def _subspaces(allowed: AllowedSet) -> list[Array]:
+    """Return bases (p, m) of moves that no torque shows, one for each link that has
+    any: only its cones and those of what counters it shorten them."""
+    by_link = [allowed.unseen[:, link] for link in allowed.task.links]
+    bases = [basis[:, basis.any(axis=0)] for basis in by_link]
+    return [basis for basis in bases if basis.shape[1]]
 
 
 def _divergence(task: Task) -> Penalty:
@@ -186,6 +197,7 @@ class Chains:
         start: Array,
         rng: np.random.Generator,
         penalty: Penalty | None = None,
+        bases: Sequence[Array] = (),
     ) -> None:
         """Begin all chains at a start (p,) strictly inside of the cones.
 
@@ -195,56 +207,60 @@ class Chains:
             Rows in units of their standard deviation; a : (r,) what they observe.
         penalty : callable, optional
             -2 log of a prior that is not flat.
+        bases : sequence of (p, m) arrays
+            Subspaces of further moves, besides those of all parameters.
         """
         self.cones = cones
         self.A = A
         self.a = a
         self.rng = rng
         self.penalty = penalty
+        self.bases = [np.eye(len(start)), *bases]
+        self.weights = np.array([len(start), *[_SMALL] * len(bases)])
         self.theta = np.tile(start, (_CHAINS, 1))
         self._refresh()
         self._aim()
 
     def draw(self, count: int) -> Array:
         """Return samples (count, chains, p) after a warm-up."""
-        p = self.theta.shape[1]
         for _ in range(4):
-            self._run(_WARM_UP * p // 4)
+            self._run(_WARM_UP // 4)
             self._aim()
-        return np.array([self._run(_BETWEEN * p) for _ in range(count)])
+        return np.array([self._run(_BETWEEN) for _ in range(count)])
 
     def _aim(self) -> None:
-        """Set the directions' covariance by the data, and by the barrier at the chains'
+        """Set the directions' covariances by the data, and by the barrier at the chains'
         mean."""
         barrier = barrier_hessian(self.cones, self.theta.mean(axis=0))
         precision = self.A.T @ self.A + barrier
-        size = 1.0 / np.sqrt(np.diagonal(precision))
-        values, vectors = np.linalg.eigh(precision * np.outer(size, size))
-        self.root = size[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12))
+        self.moves = [
+            _Move.within(basis, self.cones, self.A, precision) for basis in self.bases
+        ]
 
     def _refresh(self) -> None:
         """Evaluate slacks and residuals anew, so that rounding does not add up."""
-        self.slacks = self.cones.constant + (self.cones.slack_map @ self.theta.T).T
+        slacks = self.cones.constant + (self.cones.slack_map @ self.theta.T).T
+        self.rows, self.mats = split(self.cones, slacks)
         self.residual = self.theta @ self.A.T - self.a
 
-    def _run(self, steps: int) -> Array:
-        """Make steps; return the states (chains, p) after them."""
-        p = self.theta.shape[1]
-        for k in range(steps):
-            if k % _BATCH == 0:
-                shape = (_BATCH, _CHAINS, p)
-                d = self.rng.standard_normal(shape) @ self.root.T
-                maps = (self.cones.slack_map @ d.reshape(-1, p).T).T
-                maps = maps.reshape(_BATCH, _CHAINS, -1)
-                torques = d @ self.A.T
-            self._step(d[k % _BATCH], maps[k % _BATCH], torques[k % _BATCH])
+    def _run(self, sweeps: int) -> Array:
+        """Make sweeps, their steps in random order; return the states (chains, p) after
+        them."""
+        order = np.repeat(np.arange(len(self.moves)), self.weights * sweeps)
+        for k in self.rng.permutation(order).tolist():
+            self._step(self.moves[k])
         self._refresh()
         return self.theta.copy()
 
-    def _step(self, d: Array, slacks: Array, torque: Array) -> None:
-        """Move each chain along its direction d (chains, p), which changes slacks and
-        torque."""
-        low, high = self._chord(slacks)
+    def _step(self, move: _Move) -> None:
+        """Move each chain along a random direction."""
+        z = self.rng.standard_normal((_CHAINS, move.directions.shape[1]))
+        d = z @ move.directions.T
+        slacks = z @ move.slacks.T
+        rows, mats = slacks[:, : len(move.rows)], slacks[:, len(move.rows) :]
+        mats = mats.reshape(_CHAINS, -1, ORDER, ORDER)
+        torque = z @ move.torques.T
+        low, high = _chord(self.rows[:, move.rows], rows, self.mats[:, move.mats], mats)
         square = np.maximum(np.sum(torque**2, axis=1), 1e-300)
         mean = -np.sum(torque * self.residual, axis=1) / square
         t = _along(mean, 1.0 / np.sqrt(square), low, high, self.rng)
@@ -252,26 +268,60 @@ class Chains:
             rise = self.penalty(self.theta + t[:, None] * d) - self.penalty(self.theta)
             t = np.where(np.log(self.rng.random(len(t))) < -0.5 * rise, t, 0.0)
         self.theta += t[:, None] * d
-        self.slacks += t[:, None] * slacks
+        self.rows[:, move.rows] += t[:, None] * rows
+        self.mats[:, move.mats] += t[:, None, None, None] * mats
         self.residual += t[:, None] * torque
 
-    def _chord(self, change: Array) -> tuple[Array, Array]:
-        """Return the lowest and the highest multiple of each chain's change of the
-        slacks that stays inside the cones."""
-        rows = self.cones.rows
-        ratio = change[:, :rows] / self.slacks[:, :rows]
-        blocks = self.slacks[:, rows:].reshape(-1, ORDER, ORDER)
-        root = np.linalg.inv(np.linalg.cholesky(blocks))
-        turned = root @ change[:, rows:].reshape(-1, ORDER, ORDER)
-        turned = turned @ np.swapaxes(root, 1, 2)
-        eigenvalues = np.linalg.eigvalsh(turned).reshape(len(change), -1)
-        relative = np.concatenate([ratio, eigenvalues], axis=1)
-        # A hair inside, so that rounding leaves no chain outside.
-        inside = 1.0 - 1e-9
-        return (
-            -inside / np.maximum(relative.max(axis=1), 1e-300),
-            -inside / np.minimum(relative.min(axis=1), -1e-300),
-        )
+
+@dataclass(frozen=True)
+class _Move:
+    """Random directions in a subspace, and what they change."""
+
+    #: (p, m) directions = this times (m,) standard normal numbers.
+    directions: Array
+    #: Rows and blocks of the cones that move.
+    rows: Indices
+    mats: Indices
+    #: (rows + 16 blocks, m) changes of their slacks.
+    slacks: Array
+    #: (r, m) changes of the data's rows.
+    torques: Array
+
+    @classmethod
+    def within(
+        cls, basis: Array, cones: SmallCones, A: Array, precision: Array
+    ) -> _Move:
+        """Return the move in the span of a basis (p, m), in the precision (p, p)."""
+        part = basis.T @ precision @ basis
+        size = 1.0 / np.sqrt(np.diagonal(part))
+        values, vectors = np.linalg.eigh(part * np.outer(size, size))
+        root = size[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12))
+        directions = basis @ root
+        changes = cones.slack_map @ basis
+        row_sizes, mat_sizes = split(cones, np.abs(changes).sum(axis=1))
+        rows = np.flatnonzero(row_sizes)
+        mats = np.flatnonzero(mat_sizes.any(axis=(1, 2)))
+        row_map, mat_map = split(cones, (changes @ root).T)
+        kept = mat_map[:, mats].reshape(len(root), -1)
+        slacks = np.hstack([row_map[:, rows], kept]).T
+        return cls(directions, rows, mats, slacks, A @ directions)
+
+
+def _chord(
+    rows: Array, row_changes: Array, mats: Array, mat_changes: Array
+) -> tuple[Array, Array]:
+    """Return the lowest and the highest multiple (chains,) of changes of slacks, rows
+    (chains, rows) and blocks (chains, blocks, 4, 4), that stays inside the cones."""
+    root = np.linalg.inv(np.linalg.cholesky(mats))
+    turned = root @ mat_changes @ np.swapaxes(root, 2, 3)
+    eigenvalues = np.linalg.eigvalsh(turned).reshape(len(rows), -1)
+    relative = np.hstack([row_changes / rows, eigenvalues])
+    # A hair inside, so that rounding leaves no chain outside.
+    inside = 1.0 - 1e-9
+    return (
+        -inside / np.maximum(relative.max(axis=1, initial=0.0), 1e-300),
+        -inside / np.minimum(relative.min(axis=1, initial=0.0), -1e-300),
+    )
 
 
 def _along(

@@ -91,6 +91,14 @@ class Range(JsonRecord):
     #: "consistency" alone, then with "bodies", with "bounds", and with "total".
     under: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    @property
+    def sentence(self) -> str:
+        """What is known of the function: its range, and what decides each end."""
+        return (
+            f"{self.name} lies between {_end_text(self.least)} ({self.least.reason}) and"
+            f" {_end_text(self.greatest)} {self.unit} ({self.greatest.reason})."
+        )
+
 
 @dataclass(frozen=True, repr=False)
 class Ranges(Record, JsonRecord):
@@ -167,7 +175,7 @@ class Ranges(Record, JsonRecord):
             out.append(
                 f"Noise does not explain {100 * share:.0f} % of the residual's squares. With"
                 " model error: the torque may err as much where the model can hide it as"
-                " it does where one sees it."
+                " it does where one sees it. That is a definition, not a probability."
             )
         return out
 
@@ -440,22 +448,31 @@ def _ends(
     out: dict[str, tuple[End | NonlinearEnd, End | NonlinearEnd]]
     out = dict(zip(needed, ends, strict=True))
     mass_ends = dict(zip(needed, ends, strict=True))
-    for link in links:
-        mass = mass_ends[mass_by_link[link]]
-        indices = allowed.task.links[link]
-        wanted = {f.name: f.place[1] for f in chosen if f.place and f.place[0] == link}
-        moments = {name: e for name, e in wanted.items() if e >= 4}
-        axes = [1, 2, 3] if moments else [e for e in wanted.values() if e < 4]
-        m = unit[indices[0]]
-        centre = ratios(
-            search,
-            [unit[indices[e]] for e in axes],
-            [mass] * len(axes),
-            [m] * len(axes),
-        )
-        by_entry = dict(zip(axes, centre, strict=True))
+    wanted = {
+        link: {f.name: f.place[1] for f in chosen if f.place and f.place[0] == link}
+        for link in links
+    }
+    # Inertias about the centre of mass need all three of its coordinates.
+    places = [
+        (link, axis)
+        for link, names in wanted.items()
+        for axis in (1, 2, 3)
+        if axis in names.values() or max(names.values()) >= 4
+    ]
+    mass = [mass_ends[mass_by_link[link]] for link, _ in places]
+    numerators = [unit[allowed.task.links[link, axis]] for link, axis in places]
+    denominators = [unit[allowed.task.links[link, 0]] for link, _ in places]
+    centres = ratios(search, numerators, mass, denominators)
+    for link, names in wanted.items():
+        by_entry = {
+            axis: centre
+            for (of, axis), centre in zip(places, centres, strict=True)
+            if of == link
+        }
+        moments = [entry for entry in names.values() if entry >= 4]
         if moments:
-            found = inertias(search, indices, list(moments.values()), centre)
-            by_entry |= dict(zip(moments.values(), found, strict=True))
-        out |= {name: by_entry[e] for name, e in wanted.items()}
+            centre = [by_entry[axis] for axis in (1, 2, 3)]
+            found = inertias(search, allowed.task.links[link], moments, centre)
+            by_entry |= dict(zip(moments, found, strict=True))
+        out |= {name: by_entry[entry] for name, entry in names.items()}
     return [out[f.name] for f in chosen]

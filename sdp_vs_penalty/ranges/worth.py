@@ -2,7 +2,9 @@
 
 A weighed link is a bound on its mass, a known arm one on the sum of them: the range under
 that bound, at the value in the middle of the set, is what the scales would leave. Very much more
-motion takes c to nearly zero: what remains then consistency and bounds alone decide.
+motion takes c to nearly zero: what remains then consistency and bounds alone decide. A known load at
+the flange adds known torque: it says nothing of a link by itself, but the same motion again with it
+halves the noise's variance and fixes the gains of the torque channels.
 """
 
 from __future__ import annotations
@@ -14,9 +16,10 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
+from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set, spread_of
 from sdp_vs_penalty.ranges.ends import EndSearch
 from sdp_vs_penalty.ranges.functions import TOTAL, functions_by_name
 from sdp_vs_penalty.ranges.table import training_of
@@ -71,7 +74,10 @@ def what_to_measure(
         raise InputError(what, "name a standard parameter, such as m4 or mx4")
     before = _length(allowed, chosen.g)[2]
     middle = allowed.optimiser(allowed.first_c).centre
-    after = {"any motion, as long as you like": _moved(allowed, middle)}
+    after = {
+        "any motion, as long as you like": _moved(allowed, middle),
+        "the same motion with a known load": _loaded(allowed, posed, estimate.theta),
+    }
     for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
         if scale.name != function and scale.g is not None:
             what = "the arm" if scale.name == TOTAL else f"link {scale.name[1:]}"
@@ -97,6 +103,13 @@ def _moved(allowed: AllowedSet, middle: Array) -> AllowedSet:
     return replace(allowed, ball=exact, fit=middle, interior=middle)
 
 
+def _loaded(allowed: AllowedSet, posed: EstimationProblem, theta: Array) -> AllowedSet:
+    """Return the set that twice the data and exact gains would leave."""
+    spread = spread_of(replace(posed, gain_errors=None), theta)
+    twice = replace(allowed.ball, spread=lambda w: np.sqrt(0.5) * spread(w))
+    return replace(allowed, ball=twice)
+
+
 def _weighed(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:
     """Return the set with g^T theta within SCALES of its value in the middle (p,)."""
     value = float(g @ middle)
@@ -106,6 +119,16 @@ def _weighed(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:
     scales = build.linear("scales", "the measurement", places, rows, ends)
     return replace(
         allowed, constraints=allowed.constraints.plus([scales]), interior=middle
+    )
+
+
+def worth_sentence(found: Sequence[Worth]) -> str:
+    """Return what would tell most of a function, and what motion cannot tell."""
+    best = found[0]
+    motion = next(x for x in found if x.measurement.startswith("any motion"))
+    return (
+        f"Most would tell: {best.measurement} (leaves {100.0 * best.length:.0f} % of this"
+        f" length); any motion leaves {100.0 * motion.length:.0f} % at least."
     )
 
 

@@ -257,19 +257,21 @@ def heat_map(
     title: str,
     rows: Sequence[tuple[str, Sequence[float]]],
     n: int,
-    has_buttons: bool = False,
+    shown_by: Mapping[str, str] | None = None,
 ) -> Markup:
     """Draw a table of causes by joints; a darker cell explains more of the joint's
     error.
 
     Parameters
     ----------
-    has_buttons : bool
-        Whether cells are buttons, with the attributes data-joint and data-cause.
+    shown_by : mapping or None
+        Signal that shows each cause. Cells are buttons then, with the attributes
+        data-joint and data-signal.
     """
     cells = [
         {
             "name": name,
+            "signal": "" if shown_by is None else shown_by.get(name, ""),
             "shares": [
                 {"text": _per_cent(x), "share": f"{x:.2f}", "percent": f"{100 * x:.0f}"}
                 for x in shares
@@ -282,7 +284,7 @@ def heat_map(
         title=title,
         rows=cells,
         joints=list(range(1, n + 1)),
-        has_buttons=has_buttons,
+        has_buttons=shown_by is not None,
     )
 
 

@@ -23,15 +23,18 @@ from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures, sentences
 from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import counts
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.friction_table import friction_curves
+from sdp_vs_penalty.ranges.allowed import allowed_set
+from sdp_vs_penalty.ranges.band import band_of
+from sdp_vs_penalty.ranges.table import ranges_of, training_of
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.render import charts, pieces, tables, words
 from sdp_vs_penalty.render.arms import link_ellipsoid
-from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.robot import Robot
@@ -477,7 +480,6 @@ def findings(data: ReportData) -> Context:
         "name": data.name,
         "bars": bars,
         "curves": curves,
-        "remedies": list(map(words.describe_remedy, diagnosis.remedies)),
     }
 
 
@@ -513,6 +515,39 @@ def parameters(data: ReportData) -> Context:
         "standard_counts": counts(known.standard),
         "base": pieces.framed(base),
         "standard": pieces.framed(standard),
+    }
+
+
+def ranges(data: ReportData) -> Context:
+    """Return the context of the section on what the data allow: the masses' ranges, and
+    each joint's torque within its band on the first run."""
+    estimate = data.last
+    try:
+        posed, floor = training_of(estimate, None)
+    except InputError as error:
+        return {"missing": str(error)}
+    allowed = allowed_set(posed, estimate.theta, floor)
+    run = data.judged[data.name][0]
+    columns = [c.dense_columns(len(estimate.theta)) for c in run.columns]
+    shown = run.shown
+    band = band_of(allowed, run.motion.t[shown], columns, run.torque[shown], floor)
+    reach = band.half_width_with_error
+    low, high = band.centre - reach, band.centre + reach
+    figures = [
+        pieces.figure(
+            charts.band_figure(band.t, y, low[:, j], high[:, j]),
+            f"Joint {j + 1}, measured torque [{data.units[j]}] over time [s].",
+            250,
+        )
+        for j, y in enumerate(band.measured.T)
+    ]
+    found = ranges_of(posed, estimate.theta, floor)
+    return {
+        "missing": "",
+        "table": pieces.framed(found.table()),
+        "run": run.name,
+        "band": pieces.framed(band.table()),
+        "figures": figures,
     }
 
 
@@ -646,11 +681,6 @@ def data_check(material: ReportData) -> Context:
             "name": run,
             "is_clean": all(issue["severity"] == "note" for issue in issues),
             "issues": issues,
-            "remedies": [
-                words.describe_remedy(Remedy.from_dict(remedy))
-                for issue in issues
-                for remedy in issue["remedies"]
-            ],
         }
         for run, issues in material.checks.items()
     ]
@@ -703,6 +733,7 @@ SECTIONS = (
     Section("From model to model", "history", history),
     Section("Run forward", "forward", run_forward),
     Section("Parameters", "parameters", parameters),
+    Section("What the data allow", "ranges", ranges),
     Section("Links on the arm", "arm", arm),
     Section("Friction", "friction", friction),
     Section("Certificate", "certificate", certificate),

@@ -251,8 +251,7 @@ class Robot(JsonRecord):
     @cached_property
     def joint_names(self) -> ChannelNames:
         """(n,) names of the driven joints; the joints that are held are attached."""
-        names = [joint.name for joint in self.joints]
-        return ChannelNames.with_held(names, self.held, self)
+        return ChannelNames.with_held([joint.name for joint in self.joints], self.held)
 
     @cached_property
     def position_units(self) -> tuple[str, ...]:

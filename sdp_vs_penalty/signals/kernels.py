@@ -14,9 +14,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.robot.arrays import Array, Indices
+from sdp_vs_penalty.robot.arrays import Array
 
 
 class LowPass:
@@ -41,7 +41,7 @@ class Decimator:
     samples, which makes it several times as fast as sparse rows.
     """
 
-    def __init__(self, kernel: LowPass, at: Indices) -> None:
+    def __init__(self, kernel: LowPass, at: NDArray[np.int64]) -> None:
         """Make the blocks of the matrix whose outputs are the low-passed signal at the
         samples ``at`` (M,), in ascending order."""
         self.kernel = kernel

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, drop_pages, iter_chunks
@@ -58,7 +59,7 @@ def moving_joints(run: Measurements) -> Mask:
     is_smooth = spread > 4.0 * step
     largest = np.max(spread, initial=0.0, where=is_smooth)
     is_free = spread > _HELD * largest
-    return (is_smooth & is_free) | (spread > _LARGEST_NOISE)
+    return np.asarray((is_smooth & is_free) | (spread > _LARGEST_NOISE))
 
 
 class Movement:
@@ -155,9 +156,9 @@ class Stretch:
         span = self.t[-1] - self.t[0]
         return int(span / self.dt) + 1
 
-    def clock(self, k: Indices) -> Array:
+    def clock(self, k: NDArray[np.int64]) -> Array:
         """Return the instants (K,) [s] of the grid's samples k (K,)."""
-        return self.t[0] + self.dt * k
+        return np.asarray(self.t[0] + self.dt * k)
 
     @cached_property
     def integrals(self) -> tuple[Array, Array]:

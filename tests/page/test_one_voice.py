@@ -5,10 +5,12 @@ into a report; every fact that several of them show is compared as it is printed
 """
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import stories
+from stories import Story
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 pytest.importorskip("plotly", reason="the report needs the extra [report]")
@@ -49,7 +51,9 @@ def peak_torque_error(comparison: Comparison) -> np.ndarray:
 
 
 @pytest.fixture(scope="module", params=CASES)
-def story(request, tmp_path_factory):
+def story(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Story]:
     """What each place says of the same runs; the comparison has one more fact."""
     Comparison.peak_torque_error = peak_torque_error
     facts._fact_methods.cache_clear()
@@ -61,7 +65,7 @@ def story(request, tmp_path_factory):
 
 
 @pytest.fixture
-def modelled(story):
+def modelled(story: Story) -> Story:
     """A story that came to a model."""
     if story.is_refused:
         pytest.skip("nothing can be identified in this story")
@@ -69,7 +73,7 @@ def modelled(story):
 
 
 @pytest.fixture
-def diagnosed(modelled):
+def diagnosed(modelled: Story) -> Story:
     """A story that came to a diagnosis."""
     if not (modelled.folder / "findings.json").exists():
         pytest.skip("a log without torque is not diagnosed")
@@ -77,14 +81,14 @@ def diagnosed(modelled):
 
 
 @pytest.fixture
-def extended(diagnosed):
+def extended(diagnosed: Story) -> Story:
     """A story in which something was added."""
     if not (diagnosed.folder / "better.json").exists():
         pytest.skip("nothing was added in this story, or add refused the log")
     return diagnosed
 
 
-def texts(facts):
+def texts(facts: dict) -> dict:
     """Facts of a JSON file as they are printed."""
     return {name: fact["texts"] for name, fact in facts.items()}
 

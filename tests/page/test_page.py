@@ -1,12 +1,16 @@
 """The workbench as a person uses it: the real verb, a real browser, the whole story."""
 
+from __future__ import annotations
+
 import base64
 import gzip
 import http.client
 import re
 import socket
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import page_driver as driver
@@ -20,9 +24,14 @@ from sdp_vs_penalty.page.sessions import SILENCE
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.robot import load_urdf
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext
+
+    from sdp_vs_penalty.simulation import HiddenRuns
+
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory):
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[driver.Server]:
     """The verb; at the end it leaves neither processes nor files behind."""
     temporary = tmp_path_factory.mktemp("page")
     with socket.socket() as free:
@@ -41,19 +50,19 @@ def server(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def browser():
+def browser() -> Iterator[Browser]:
     with driver.browsing() as made:
         yield made
 
 
 @pytest.fixture
-def context(browser):
+def context(browser: Browser) -> Iterator[BrowserContext]:
     with driver.a_context(browser) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
-def files(hidden, tmp_path_factory):
+def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two runs with a hidden effect and a shorter test run, in two formats."""
     folder = tmp_path_factory.mktemp("runs")
     seconds = {"run1.csv": 8.0, "run2.npz": 8.0, "test.npz": 4.0}
@@ -64,12 +73,21 @@ def files(hidden, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def story(browser, server, files, tmp_path_factory):
+def story(
+    browser: Browser,
+    server: driver.Server,
+    files: list[Path],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[dict[str, Any]]:
     """From dropping files to a fallen error and the files to take away, once; tests
     look at it."""
     with driver.a_context(browser) as context:
         page = open_page(context, server)
-        seen = {"page": page, "context": context, "barriers": driver.barriers(page)}
+        seen: dict[str, Any] = {
+            "page": page,
+            "context": context,
+            "barriers": driver.barriers(page),
+        }
         driver.choose(page, "two_link", files)
         act(page, "identify", "[data-part=fit] .js-line")
         begin = time.perf_counter()
@@ -146,7 +164,7 @@ def test_the_report_draws_and_is_accessible(story, browser):
     assert (
         b"root.moduleName = factory" not in read
     )  # the function that a browser would read twice
-    faults = []
+    faults: list[str] = []
     page = browser.new_page(viewport={"width": 1000, "height": 1200})
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on(
@@ -193,7 +211,7 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
             driver.no_sideways_scrolling(page)
         go(page, "identify")
 
-        def brightness(what, style):
+        def brightness(what: str, style: str) -> float:
             colour = page.evaluate(
                 f"getComputedStyle(document.querySelector('{what}')).{style}"
             )
@@ -215,7 +233,7 @@ def test_with_the_keyboard_alone(context, server, files):
         " :focus:not([type=file])')).outlineStyle"
     )
 
-    def press(to, what="Enter"):
+    def press(to: str, what: str = "Enter") -> None:
         """Tab until the control has the focus, and press it."""
         for _ in range(120):
             page.keyboard.press("Tab")
@@ -297,7 +315,7 @@ def test_files_can_be_dragged_onto_the_page(context, server, two_link):
 
 
 def test_other_sites_and_names_get_nothing(server):
-    def status(method, path, headers):
+    def status(method: str, path: str, headers: dict[str, str]) -> int:
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
         connection.request(method, path, headers=headers)
         answer = connection.getresponse()

@@ -3,6 +3,7 @@ on other splits of it."""
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from page_sessions import do, opened
@@ -17,7 +18,7 @@ pytestmark = [pytest.mark.long, pytest.mark.real_data]
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory):
+def session(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The run dropped, identified and diagnosed."""
     from page_sessions import Here
 

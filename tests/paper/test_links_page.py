@@ -1,6 +1,7 @@
 """The page that shows the tables with the links drawn."""
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from sdp_vs_penalty.robot import inertia
 
 
 @pytest.fixture(scope="module")
-def page():
+def page() -> Iterator[str]:
     """Of the 2R's Table VII."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "METHODS", {"ols": "ols", "lmi_sdp": "lmi-sdp"})

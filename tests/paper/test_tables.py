@@ -4,10 +4,13 @@ are made from."""
 import csv
 import io
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +19,7 @@ from committed import MADE, RESULTS, as_kept, differences
 from random_robots import repeating_run, states
 from studies import MeasuredStudy, SimulatedStudy
 
-from sdp_vs_penalty import InputError, Measurements, load_problem
+from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.paper import figures
 from sdp_vs_penalty.paper.figures import FIGURES, make_figures, save
@@ -24,6 +27,7 @@ from sdp_vs_penalty.paper.figures.style import legend_below, new_figure
 from sdp_vs_penalty.paper.tables import (
     DEFAULT_TABLES,
     Study,
+    StudyTable,
     build_tables,
     emps,
     make_tables,
@@ -62,7 +66,7 @@ LONG_CASES = [(p, "IV") for p in SMALL] + [("panda", "VIII"), ("panda", "IX")]
 
 
 @pytest.fixture(scope="module")
-def studies():
+def studies() -> Iterator[dict[str, Study]]:
     pytest.importorskip("matplotlib")
     small = {
         "duration": 0.2,
@@ -77,18 +81,22 @@ def studies():
         patch.setattr("sdp_vs_penalty.estimators.PenaltyPaper.runs", 2)
         patch.setattr(study, "METHODS", METHODS)
         patch.setattr("sdp_vs_penalty.paper.tables.unseen._MOST_WINDOWS", 2)
-        made = {n: SimulatedStudy(load_problem(n)) for n in ("panda", "two_link")}
+        made: dict[str, Study] = {
+            n: SimulatedStudy(load_problem(n)) for n in ("panda", "two_link")
+        }
         yield made | {"measured": MeasuredStudy(load_problem("two_link"))}
 
 
 @pytest.fixture(scope="module")
-def made(studies, tmp_path_factory):
+def made(
+    studies: dict[str, Study], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., StudyTable]:
     """A table of a small study, made when it is asked for first, whatever real runs are
     at hand."""
     empty = str(tmp_path_factory.mktemp("empty"))
 
     @cache
-    def table(problem, name):
+    def table(problem: str, name: str) -> StudyTable:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("SDP_VS_PENALTY_DATA", empty)
             return build_tables([name], studies[problem])[0]
@@ -97,13 +105,13 @@ def made(studies, tmp_path_factory):
 
 
 @pytest.fixture
-def without_data(tmp_path, monkeypatch):
+def without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine on which no real run is at hand."""
     (tmp_path / "empty").mkdir()
     monkeypatch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path / "empty"))
 
 
-def skip_without_engines():
+def skip_without_engines() -> None:
     """Snapshots that name the physics engines need all of them."""
     for name, kind in engine_types().items():
         if kind.version() is None:
@@ -148,7 +156,7 @@ def test_halves_are_before_the_cut_and_after_it():
     )
 
 
-def shown(figure):
+def shown(figure: Any) -> Iterator[str]:
     """What a figure shows, in words and numbers: its title, the names of its lines, and of
     each panel titles, labels, limits and how much is drawn."""
     yield figure.get_suptitle()
@@ -173,7 +181,7 @@ def test_a_figure_is_as_it_was(number, studies, tmp_path):
     as_kept(f"figure_{number}.txt", "\n".join(shown(figure)) + "\n")
 
 
-def check_room(figure):
+def check_room(figure: Any) -> None:
     """All texts lie on the figure, and no axes with its texts reaches into another one,
     into the title or into the legend."""
     from matplotlib.transforms import Bbox
@@ -228,7 +236,7 @@ def test_a_figure_labels_units_has_room_and_is_written(number, studies, tmp_path
 
 
 @pytest.fixture(scope="module")
-def whole():
+def whole() -> dict[str, Study]:
     """What the tables of a problem share is made once."""
     return {name: Study(load_problem(name)) for name in ("panda", "two_link", "emps")}
 
@@ -339,7 +347,7 @@ def test_without_noise_table_one_is_recovered(panda):
     assert residual_rms(panda, [rows], fit).max() < 1e-9
 
 
-def links_slice(problem, links):
+def links_slice(problem: Problem, links: np.ndarray) -> Slice:
     model = problem.model("rigid_body")
     base, _ = base_parameters(model)
     bound = problem.parameter_bound(model)

@@ -33,6 +33,7 @@ SECTIONS = (
     "history",
     "forward",
     "parameters",
+    "ranges",
     "arm",
     "friction",
     "certificate",

@@ -5,8 +5,6 @@ from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import require_known
 
 Rows = list[tuple[str, ...]]
-#: Headings, and a row for each name.
-Listing = tuple[tuple[str, ...], Rows]
 #: What can be listed.
 Kind = StrEnum(
     "Kind", "problems effects methods solvers tables datasets engines formats exports"
@@ -60,12 +58,12 @@ def details(kind: str, name: str) -> tuple[str, ...]:
     return rows[name]
 
 
-def listing(kind: str) -> Listing:
+def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of one kind of names, such as "effects"."""
     return _LISTINGS[kind]()
 
 
-def _problems() -> Listing:
+def _problems() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the built-in problems."""
     from sdp_vs_penalty.problem.load import load_problem, problem_names
 
@@ -74,7 +72,7 @@ def _problems() -> Listing:
     return ("name", "joints", "torque side", "what it is"), rows
 
 
-def _effects() -> Listing:
+def _effects() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the library's effects."""
     from sdp_vs_penalty.effects import effect_types
 
@@ -91,7 +89,7 @@ def _effects() -> Listing:
     return heads, rows
 
 
-def _methods() -> Listing:
+def _methods() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the identification methods."""
     from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
     from sdp_vs_penalty.estimators import estimator_types
@@ -100,7 +98,7 @@ def _methods() -> Listing:
     return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
 
 
-def _solvers() -> Listing:
+def _solvers() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the SDP solvers, installed or not."""
     from sdp_vs_penalty.solvers import solver_types
 
@@ -112,7 +110,7 @@ def _solvers() -> Listing:
     return ("name", "here", "installed by", "what it is"), rows
 
 
-def _tables() -> Listing:
+def _tables() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the paper's tables."""
     from sdp_vs_penalty.paper.tables import makers
 
@@ -123,7 +121,7 @@ def _tables() -> Listing:
     return ("name", "only for", "what it is"), rows
 
 
-def _datasets() -> Listing:
+def _datasets() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the public data sets."""
     from sdp_vs_penalty.data.datasets import DATASETS
 
@@ -131,7 +129,7 @@ def _datasets() -> Listing:
     return ("name", "problem", "licence", "what it is"), rows
 
 
-def _engines() -> Listing:
+def _engines() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the physics engines, installed or not."""
     from sdp_vs_penalty.simulation.engines import engine_types
 
@@ -142,7 +140,7 @@ def _engines() -> Listing:
     return ("name", "version here", "installed by", "formulation"), rows
 
 
-def _formats() -> Listing:
+def _formats() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the formats of measurements."""
     from sdp_vs_penalty.data.formats import FORMATS
     from sdp_vs_penalty.plugins import summary_line
@@ -155,7 +153,7 @@ def _formats() -> Listing:
     return ("name", "files", "can be written", "what it is"), rows
 
 
-def _exports() -> Listing:
+def _exports() -> tuple[tuple[str, ...], Rows]:
     """Return headings and rows of the export formats, by file suffix."""
     from sdp_vs_penalty.exporters import EXPORTS
 

@@ -37,7 +37,7 @@ def verb(
     from sdp_vs_penalty.ranges.allowed import KINDS
     from sdp_vs_penalty.ranges.band import torque_band
     from sdp_vs_penalty.ranges.table import find_end, find_ranges
-    from sdp_vs_penalty.ranges.worth import what_to_measure, worth_table
+    from sdp_vs_penalty.ranges.worth import what_to_measure, worth_sentence, worth_table
     from sdp_vs_penalty.solvers.proof import write_proof
 
     if (save is None) != (out is None and proof is None):
@@ -47,6 +47,8 @@ def verb(
     runs = judging_runs(estimate, data, window)
     measurements = None if runs is None else runs.train
     names = [word.strip() for word in functions.split(",")]
+    if next_ is not None:
+        names.append(next_)
     with console.progress("ranges") as progress:
         found = find_ranges(
             estimate,
@@ -60,13 +62,17 @@ def verb(
         if save is not None:
             name, _, side = save.rpartition(":")
             end = find_end(estimate, name, side, measurements, level=level)
+    worth = None
+    if next_ is not None:
+        worth = what_to_measure(estimate, next_, measurements, level=level)
+        console.paragraph(found[next_].sentence)
+        console.paragraph(worth_sentence(worth))
     console.table(found.table())
     console.save_json(json_, found.to_dict())
     if band is not None:
         console.table(torque_band(estimate, band, measurements).table())
-    if next_ is not None:
-        worth = what_to_measure(estimate, next_, measurements, level=level)
-        console.table(worth_table(worth, next_))
+    if worth is not None:
+        console.table(worth_table(worth, next_ or ""))
     if end is None:
         return
     if out is not None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.arrays import Mask
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ class Arm:
     #: Pinocchio's model.
     model: Any
     #: (n,) whether each joint turns.
-    rotary: NDArray[np.bool_]
+    rotary: Mask
     #: The model's joint that bears the last link.
     last: int
     #: (L, n) motion of the model's joints per motion of those that move by themselves.
@@ -67,7 +68,7 @@ class Arm:
         """
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
         J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
-        return np.reshape(J, (6, -1)) @ self.follows
+        return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
 
 
 def misplaced(
@@ -280,7 +281,7 @@ class World:
         motion : TrueMotion
             N samples of the joints' motion.
         """
-        return (
+        return np.asarray(
             self.coulomb * self.share(motion) + self.viscous * motion.dq + self.offset
         )
 
