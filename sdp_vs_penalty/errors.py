@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 #: Characters of a sentence about an error.
@@ -186,12 +186,23 @@ class ColumnsRemark(Remark):
         What was taken for what, and the command that repeats it.
     rows : tuple of str
         The first rows as they were read, a line a channel.
+    rename, torques : mapping
+        The file's columns by our names, as they were taken; and those of each other set
+        of torques of the same joints, by its name.
     """
 
-    def __init__(self, sentence: str, rows: tuple[str, ...] = ()) -> None:
-        """Store the sentence, and the first rows of the file as they were read."""
+    def __init__(
+        self,
+        sentence: str,
+        rows: tuple[str, ...] = (),
+        rename: Mapping[str, str] | None = None,
+        torques: Mapping[str, Mapping[str, str]] | None = None,
+    ) -> None:
+        """Store the sentence, the first rows as they were read, and what was taken."""
         super().__init__(sentence)
         self.rows = rows
+        self.rename = dict(rename or {})
+        self.torques = dict(torques or {})
 
 
 class Infeasible(InputError):  # noqa: N818 (the field's word)

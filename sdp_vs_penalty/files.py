@@ -202,7 +202,9 @@ def read_bytes(
         with open(handle, "rb") as file:
             status = os.fstat(handle)
             _bounded(path, status.st_mode, status.st_size, largest)
-            content = file.read(largest + 1)  # some files of the system state no size
+            # Memory for all that is asked for is taken at once; some files of the
+            # system state no size.
+            content = file.read(min(largest, status.st_size or LARGEST_TEXT) + 1)
         _bounded(path, status.st_mode, len(content), largest)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):

@@ -1,14 +1,11 @@
 """Fixtures that several test files share."""
 
-from __future__ import annotations
-
 import gc
 import importlib.util
 import os
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 # Before NumPy is loaded: several workers, each with threads for small matrices, only
 # hinder each other.
@@ -35,9 +32,6 @@ import pytest
 
 from sdp_vs_penalty import load_measurements, load_problem
 
-if TYPE_CHECKING:
-    pass
-
 
 def pytest_addoption(parser):
     """Without pytest-xdist its options in pyproject.toml mean nothing."""
@@ -62,47 +56,55 @@ if (found := real_data_folder()) is not None:
 
 #: Files that take longest: a worker that begins one of them last would end last.
 LONGEST_FIRST = (
-    "test_fuzz.py",
     "test_every_problem.py",
-    "test_page.py",
-    "test_payload.py",
-    "test_contract.py",
-    "test_check.py",
-    "test_page_work.py",
-    "test_servo.py",
-    "test_one_voice.py",
-    "test_screens.py",
-    "test_shootout.py",
-    "test_passing.py",
-    "test_diagnosis.py",
-    "test_tables.py",
-    "test_transformations.py",
-    "test_api.py",
-    "test_runs_together.py",
-    "test_isolated.py",
-    "test_datasets.py",
-    "test_bad_input.py",
-    "test_curves.py",
-    "test_refusals.py",
-    "test_lmi_sdp.py",
-    "test_proof.py",
-    "test_cli.py",
-    "test_comparison.py",
-    "test_adding.py",
-    "test_report.py",
-    "test_printed_commands.py",
-    "test_as_exported.py",
-    "test_formats.py",
-    "test_regression.py",
-    "test_golden.py",
-    "test_printed_bytes.py",
     "test_docs.py",
-    "test_wheel.py",
+    "test_one_voice.py",
+    "test_diagnosis.py",
+    "test_payload.py",
+    "test_tables.py",
+    "test_corruptions.py",
+    "test_check.py",
+    "test_golden.py",
+    "test_shootout.py",
+    "test_printed_commands.py",
+    "test_fuzz.py",
+    "test_contract.py",
+    "test_passing.py",
+    "test_page_work.py",
+    "test_page.py",
+    "test_ratings.py",
+    "test_recogniser_fuzz.py",
+    "test_servo.py",
+    "test_comparison.py",
+    "test_equivalence.py",
+    "test_panda_alone.py",
+    "test_runs_together.py",
+    "test_bad_input.py",
+    "test_printed_bytes.py",
+    "test_next_step.py",
+    "test_screens.py",
+    "test_challenge.py",
+    "test_rival_effects.py",
+    "test_contracts.py",
+    "test_transformations.py",
+    "test_facts.py",
+    "test_stretches.py",
+    "test_api.py",
+    "test_regression.py",
+    "test_proof.py",
+    "test_noise.py",
     "test_logs.py",
-    "test_hostile_files.py",
     "test_long_runs.py",
-    "test_locales.py",
-    "test_docstrings.py",
+    "test_cli.py",
+    "test_as_exported.py",
+    "test_curves.py",
+    "test_adding.py",
+    "test_refusals.py",
+    "test_report.py",
+    "test_splits.py",
+    "test_lmi_sdp.py",
+    "test_passing_load.py",
+    "test_score.py",
 )
 
 

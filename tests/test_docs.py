@@ -138,6 +138,8 @@ def test_every_command_parses_and_every_link_leads_somewhere(page):
         assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
 
 
+#: The command that a command prints to be run next.
+NEXT = "^Next: sdp-vs-penalty (.*)$"
 READABILITY = runpy.run_path(str(ROOT / "docs" / "tools" / "readability.py"))
 
 
@@ -271,6 +273,8 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
     assert int(fall.rpartition("(")[2]) <= -60
     check_printed("demo.md", shown.out)
+    ((verb, *words),) = map(shlex.split, re.findall(NEXT, shown.out, re.MULTILINE))
+    Parser(verb, named(verb)).given(words)
     figures = re.findall(rf"([\d.]+)<!--tests/{Path(__file__).name}-->", README)
     assert len(figures) == 4
     assert not [figure for figure in figures if figure not in text]

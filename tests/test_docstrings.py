@@ -19,7 +19,11 @@ WITH_EXAMPLES = [
     if ">>> " in path.read_text()
 ]
 #: Their examples go from simulated runs to a model, and to what it misses.
-WHOLE_WAYS = ("sdp_vs_penalty.api.diagnosis", "sdp_vs_penalty.api.identification")
+WHOLE_WAYS = (
+    "sdp_vs_penalty.api.diagnosis",
+    "sdp_vs_penalty.api.identification",
+    "sdp_vs_penalty.ranges.table",
+)
 #: Of numpydoc's checks: a docstring (GL08), every argument and no other, in order (PR01,
 #: PR02, PR03), a type and a description of each (PR04, PR07), what is returned (RT01).
 CHECKS = {"GL08", "PR01", "PR02", "PR03", "PR04", "PR07", "RT01"}

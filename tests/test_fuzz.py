@@ -335,6 +335,14 @@ def test_a_document_that_broke_a_reader_is_read_or_refused(path, tmp_path):
     outcome(path.name, lambda: read(copy, path))
 
 
+def test_a_model_whose_spread_overflows_is_refused(tmp_path):
+    content = json.loads((CORPUS.parent / "written_by_0_1" / "model.json").read_text())
+    content["uncertainty"]["spread"][5][1] = 1e300
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(content))
+    assert outcome("a spread of 1e300", lambda: read(path, path)) == "sentence"
+
+
 def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):
     run = small_run(two_link, seconds=5.0)
     sdp.identify(two_link, run).save(tmp_path / "model.json")

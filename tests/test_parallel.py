@@ -59,7 +59,9 @@ def test_folds_are_the_same_by_processes(two_link, runs):
     several = cross_validate(
         two_link, runs, folds=3, workers=Workers(2), progress=said.append
     )
-    assert said == 2 * ["1 of 3 done", "2 of 3 done", "3 of 3 done"]
+    # Where it takes long, the time that is left stands behind it.
+    counted = [text.partition(",")[0] for text in said]
+    assert counted == 2 * ["1 of 3 done", "2 of 3 done", "3 of 3 done"]
     assert len(alone.folds) == 3
     for a, b in zip(alone.folds, several.folds, strict=True):
         np.testing.assert_array_equal(a.theta, b.theta)

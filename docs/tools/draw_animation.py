@@ -22,7 +22,6 @@ from sdp_vs_penalty import compare, load_estimate
 from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.effects import effect_name
-from sdp_vs_penalty.render.words import error_in_words
 from sdp_vs_penalty.reports.demo import demo
 
 ROOT = Path(__file__).parents[2]
@@ -121,11 +120,11 @@ def text_of(story: Story, k: int) -> tuple[str, str]:
     """What the frame says: the verb of the command line, and what came of it."""
     joint = story.joint + 1
     if k < PASS // 2:
-        error = error_in_words(story.before, joint)
+        error = story.before.errors.words(joint)
         return "identify", f"every link can exist, but joint {joint} errs {error}"
     if k < PASS:
         return "diagnose", f"what is missing: {story.finding} on joint {joint}"
-    error = error_in_words(story.after, joint)
+    error = story.after.errors.words(joint)
     return "add", f"joint {joint} now errs {error}, on motion never seen"
 
 

@@ -53,7 +53,7 @@ def corruption_names(arms: Sequence[str]) -> list[str]:
 
 
 def make_corruption(name: str, folder: Path) -> None:
-    """Write a corrupted log of a simulated arm, and a clean one to judge with."""
+    """Write a corrupted log of a simulated arm, and unseen motion by the same chain."""
     arm_name, number = name.split("-")
     source = _arm(arm_name)
     corruption = source.corruptions()[int(number)]
@@ -65,7 +65,9 @@ def make_corruption(name: str, folder: Path) -> None:
         tuple(j + 1 for j in corruption.joints),
         besides=OF_THE_ARM,
     )
-    runs = [*map(columns, spoiled.runs()), columns(source.test)]
+    # The same chain logs what is judged on, but for what happened in one run only.
+    fresh = source.test if corruption.beside else corruption.spoil(source.test)
+    runs = [*map(columns, spoiled.runs()), columns(fresh)]
     write_log(folder, urdf(arm_name, axes), runs, truth, corruption.name)
 
 
@@ -87,7 +89,7 @@ def make_world(name: str, folder: Path) -> None:
     fairly = [x.replace("_", " ") for x in fair(built.conditions)[0]]
     truth = Truth(
         with_words_alike(hidden) if hidden else "",
-        tuple(sorted({j for h in built.hidden for j in h.to_dict()["joints"]})),
+        tuple(sorted({j + 1 for h in built.hidden for j in h.joints})),
         silent=not hidden,
         besides=f"re-estimate|{with_words_alike(fairly)}",
     )

@@ -17,7 +17,6 @@ from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.diagnosis.white_rows import (
     diagnosis_rows,
     model_columns,
@@ -26,6 +25,7 @@ from sdp_vs_penalty.diagnosis.white_rows import (
 )
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.regression.linalg import span
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import Noise, noise_in
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -73,7 +73,7 @@ def _white(
     columns = model_columns(rows, estimate, frozen)
     white, apart = white_rows(rows, noise, columns, silent.residual - without.residual)
     change = apart.ravel()
-    Q = orthonormal(white.reshape(len(change), -1))
+    Q = span(white.reshape(len(change), -1))
     return rows, noise, Q, change - Q @ (Q.T @ change)
 
 

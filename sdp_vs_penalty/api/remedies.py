@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.checks.check import check_runs
-from sdp_vs_penalty.checks.fixing import fix_runs
+from sdp_vs_penalty.checks.fixing import errors_left_out, fix_runs
+from sdp_vs_penalty.data.files import without_spans
 from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.adding import add
@@ -84,6 +85,14 @@ def apply_change(change: Change, state: State) -> State:
     return _APPLY[change.verb](change, state)
 
 
+def effect_on_error(before: State, after: State) -> str:
+    """Say what a change of runs or robot did to the error on motion left out."""
+    if after.effect:  # a repair is done only where the error says so
+        return after.effect
+    sides = [(state.problem, state.runs) for state in (before, after)]
+    return errors_left_out(*sides).sentence
+
+
 def command_of(change: Change, files: Files) -> list[str] | None:
     """Write a change as the words of one command that runs as printed, without the
     program's name.
@@ -100,8 +109,8 @@ def command_of(change: Change, files: Files) -> list[str] | None:
 def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
     """Return the first remedy of a result that is a next step; None where none is.
 
-    A run that would have to be recorded is none, nor is a missing effect that is only
-    possible: both are the user's to choose.
+    A run that would have to be recorded is none, nor is a span that could be left out
+    or a missing effect that is only possible: these are the user's to choose.
     """
     for remedy in remedies:
         verb = remedy.change.verb
@@ -109,7 +118,8 @@ def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
         asks_for_unit = not all(
             remedy.change.arguments.get("scale", {"": "1"}).values()
         )
-        if verb != "record" and not is_guess and not asks_for_unit:
+        is_choice = verb in ("record", "cut")
+        if not (is_choice or is_guess or asks_for_unit):
             return remedy
     return None
 
@@ -131,17 +141,13 @@ def _transformed(change: Change, state: State) -> State:
 
 
 def _cut(change: Change, state: State) -> State:
-    """Leave spans (begin, end) [s] of one run out; time counts from the run's start."""
-
-    def outside(run: Measurements) -> Measurements:
-        if run.names[0] != change.arguments["run"]:
-            return run
-        t = run.t - run.t[0]
-        spans = change.arguments["spans"]
-        inside = [(t >= begin) & (t <= end) for begin, end in spans]
-        return run.rows(~sum(inside, start=t < 0.0))
-
-    return replace(state, runs=tuple(map(outside, state.runs)))
+    """Leave spans (begin, end) [s] of one run's clock out."""
+    cut = change.arguments
+    runs = [
+        without_spans(run, cut["spans"]) if run.names[0] == cut["run"] else run
+        for run in state.runs
+    ]
+    return replace(state, runs=tuple(runs), model=None)
 
 
 def _read(change: Change, state: State) -> State:
@@ -218,16 +224,20 @@ def _transform_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
 
 
 def _cut_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
-    """`identify` with the windows that are left; None for several runs, of which each
-    window is a window."""
-    if len(files.check.runs) != 1 or "model" not in files.new:
+    """`convert` of the run without the spans; None where its file is not among the
+    user's."""
+    named = {Path(run).name: run for run in files.check.runs}
+    run = named.get(Path(arguments["run"]).name)
+    if run is None:
         return None
-    ends = [0.0, *(t for span in sorted(arguments["spans"]) for t in span)]
-    pairs = zip(ends[::2], [*ends[1::2], ""], strict=True)
-    window = ",".join(f"{begin}:{end}" for begin, end in pairs)
-    check = files.check
-    words = [str(check.problem), "--data", str(check.runs[0]), "--window", window]
-    return ["identify", *words, *check.options, "--out", str(files.new["model"])]
+    cut = ",".join(f"{begin:.6g}:{end:.6g}" for begin, end in arguments["spans"])
+    return ["convert", str(run), "--cut", cut, "--out", str(cut_copy(run))]
+
+
+def cut_copy(run: str | Path) -> Path:
+    """Return the path of a run's copy without spans, beside it."""
+    path = Path(run)
+    return path.with_name(f"{path.stem}_cut.csv")
 
 
 def _read_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:

@@ -34,6 +34,7 @@ from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Currents have no gains of their own that torques would show.
@@ -288,7 +289,10 @@ class LoggerJudge:
         report = self.reports[number]
         net = self._of_run(number, net)
         stated = self._said_of_run(number, stated)
-        change_of_arm = [] if report.has_poor_motion else [*two_arms(log, net)]
+        change_of_arm = [
+            replace(issue, changes=_cuts_at(report, issue.figures["t"]))
+            for issue in ([] if report.has_poor_motion else two_arms(log, net))
+        ]
         # Where another arm begins, a step of a torque is no separate event.
         repair = replace(net, events=()) if change_of_arm else net
         unexplained = [] if is_poor_motion else [*unexplained_torque(log, repair)]
@@ -354,7 +358,8 @@ class LoggerJudge:
                 continue
             at = self._time_in_run(number, issue.figures["t"])
             if at is not None:
-                said.append(issue.by_clock(at))
+                cuts = _cuts_at(self.reports[number], at)
+                said.append(replace(issue.by_clock(at), changes=cuts))
         return said
 
     def _explanations(
@@ -437,3 +442,19 @@ def _is_near_gap(run: Measurements, t: float) -> bool:
     is_gap = steps > GAP * np.median(steps)
     near = np.abs(run.t[1:] - t) < 1.0
     return bool(np.any(is_gap & near))
+
+
+def _cuts_at(report: Report, at: float) -> tuple[Change, ...]:
+    """Return the changes that leave out what a run holds after an instant [s] of its
+    clock, or before it: the longer part stays first."""
+    begin, end = report.repaired_all.t[[0, -1]].tolist()
+    parts = [("after", [at, end]), ("before", [begin, at])]
+    parts.sort(key=lambda part: part[1][1] - part[1][0])
+    return tuple(
+        Change(
+            "cut",
+            f"leave what comes {word} {at:.4g} s of {report.run} out",
+            {"run": report.run, "spans": [span]},
+        )
+        for word, span in parts
+    )

@@ -30,6 +30,28 @@ SAME_RATE = 0.01
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """Error on motion left out, without and with a change of the runs."""
+
+    #: Before the change [%]; None where nothing could be identified from the log as it
+    #: is, or no torque was logged.
+    before: float | None = None
+    #: After the change [%].
+    after: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """Both errors, in words."""
+        if self.before is self.after is None:
+            return "No error on motion left out: no torque was logged."
+        was, now = (
+            "not identifiable" if error is None else f"{error:.3g} %"
+            for error in (self.before, self.after)
+        )
+        return f"Error on motion left out: {was} as logged, {now} repaired."
+
+
+@dataclass(frozen=True)
 class Repaired:
     """Repaired runs, and the errors without and with the repair."""
 
@@ -37,23 +59,15 @@ class Repaired:
     runs: tuple[Measurements, ...]
     #: Issues that were repaired in each run.
     issues: tuple[tuple[Issue, ...], ...]
-    #: Error on motion left out before the repair [%]; None where nothing could be
-    #: identified from the log as it is, or no torque was logged.
-    before: float | None = None
-    #: The same error after the repair [%].
-    after: float | None = None
+    #: Error on motion left out.
+    left_out: LeftOut = LeftOut()
 
     @property
     def sentence(self) -> str:
         """The error on motion left out, as logged and repaired, in words."""
         if not any(self.issues):
             return "Nothing was to be repaired."
-        if self.after is None:
-            return "No error on motion left out: no torque was logged."
-        was = "not identifiable" if self.before is None else f"{self.before:.3g} %"
-        return (
-            f"Error on motion left out: {was} as logged, {self.after:.3g} % repaired."
-        )
+        return self.left_out.sentence
 
 
 def fix_runs(
@@ -98,15 +112,25 @@ def fix_runs(
     if not any(issues) or not all(run.torque_logged for run in runs):
         _refuse_remaining(remaining)
         return Repaired(copies, issues)
-    filters = _filters(problem, copies, runs)
-    before = _error_left_out(problem, runs, filters)
-    after = _error_left_out(problem, copies, filters)
+    left_out = errors_left_out((problem, runs), (problem, copies))
     # A log that cannot be identified as it is is no better choice.
     is_refused = any(f.severity == "error" for done in issues for f in done)
     if not is_refused:
-        _check_errors(before, after, allowed=1.0 if apply else SAME_ERROR)
+        _check_errors(left_out, allowed=1.0 if apply else SAME_ERROR)
     _refuse_remaining(remaining)
-    return Repaired(copies, issues, before, after)
+    return Repaired(copies, issues, left_out)
+
+
+#: A robot and its runs.
+_Side = tuple[Problem, Sequence[Measurements]]
+
+
+def errors_left_out(before: _Side, after: _Side) -> LeftOut:
+    """Identify runs as they are and as they are changed, from the first 70 % of each, and
+    judge both on the rest."""
+    filters = _filters(after[0], after[1], before[1])
+    errors = [_error_left_out(*side, filters) for side in (before, after)]
+    return LeftOut(*errors)
 
 
 def _check_words(reports: Sequence[Report], apply: Sequence[str]) -> None:
@@ -127,12 +151,10 @@ def _check_rows(before: int, after: int, name: str) -> None:
         raise InputError(what, "log it again: nothing was written", name)
 
 
-def _check_errors(before: float | None, after: float | None, allowed: float) -> None:
-    """Raise an InputError where a repair does not lower the error on motion left out.
-
-    before, after : errors [%]; None where nothing can be identified; allowed : largest
-    ratio of the two.
-    """
+def _check_errors(left_out: LeftOut, allowed: float) -> None:
+    """Raise an InputError where a repair does not lower the error on motion left out;
+    allowed : largest ratio of the two."""
+    before, after = left_out.before, left_out.after
     if before is None or (after is not None and after <= before * allowed):
         return
     worse = "cannot be identified" if after is None else f"{after:.3g} %"
@@ -246,6 +268,8 @@ def _error_left_out(
         without_velocity = replace(run, dq=None)
         train.append(without_velocity.window(0.0, TRAINED_ON * end))
         test.append(without_velocity.window(TRAINED_ON * end, end))
+    if not all(run.torque_logged for run in runs):
+        return None
     try:
         data = load_and_check(problem, concatenate(train), "check --fix")
         assert isinstance(data, Measurements)

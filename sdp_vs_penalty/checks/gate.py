@@ -28,6 +28,8 @@ class Gate:
     otherwise: str = "pass check=False to"
     #: How a user checks these runs; None: by the files that are passed.
     command: CheckCommand | None = None
+    #: What is checked in place of the runs: the recordings that they are cut from.
+    runs: Measurements | None = None
 
 
 def raise_on_errors(
@@ -66,7 +68,7 @@ def raise_on_errors(
     InputError
         Where that work would be meaningless: a fact says so.
     """
-    runs = measurements.runs()
+    runs = (gate.runs or measurements).runs()
     reports = check_runs(
         problem,
         runs,

@@ -24,7 +24,7 @@ from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 #: Which rows: (N,).
 Rows = NDArray[np.bool_]
 
-#: Time on either side of a row in which a joint at rest does not move [s].
+#: A joint that rests does so for so long [s], or as long as it is asked about.
 _QUARTER_SECOND = 0.25
 #: How certain a fact is.
 READ = certain("read from the file")
@@ -68,16 +68,17 @@ class RunSummary:
         """At which instants the arm moves."""
         return Movement(self.run, self.standstill)
 
-    def is_at_rest(self, j: int) -> Rows:
-        """Return the rows (N,) at which joint j hardly moves: in a quarter of a second
-        before and after by less than the standstill share of its largest travel in that
-        time."""
-        t = self.run.t
+    def is_at_rest(self, j: int, first: int, end: int) -> bool:
+        """Whether joint j rests in the rows from ``first`` to before ``end``, and for a
+        quarter of a second that begins or ends with them if they are fewer: it moves by
+        less than the standstill share of its largest travel in as many rows."""
         q = self.run.q[:, j]
-        before = np.abs(np.interp(t - _QUARTER_SECOND, t, q) - q)
-        after = np.abs(np.interp(t + _QUARTER_SECOND, t, q) - q)
-        travel = np.maximum(before, after)
-        return np.asarray(travel <= self.standstill * travel.max())
+        step = float(np.median(np.diff(self.run.t)))
+        rows = min(max(end - first, round(_QUARTER_SECOND / step)), len(q) - 1)
+        travel = np.abs(q[rows:] - q[:-rows])
+        begins = max(end - 1 - rows, 0), min(first, len(q) - 1 - rows)
+        least = min(np.ptp(q[begin : begin + rows + 1]) for begin in begins)
+        return bool(least <= self.standstill * travel.max())
 
     @cached_property
     def arm_rows(self) -> FilteredRows | None:

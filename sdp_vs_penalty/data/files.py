@@ -339,6 +339,25 @@ def windowed(
     return concatenate(windows_cut)
 
 
+#: Time on either side of a span that is left out with it: an edge is known to so much
+#: [s].
+SPAN_MARGIN = 0.25
+
+
+def without_spans(
+    run: Measurements, spans: Sequence[tuple[float, float]]
+) -> Measurements:
+    """Leave spans of a single run out, and SPAN_MARGIN on either side; the run itself
+    where they hold no sample.
+
+    spans : begin and end of each [s], by the run's clock.
+    """
+    inside = np.zeros(run.samples, bool)
+    for begin, end in spans:
+        inside |= (run.t >= begin - SPAN_MARGIN) & (run.t <= end + SPAN_MARGIN)
+    return run.rows(~inside) if inside.any() else run
+
+
 def read_run(
     path: str | Path,
     joints: int | None = None,

@@ -15,7 +15,8 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import chain
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +30,12 @@ from sdp_vs_penalty.data.hypotheses.channels import (
 from sdp_vs_penalty.data.log import Log, Values
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, columns_of
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, iter_chunks
-from sdp_vs_penalty.data.words.tokens import brief_names, group_of
+from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.data.hypotheses.arm import Fit
 
 # Files with our own names need no tables of words and loggers: these are imported where
 # a foreign file is recognised.
@@ -40,6 +44,10 @@ from sdp_vs_penalty.robot.arrays import Array
 GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
 #: Groups that are taken where they are whole: other logs call other things so.
 _WHOLE = ("temp", "current", "voltage")
+#: Share of empty cells in a channel that competes with others.
+_MOST_GAPS = 0.1
+#: Odds that a servo's register has a sign bit where it is read so: few have one.
+_ODDS_OF_A_REGISTER = 1e3
 #: Rows that are shown of columns that were guessed.
 _ROWS_SHOWN = 5
 
@@ -109,11 +117,20 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
         and found.rename
     ):
         _say_unused(log, unused)
-    rivals = [x for columns in found.torques.values() for x in columns.values()]
-    values = log.read(list(dict.fromkeys([*names, *rivals])))
-    if found.torques:
-        found = _with_best_torque(found, values)
-        groups = _groups(found.rename, log, choice)
+    torques = {} if choice.rename else found.torques
+    rivals = {x: list(y.values()) for x, y in torques.items()}
+    values = log.read(list(dict.fromkeys(chain(names, *rivals.values()))))
+    # Sets of torques compete where they have a value nearly whenever the first one does.
+    clock = log.columns[groups.get("tau", names)[0]].clock
+    groups |= {
+        label: columns
+        for label, columns in rivals.items()
+        if all(
+            log.columns[x].clock == clock
+            and np.mean(values.gaps.get(x, False)) < _MOST_GAPS
+            for x in columns
+        )
+    }
     values = _in_one_order(log, values, found, choice)
     t, columns, rows = _aligned(log, groups, values, found, choice.rate)
     run, found = _in_si(log, found, groups, t, columns, rows, choice)
@@ -129,9 +146,15 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     command = repeating_command(log, found, choice)
     repeated = f"; the same by `{command}`" if command and not log.remedy else ""
     shown = _rows_shown(run, found.rename)
-    warnings.warn(
-        ColumnsRemark(f"{log.path}: {sentence}{repeated}", shown), stacklevel=2
+    others = {
+        name: columns
+        for name, columns in found.torques.items()
+        if not columns.items() <= found.rename.items()
+    }
+    remark = ColumnsRemark(
+        f"{log.path}: {sentence}{repeated}", shown, found.rename, others
     )
+    warnings.warn(remark, stacklevel=2)
     return replace(run, reading=f"{log.path.name}: {sentence}")
 
 
@@ -148,7 +171,7 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
         return log, by_facts(log, joints, choice.topic)
     if choice.rename:
-        return log, _as_chosen(log, choice)
+        return log, _other_torques(log, choice) or _as_chosen(log, choice)
     if has_our_names(names):
         ours = {x: x for x in names if group_of(x) in ("t", *GROUPS)}
         episode = None
@@ -196,10 +219,26 @@ def recognised_in(log: Log, joints: Sequence[str] | None) -> Recognition | None:
         raise InputError(error.what, how, log.path) from None
 
 
+def _other_torques(log: Log, choice: Choice) -> Recognition | None:
+    """Return what is recognised of a log, with the torques that the user chose; None
+    where the user chose other channels as well, or nothing is recognised."""
+    from sdp_vs_penalty.data.hypotheses.recognition import with_torque
+    from sdp_vs_penalty.data.hypotheses.renaming import expanded
+
+    chosen = expanded(choice.rename or {}, log.names)
+    is_torque = all(group_of(x) == "tau" for x in chosen)
+    if has_our_names(log.names) or not is_torque:
+        return None
+    if not {*chosen.values()} <= {*log.columns}:
+        return None
+    found = recognised_in(log, choice.joints)
+    return found and with_torque(found, chosen)
+
+
 def _as_chosen(log: Log, choice: Choice) -> Recognition:
     """Return the columns that the user chose, and those that have our names."""
     from sdp_vs_penalty.data.hypotheses.recognition import find_clock
-    from sdp_vs_penalty.data.hypotheses.renaming import expanded, parts_of
+    from sdp_vs_penalty.data.hypotheses.renaming import expanded
     from sdp_vs_penalty.data.words.loggers import episode_of
 
     names = log.names
@@ -268,8 +307,6 @@ def _groups(
     if clock in log.columns and "t" in rename:
         groups["t"] = [clock]
     elif clock:
-        from sdp_vs_penalty.data.hypotheses.renaming import parts_of
-
         groups["t"] = list(parts_of(clock, log.names))
     for group in GROUPS:
         if group in rename:
@@ -300,40 +337,6 @@ def _say_unused(log: Log, names: Sequence[str]) -> None:
     more = f" and {len(names) - 6} more" if len(names) > 6 else ""
     said = f"{log.path}: not used: {shown}{more}{why if has_acceleration else ''}."
     warnings.warn(said, Remark, stacklevel=3)
-
-
-def _with_best_torque(found: Recognition, values: Values) -> Recognition:
-    """Return the recognition with the most probable of several sets of torques, and what
-    is said of the others."""
-    from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
-    from sdp_vs_penalty.data.hypotheses.weighing import weigh, which_torque
-
-    channels = {
-        label: np.column_stack(
-            [
-                np.reshape(values.columns[x], (len(values.columns[x]), -1))
-                for x in columns.values()
-            ]
-        )
-        for label, columns in found.torques.items()
-    }
-    if len({*map(len, channels.values())}) > 1:
-        return found  # with stamps of their own
-    priors = {label: 0.5**k for k, label in enumerate(channels, 1)}
-    torques = [
-        x for x, y in found.torques.items() if not is_current(next(iter(y.values())))
-    ]
-    hypotheses = which_torque(channels, priors, torques)
-    best = weigh(hypotheses)
-    others = [
-        f"{x.answer}{f' ({x.why})' if x.why else ''}"
-        for x in hypotheses
-        if x is not best
-    ]
-    said = f"not used, of the same joints: {formatting.words(others)}"
-    said += ": name them in --rename to take them"
-    found = with_torque(found, found.torques[best.answer])
-    return replace(found, said=(*found.said, said))
 
 
 # -- 2. values ------------------------------------------------------------------------
@@ -572,14 +575,14 @@ def _in_si(
         raise InputError(what, "give q, dq and tau a column a joint", log.path)
     if found.order is not None and len(t):
         blocks = {group: x[:, found.order] for group, x in blocks.items()}
-    if found.inferred:
+    if not found.is_identity:
         found, blocks = _with_open_units(found, t, blocks, choice.rate)
+        if len(t) > 1 and "tau" in blocks:
+            found, blocks = _as_the_arm_says(found, t, blocks, choice)
+    blocks = {group: x for group, x in blocks.items() if group not in found.torques}
     scale = found.scale
     for group, x in blocks.items():
-        factors = [
-            scale.get(f"{group}{k}", scale.get(group, 1.0))
-            for k in range(1, x.shape[1] + 1)
-        ]
+        factors = found.factors(group, x.shape[1])
         if any(factor != 1.0 for factor in factors):
             parts = (part * factors for _, part in iter_chunks(x))
             blocks[group] = concatenate_chunks([x[:0], *parts])
@@ -602,14 +605,6 @@ def _with_open_units(
     part = slice(w.ROWS_JUDGED)
     for group, kind in found.inferred.items():
         if kind == w.CLOCK:
-            if rate is None:
-                has_rate = "dq" in blocks and len(t) > 1
-                of = (
-                    w.rate_from_velocities(blocks["q"][part], blocks["dq"][part])
-                    if has_rate
-                    else None
-                )
-                found = found.with_unit(group, w.unit_of_clock(t[part], of))
             continue
         unit = w.unit_of_angles(blocks["q"][part], kind)
         if unit.answer == w.DEGREES_OR_PERCENT and group != "q" and "tau" in blocks:
@@ -617,6 +612,79 @@ def _with_open_units(
             blocks = {x: block for x, block in blocks.items() if x != group}
             unit = replace(unit, why="of ranges of its own: it is left out")
         found = found.with_unit(group, unit)
+    is_open = rate is None and "t" not in {**found.scale, **found.units}
+    if is_open and (found.inferred.get("t") or "dq" in blocks) and len(t) > 1:
+        n = blocks["q"].shape[1]
+        moved = [
+            blocks[x][part] * found.factors(x, n) for x in ("q", "dq") if x in blocks
+        ]
+        of_velocities = w.rate_from_velocities(*moved) if len(moved) == 2 else None
+        if found.inferred.get("t"):
+            found = found.with_unit("t", w.unit_of_clock(t[part], of_velocities))
+        elif of_velocities:
+            below = w.unit_by_velocities(t[part], of_velocities)
+            found = found if below is None else found.with_unit("t", below)
+    return found, blocks
+
+
+def _as_the_arm_says(
+    found: Recognition, t: Array, blocks: dict[str, Array], choice: Choice
+) -> tuple[Recognition, dict[str, Array]]:
+    """Decide by an arm's dynamics, where the robot is known, what names leave open: which
+    of several sets of channels is the torque, and whether a register has a sign bit."""
+    from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, fit_arm, signed_register
+
+    robot = getattr(choice.joints, "robot", None)
+    q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
+    step = float(np.median(np.diff(t))) * (
+        found.scale.get("t", 1.0) if choice.rate is None else 1.0
+    )
+
+    def fit(tau: Array) -> Fit | None:
+        if robot is None or robot.n != q.shape[1] or not step > 0.0:
+            return None
+        return fit_arm(robot, step, q, tau)
+
+    channels = {x: blocks[x] for x in found.torques if x in blocks}
+    if len(channels) > 1:
+        from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
+        from sdp_vs_penalty.data.hypotheses.weighing import weigh, which_torque
+
+        whole = np.isfinite(np.hstack(list(channels.values()))).all(axis=1)
+        priors = {label: 0.5**k for k, label in enumerate(channels, 1)}
+        first = {x: next(iter(found.torques[x].values())) for x in channels}
+        fits = {x: y for x, tau in channels.items() if (y := fit(tau)) is not None}
+        hypotheses = which_torque(
+            {x: tau[whole] for x, tau in channels.items()},
+            priors,
+            [x for x in channels if not is_current(first[x])],
+            fits,
+        )
+        best = weigh(hypotheses)
+        others = [
+            f"{x.answer}{f' ({x.why})' if x.why else ''}"
+            for x in hypotheses
+            if x is not best
+        ]
+        said = f"not used, of the same joints: {formatting.words(others)}"
+        said += ": name them in --rename to take them"
+        blocks = {**blocks, "tau": channels[best.answer]}
+        found = with_torque(found, found.torques[best.answer])
+        why = f"tau: {best.why}" if best.why else ""
+        found = replace(found, said=(*found.said, *filter(None, [why]), said))
+    register, bit = signed_register(blocks["tau"]) if robot is not None else (q, 0)
+    pair = (fit(blocks["tau"]), fit(register)) if bit else (None, None)
+    if pair[0] is not None and pair[1] is not None:
+        odds = (pair[0].share / pair[1].share) ** N_PARTS
+        if odds > _ODDS_OF_A_REGISTER:
+            sign = 1.0 if pair[1].friction > 0.0 else -1.0
+            said = (
+                f"tau is a register whose bit {bit} is its sign: the arm leaves"
+                f" {100.0 * pair[1].share:.2g} % of it, {100.0 * pair[0].share:.2g} % as it"
+                " is written"
+            )
+            blocks = {**blocks, "tau": sign * register}
+            found = replace(found, said=(*found.said, said), is_of_arm=True)
     return found, blocks
 
 
@@ -709,6 +777,9 @@ def repeating_command(log: Log, found: Recognition, choice: Choice = Choice()) -
     from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
 
     given = choice.scale or {}
+    if found.is_of_arm:  # it decides again where the robot is named, and no column is
+        has_arm = "--problem" in choice.options
+        return formatting.convert_command(log.path, *choice.options) if has_arm else ""
     if {group_of(x.rstrip("*")) for x in given} & {*map(group_of, found.scale)}:
         return ""
     words = ["--rename", rename_words(found.rename, log.names)]

@@ -136,7 +136,8 @@ class AppendableArray:
         or mapped read-only from the temporary file if it is large."""
         if self._file is None:
             is_one_piece = len(self._pieces) == 1
-            return self._pieces[0] if is_one_piece else np.concatenate(self._pieces)
+            pieces = self._pieces or [np.zeros(0)]
+            return pieces[0] if is_one_piece else np.concatenate(pieces)
         first = self._pieces[0]
         with _room(), self._file as file:
             file.flush()

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import spectral_lines
-from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.regression.linalg import span
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.reversals import since_reversal
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -89,6 +89,11 @@ class States:
     #: (M, n) second derivative by time of the torque that the gears transmit, which is
     #: the modelled torque without friction [N m/s^2 or N/s^2].
     torque_curvature: Array
+
+    @property
+    def rows_still(self) -> Array:
+        """(M, n) share of standstill in each row."""
+        return self.rows.still
 
     @classmethod
     def of(cls, rows: SegmentedRuns) -> States:
@@ -176,269 +181,161 @@ def travel_since_reversal(q: Array, velocity: Array, rows: SegmentedRuns) -> Arr
     return np.asarray(np.abs(q - q[last_start]))
 
 
-def _reversal_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, k) for the cause "reversal": functions that a
-    least-squares fit to the joint's error combines.
+@dataclass(frozen=True)
+class _Seen:
+    """What the columns of causes are functions of: the error's own joint, and others."""
 
-    There are hat functions (piecewise linear) of the time within FOLLOWS (0.4 s) of the
-    nearest velocity reversal, the same times the direction after it, and hat functions
-    of the distance travelled since the last reversal times the direction (hysteresis).
-    """
-    velocity = states.dq[:, joint_error.joint]
-    since, direction = since_reversal(states.t, velocity, states.rows.segment)
+    #: All joints.
+    states: States
+    #: The error.
+    of: JointError
+
+    def __getattr__(self, name: str) -> Array:
+        """Return a state (M,) of the joint, such as its velocity ``dq``."""
+        return np.asarray(getattr(self.states, name)[:, self.of.joint])
+
+    @cached_property
+    def direction(self) -> Array:
+        """(M,) smoothed sign of the joint's velocity."""
+        return smooth_sign(self.dq)
+
+    def both_ways(self, columns: Array) -> Array:
+        """Return columns (M, ...) beside the same ones times the direction."""
+        columns = columns.reshape(len(self.direction), -1)
+        return np.hstack([columns, columns * self.direction[:, None]])
+
+
+def _near_reversals(x: _Seen) -> Array:
+    """Return columns (M, k): hat functions of the time within FOLLOWS of the nearest
+    reversal, the same times the direction after it, and hat functions of the travel
+    since the last one times the direction (hysteresis)."""
+    since, after = since_reversal(x.states.t, x.dq, x.states.rows.segment)
     near = np.abs(since) < FOLLOWS
-    in_time = near[:, None] * hat_functions(
-        since, np.linspace(-FOLLOWS, FOLLOWS, _HATS)
+    knots = np.linspace(-FOLLOWS, FOLLOWS, _HATS)
+    in_time = near[:, None] * hat_functions(since, knots)
+    travel = hat_functions(travel_since_reversal(x.q, x.dq, x.states.rows))
+    in_travel = travel * x.direction[:, None]
+    return np.hstack([in_time, in_time * after[:, None], in_travel])
+
+
+def _poses(x: _Seen) -> Array:
+    """Return columns (M, 4 (n - 1)), such as of an error of gravity: products of sine
+    and cosine of the joint's position with those of each other joint's."""
+    own, *others = (
+        np.column_stack([np.sin(q), np.cos(q)])
+        for q in x.states.q.T[[x.of.joint, *x.states.others(x.of.joint)]]
     )
-    travel = travel_since_reversal(
-        states.q[:, joint_error.joint], velocity, states.rows
-    )
-    in_travel = hat_functions(travel) * smooth_sign(velocity)[:, None]
-    return np.hstack([in_time, in_time * direction[:, None], in_travel])
+    products = [own * other[:, [k]] for other in others for k in (0, 1)]
+    return np.hstack([np.zeros((len(own), 0)), *products])
 
 
-def _standstill_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, 2) for the cause "standstill".
-
-    At rows where the joint stands they are 1 and the smoothed sign of its velocity; at
-    all other rows 0.
-    """
-    still = np.asarray(states.rows.still[:, joint_error.joint] > STILL, float)
-    direction = smooth_sign(states.dq[:, joint_error.joint])
-    return np.column_stack([still, still * direction])
-
-
-def _high_speed_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, 2) for the cause "high speed": e = max(|dq| - FAST max
-    |dq|, 0), and e times the direction.
-
-    They are 0 below FAST (3/4) of the joint's largest speed.
-    """
-    velocity = states.dq[:, joint_error.joint]
-    speed = np.abs(velocity)
-    excess = np.maximum(speed - FAST * speed.max(), 0.0)
-    return np.column_stack([excess, excess * smooth_sign(velocity)])
-
-
-def _velocity_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, k) for the cause "velocity" v of the joint.
-
-    They are hat functions, whose sums approximate any function of v, with v^2 and v
-    |v|, which extrapolate beyond the fitted speeds as hat functions do not.
-    """
-    v = states.dq[:, joint_error.joint]
-    return np.column_stack([hat_functions(v), v**2, v * np.abs(v)])
-
-
-def _position_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, k) for the cause "position": hat functions of the joint's
-    position, whose sums approximate any function of it.
-    """
-    return hat_functions(states.q[:, joint_error.joint])
-
-
-def _turn_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, 8) for the cause "position in a turn": sin(k q) and cos(k
-    q) for k = 1 ... 4 waves per turn of the joint.
-
-    An eccentric gear, or a tight place that returns at each turn, shows in them.
-    """
-    angles = [k * states.q[:, joint_error.joint] for k in _TURNS]
-    return np.column_stack([wave(a) for a in angles for wave in (np.sin, np.cos)])
-
-
-def _position_and_direction_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, k) for the cause "position and direction": Coulomb
-    friction whose size is any function of the position.
-
-    They are hat functions of the joint's position times the smoothed sign of its
-    velocity.
-    """
-    direction = smooth_sign(states.dq[:, joint_error.joint])
-    return hat_functions(states.q[:, joint_error.joint]) * direction[:, None]
-
-
-def _pose_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, 4 (n - 1)) for the cause "position of several joints",
-    such as an error of gravity.
-
-    They are the products of sin q_j and cos q_j of this joint with sin q_i and cos q_i
-    of each other joint.
-    """
-    of_joint = _sine_and_cosine(states.q[:, joint_error.joint])
-    products = []
-    for i in states.others(joint_error.joint):
-        of_other = _sine_and_cosine(states.q[:, i])
-        products += [a * b for a in of_joint for b in of_other]
-    return _stack_columns(products, len(states.t))
-
-
-def _sine_and_cosine(q: Array) -> tuple[Array, Array]:
-    """Return sin q and cos q of an angle q (M,) [rad], in this order."""
-    return np.sin(q), np.cos(q)
-
-
-def _stack_columns(parts: Sequence[Array], rows: int) -> Array:
-    """Stack arrays (M,) as columns of one array (M, k); an empty list gives (M, 0)."""
-    return np.column_stack(parts) if parts else np.zeros((rows, 0))
-
-
-def _wave_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, 2 K) for the cause "waves per turn": cos(k q) and sin(k
-    q), low-passed as the torque was, of the K orders k in ``joint_error.orders``.
-    """
+def _waves(x: _Seen) -> Array:
+    """Return columns (M, 2 K): cosine and sine of k q, low-passed as the torque was, of
+    the K orders k that stand out of the error's spectrum."""
+    orders = np.array(x.of.orders, float)
     parts = []
-    for segment in states.rows.segments:
-        q = segment.motion.q[:, joint_error.joint]
-        waves = []
-        for order in joint_error.orders:
-            waves.append(segment.low_pass @ np.cos(order * q))
-            waves.append(segment.low_pass @ np.sin(order * q))
-        parts.append(_stack_columns(waves, len(segment.t)))
+    for segment in x.states.rows.segments:
+        angle = segment.motion.q[:, [x.of.joint]] * orders
+        parts.append(segment.low_pass @ np.hstack([np.cos(angle), np.sin(angle)]))
     return np.concatenate(parts)
 
 
-def _acceleration_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, k) for the cause "acceleration": hat functions of ddq,
-    whose sums approximate any function of it, and ddq itself.
-
-    Beyond the fitted range hat functions stay constant; the column ddq extrapolates
-    there.
-    """
-    a = states.ddq[:, joint_error.joint]
-    return np.column_stack([hat_functions(a), a])
-
-
-def _load_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, k) for the cause "load", the joint's measured torque tau.
-
-    They are hat functions of tau (any function of it), hat functions of |tau| times the
-    direction (friction that grows with the load), and tau itself, which extrapolates.
-    """
-    torque = states.torque[:, joint_error.joint]
-    direction = smooth_sign(states.dq[:, joint_error.joint])
-    by_size = hat_functions(np.abs(torque)) * direction[:, None]
-    return np.column_stack([hat_functions(torque), by_size, torque])
+def _drifts(x: _Seen) -> Array:
+    """Return columns (M, 9) of a drift of an offset, of Coulomb and of viscous friction:
+    s, s^2, s^3, these times the direction, and times the velocity; s is time, from -1
+    to 1."""
+    t = x.states.t - x.states.t.mean()
+    s = t / nonzero_or_one(np.abs(t).max())
+    powers = np.column_stack([s**k for k in _TIME_POWERS])
+    return np.hstack([x.both_ways(powers), powers * x.dq[:, None]])
 
 
-def _time_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, 9) for the cause "time": a drift of an offset, of Coulomb
-    and of viscous friction.
-
-    They are s, s^2, s^3, then these times the direction, then times the velocity. s is
-    the time from the middle of the recording over half its length, so from -1 to 1.
-    """
-    t = states.t - states.t.mean()
-    t = t / nonzero_or_one(np.abs(t).max())
-    powers = np.column_stack([t**k for k in _TIME_POWERS])
-    direction = smooth_sign(states.dq[:, joint_error.joint])
-    velocity = states.dq[:, joint_error.joint]
-    return np.hstack([powers, powers * direction[:, None], powers * velocity[:, None]])
-
-
-def _hum_columns(states: States, joint_error: JointError) -> Array:
-    """Return the columns (M, 2 L) for the cause "hum": sine and cosine of 2 pi f t for
-    each of L spectral lines f [Hz] of the error below the filter's cut-off.
-
-    Only segments of at least half the length of the longest are searched for lines,
-    since all are cut to the length of the shortest.
-    """
-    rows = states.rows
-    pieces = [joint_error.error[rows.segment == k] for k in np.unique(rows.segment)]
-    longest = max(len(p) for p in pieces)
+def _hums(x: _Seen) -> Array:
+    """Return columns (M, 2 L): sine and cosine of 2 pi f t for each of L spectral lines
+    f [Hz] of the error below the filter's cut-off, of the segments of at least half the
+    length of the longest: all are cut to that of the shortest."""
+    rows = x.states.rows
+    pieces = [x.of.error[rows.segment == k] for k in np.unique(rows.segment)]
+    longest = max(map(len, pieces))
     long_enough = [p for p in pieces if 2 * len(p) > longest]
     lines = spectral_lines(long_enough, rows.rate, rows.n, highest=rows.cutoff)
-    waves = []
-    for frequency in lines:
-        angle = 2.0 * np.pi * frequency * states.t
-        waves += [np.sin(angle), np.cos(angle)]
-    return _stack_columns(waves, len(states.t))
+    angle = 2.0 * np.pi * np.outer(x.states.t, lines)
+    return np.hstack([np.sin(angle), np.cos(angle)])
 
 
-#: What of another joint an error may depend on, in the order of the sets of columns.
-_QUANTITIES = ("velocity", "acceleration", "position")
+#: What of another joint an error may depend on: hat functions, and what extrapolates.
+_QUANTITIES: Mapping[str, Callable[[States, int], Array]] = {
+    "velocity": lambda x, i: np.column_stack(
+        [hat_functions(x.dq[:, i]), x.dq[:, i], smooth_sign(x.dq[:, i])]
+    ),
+    "acceleration": lambda x, i: np.column_stack(
+        [hat_functions(x.ddq[:, i]), x.ddq[:, i]]
+    ),
+    "position": lambda x, i: hat_functions(x.q[:, i]),
+}
 
 
-def _other_joint_columns(states: States, joint_error: JointError) -> list[Array]:
-    """List alternative sets of columns for the cause "other joints": three for each
-    other joint, named by :func:`other_joint_quantity`.
-
-    The first set (M, k) has hat functions of that joint's velocity, the velocity, and
-    its direction; the second has hat functions of its acceleration, and the
-    acceleration; the third has hat functions of its position. Of all sets the one that
-    explains most counts.
-    """
-    out = []
-    for i in states.others(joint_error.joint):
-        velocity = states.dq[:, i]
-        acceleration = states.ddq[:, i]
-        direction = smooth_sign(velocity)
-        out.append(np.column_stack([hat_functions(velocity), velocity, direction]))
-        out.append(np.column_stack([hat_functions(acceleration), acceleration]))
-        out.append(hat_functions(states.q[:, i]))
-    return out
-
-
-def other_joint_quantity(joint: int, alternative: int) -> str:
+def other_joint_quantity(states: States, joint: int, alternative: int) -> str:
     """Return what a set of columns of the cause "other joints" depends on, such as
     "acceleration of joint 4".
 
     joint : of the error, from 0; alternative : number of the set, from 0.
     """
     number, quantity = divmod(alternative, len(_QUANTITIES))
-    other = number if number < joint else number + 1
-    return f"{_QUANTITIES[quantity]} of joint {other + 1}"
+    return f"{[*_QUANTITIES][quantity]} of joint {states.others(joint)[number] + 1}"
 
 
-def _modelled_torque_columns(states: States, joint_error: JointError) -> Array:
-    """Return the column (M, 1) for the cause "modelled torque": the model's torque on
-    the joint.
-
-    The error is a multiple of it if the gain of the torque channel is wrong.
-    """
-    return states.modelled[:, [joint_error.joint]]
+def _fast(x: _Seen) -> Array:
+    """Return the speed (M,) beyond FAST (3/4) of the joint's largest one."""
+    speed = np.abs(x.dq)
+    return np.maximum(speed - FAST * speed.max(), 0.0)
 
 
-def _torque_rate_columns(states: States, joint_error: JointError) -> Array:
-    """Return the column (M, 1) for the cause "late torque": the derivative of the
-    model's torque by time.
-
-    A torque tau that is logged later by d is tau - d dtau/dt to first order.
-    """
-    return states.torque_rate[:, [joint_error.joint]]
-
-
-def _torque_curvature_columns(states: States, joint_error: JointError) -> Array:
-    """Return the column (M, 1) for the cause "yielding gear": the second derivative
-    of the torque that the gear transmits.
-
-    A gear of stiffness k that yields by tau / k under the torque tau accelerates the
-    link by -(d^2 tau / dt^2) / k beside what the motor's encoder shows.
-    """
-    return states.torque_curvature[:, [joint_error.joint]]
+def _beside(*columns: Array) -> Array:
+    """Return columns (M,) or (M, k) side by side; hat functions of a quantity make any
+    function of it where it was, and others go on where it was not."""
+    return np.column_stack(columns)
 
 
 #: By cause its columns (M, k), or several sets of them of which the best counts, in the
-#: order of a heat map's rows.
-CAUSE_COLUMNS: Mapping[str, Callable[[States, JointError], Array | list[Array]]] = {
-    REVERSAL: _reversal_columns,
-    STANDSTILL: _standstill_columns,
-    HIGH_SPEED: _high_speed_columns,
-    VELOCITY: _velocity_columns,
-    POSITION: _position_columns,
-    TURN: _turn_columns,
-    BY_DIRECTION: _position_and_direction_columns,
-    POSE: _pose_columns,
-    WAVES: _wave_columns,
-    ACCELERATION: _acceleration_columns,
-    LOAD: _load_columns,
-    TIME: _time_columns,
-    HUM: _hum_columns,
-    OTHER_JOINTS: _other_joint_columns,
-    MODELLED_TORQUE: _modelled_torque_columns,
-    TORQUE_RATE: _torque_rate_columns,
-    TORQUE_CURVATURE: _torque_curvature_columns,
+#: order of a heat map's rows. A multiple of the model's torque is a wrong gain of the
+#: channel, of its derivative a late torque (tau - d dtau/dt), of the second derivative
+#: of what the gears transmit a gear that yields by tau / k.
+CAUSE_COLUMNS: Mapping[str, Callable[[_Seen], Array | list[Array]]] = {
+    REVERSAL: _near_reversals,
+    STANDSTILL: lambda x: x.both_ways(np.asarray(x.rows_still > STILL, float)),
+    HIGH_SPEED: lambda x: x.both_ways(_fast(x)),
+    VELOCITY: lambda x: _beside(hat_functions(x.dq), x.dq**2, x.dq * np.abs(x.dq)),
+    POSITION: lambda x: hat_functions(x.q),
+    TURN: lambda x: _beside(*(w(k * x.q) for k in _TURNS for w in (np.sin, np.cos))),
+    BY_DIRECTION: lambda x: hat_functions(x.q) * x.direction[:, None],
+    POSE: _poses,
+    WAVES: _waves,
+    ACCELERATION: lambda x: _beside(hat_functions(x.ddq), x.ddq),
+    LOAD: lambda x: _beside(
+        hat_functions(x.torque),
+        hat_functions(np.abs(x.torque)) * x.direction[:, None],
+        x.torque,
+    ),
+    TIME: _drifts,
+    HUM: _hums,
+    OTHER_JOINTS: lambda x: [
+        columns(x.states, i)
+        for i in x.states.others(x.of.joint)
+        for columns in _QUANTITIES.values()
+    ],
+    MODELLED_TORQUE: lambda x: x.modelled[:, None],
+    TORQUE_RATE: lambda x: x.torque_rate[:, None],
+    TORQUE_CURVATURE: lambda x: x.torque_curvature[:, None],
 }
+
+
+def columns_of_causes(states: States, error: JointError) -> dict[str, list[Array]]:
+    """Return for each cause the sets of columns (M, k) of which a joint's error may be
+    made, of which the best counts."""
+    seen = _Seen(states, error)
+    sets = {name: columns(seen) for name, columns in CAUSE_COLUMNS.items()}
+    return {name: x if isinstance(x, list) else [x] for name, x in sets.items()}
 
 
 @dataclass(frozen=True)
@@ -456,7 +353,7 @@ class CauseShares:
     #: Share of the error's variance that other parameters of the model would remove.
     refit_share: float = 0.0
     #: Share of what a refit leaves that usual drives show as well
-    #: (:mod:`~sdp_vs_penalty.diagnosis.usual_error`).
+    #: (:func:`usual_errors`).
     usual_share: float = 0.0
     #: What of another joint explains most, such as "velocity of joint 2"; empty if
     #: nothing does.
@@ -597,7 +494,7 @@ class Refit:
         n, n_rows, n_parameters = columns.shape
         # Not under a new name: the unscaled columns need not stay in memory.
         columns = columns / scale[:, None, None]
-        basis = orthonormal(columns.reshape(n * n_rows, n_parameters))
+        basis = span(columns.reshape(n * n_rows, n_parameters))
         scaled_error = (error / scale[:, None]).ravel()
         remainder = scaled_error - basis @ (basis.T @ scaled_error)
         return cls(
@@ -642,7 +539,7 @@ class SplitError:
     #: (M, k) columns of usual friction beyond the model.
     turning: Array
     #: (M,) error that the lag of the other joints would make on this joint
-    #: (:class:`~sdp_vs_penalty.diagnosis.usual_error.UsualError`).
+    #: (:class:`UsualError`).
     lag: Array
 
     @property
@@ -786,3 +683,165 @@ def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> flo
     quadratic = np.einsum("fkr,fkr->r", theta, grams @ theta)
     explained = 2.0 * linear - quadratic
     return max(0.0, float(explained.max()) / total)
+
+
+# The error that most drives show: friction that turns round over a short travel, and a
+# lag that the joints share. Both are in nearly every log, and often make its largest
+# errors. They tell neither the joint at fault nor the cause, so that joints and causes
+# are compared beyond them. The lag of a joint is predicted from the other joints alone:
+# a channel that is later than the others keeps the part by which it is later.
+
+#: Travels over which friction turns round in usual gears [rad or m]: it approaches its
+#: level as exp(-travel / length).
+_TURNING_LENGTHS = (0.003, 0.01, 0.03)
+#: Instants from a reversal [s], and the half width [s] of the triangles there: a late
+#: velocity channel makes such errors.
+_TURNING_INSTANTS = (-0.1, 0.0, 0.1)
+_TURNING_WIDTH = 0.1
+
+
+def turning_columns(states: States, joint: int) -> Array:
+    """Return columns (M, 6) of friction that turns round over a short travel, for one
+    joint (from 0).
+
+    Returns
+    -------
+    (M, 6) array
+        The direction times exp(-travel / length), with the travel since the last
+        reversal, for three lengths. Then triangles around three instants near a
+        reversal, times the direction after it.
+    """
+    q = states.q[:, joint]
+    velocity = states.dq[:, joint]
+    direction = smooth_sign(velocity)
+    travel = travel_since_reversal(q, velocity, states.rows)
+    since, direction_after = since_reversal(states.t, velocity, states.rows.segment)
+    columns = [np.exp(-travel / length) * direction for length in _TURNING_LENGTHS]
+    for instant in _TURNING_INSTANTS:
+        distance = np.abs(since - instant)
+        triangle = np.maximum(1.0 - distance / _TURNING_WIDTH, 0.0)
+        columns.append(triangle * direction_after)
+    return np.column_stack(columns)
+
+
+def lag_columns(states: States, joint: int) -> Array:
+    """Return columns (M, 2) of a lag: first and second derivative of the joint's
+    torque by time [N m/s, N m/s^2 or N/s, N/s^2].
+
+    A low-pass of time constant T makes tau - T dtau/dt + T^2 d^2tau/dt^2 of the torque
+    tau, to second order. Noise of positions (encoder steps, a clock that jitters) is in
+    the modelled torque and in its second derivative alike, so that the latter explains
+    it as well: by a coefficient that follows from the filters, the same for all joints.
+    """
+    columns = [states.torque_rate[:, joint], states.torque_curvature[:, joint]]
+    return np.column_stack(columns)
+
+
+@dataclass(frozen=True)
+class LagFit:
+    """The least-squares problem of the lag of one joint."""
+
+    #: (M, 2) columns of the lag, without what a refit of the model makes of them.
+    columns: Array
+    #: (2, 2) matrix of the normal equations of the lag's coefficients [s, s^2], without
+    #: the joint's turning friction and over the mean square that is left of its error.
+    gram: Array
+    #: (2,) right side of these normal equations.
+    pull: Array
+    #: (M, k) orthonormal basis of the turning friction.
+    turning: Array
+    #: (M,) error of the joint without the turning friction.
+    error: Array
+
+    @classmethod
+    def of_joint(cls, turning: Array, lag: Array, error: Array) -> LagFit:
+        """Set up the fit of a lag (M, 2) to an error (M,) beside friction (M, k)."""
+        basis = span(turning)
+        error_left = error - basis @ (basis.T @ error)
+        lag_left = lag - basis @ (basis.T @ lag)
+        mean_square = float(nonzero_or_one(np.mean(error_left**2)))
+        return cls(
+            columns=lag,
+            gram=lag_left.T @ lag_left / mean_square,
+            pull=lag_left.T @ error_left / mean_square,
+            turning=basis,
+            error=error_left,
+        )
+
+    def predicted(self, coefficients: Array) -> Array:
+        """Return the error (M,) of a lag with these coefficients (2,) [s, s^2].
+
+        It is scaled by 0 to 1, so that it fits this joint best: a joint need not have
+        the lag that others have.
+        """
+        lag = self.columns @ coefficients
+        lag_left = lag - self.turning @ (self.turning.T @ lag)
+        energy = float(nonzero_or_one(lag_left @ lag_left))
+        scale = np.clip(lag_left @ self.error / energy, 0.0, 1.0)
+        return np.asarray(scale * lag)
+
+
+def shared_lags(fits: list[LagFit]) -> list[Array]:
+    """Return the error (M,) of each joint's lag, as the other joints show the lag.
+
+    Returns
+    -------
+    list of (M,) array
+        Zeros for an arm of one joint.
+    """
+    out = []
+    for j, fit in enumerate(fits):
+        others = [other for i, other in enumerate(fits) if i != j]
+        gram = sum((other.gram for other in others), np.zeros((2, 2)))
+        pull = sum((other.pull for other in others), np.zeros(2))
+        # Columns of unit norm: s and s^2 differ by orders of magnitude.
+        norms = nonzero_or_one(np.sqrt(np.diagonal(gram)))
+        unit_gram = gram / np.outer(norms, norms)
+        coefficients = np.linalg.pinv(unit_gram, rcond=1e-9) @ (pull / norms) / norms
+        out.append(fit.predicted(coefficients))
+    return out
+
+
+@dataclass(frozen=True)
+class UsualError:
+    """The usual error of one joint, on the rows that count."""
+
+    #: (M, 6) columns of friction that turns round over a short travel, without what a
+    #: refit of the model makes of them.
+    turning: Array
+    #: (M,) error of the lag that the other joints show, over the joint's RMS error.
+    lag: Array
+
+
+def usual_errors(
+    states: States, refit: Refit, keep: NDArray[np.bool_]
+) -> list[UsualError]:
+    """Return the usual error of every joint, one for each in order.
+
+    Parameters
+    ----------
+    states
+        Motion and torque of every row.
+    refit
+        The model's parameters, fitted to the rows that count.
+    keep
+        (all rows,) flags the M rows that count.
+    """
+    turning = []
+    fits = []
+    for joint in range(len(refit.scale)):
+        scale = refit.scale[joint]
+        friction = turning_columns(states, joint)[keep] / scale
+        lag = lag_columns(states, joint)[keep] / scale
+        turning.append(refit.without_model(friction, joint))
+        fits.append(
+            LagFit.of_joint(
+                turning=turning[-1],
+                lag=refit.without_model(lag, joint),
+                error=refit.remainder[joint],
+            )
+        )
+    return [
+        UsualError(turning=friction, lag=lag)
+        for friction, lag in zip(turning, shared_lags(fits), strict=True)
+    ]

@@ -172,10 +172,15 @@ class Conclusion:
         may_be_zero = [
             any(doubt.reason == "insignificant" for doubt in f.doubts) for f in findings
         ]
-        harmful = self.ladder.harmful_together(is_sure, may_be_zero)
+        harmful = self.ladder.harmful_together(is_sure, may_be_zero, self.known_floor)
         if any(harmful) and not self.search.rules.second_veto:
             return [False] * len(harmful)
         return harmful
+
+    @property
+    def known_floor(self) -> Array:
+        """(n,) noise floor [N m or N], zero where the noise is not known."""
+        return self.data.noise.floor * self.data.noise_is_known
 
     def retunes(self, harmful: Sequence[bool]) -> tuple[Retune, ...]:
         """Describe the shape constants of the model that should change.
@@ -202,11 +207,8 @@ class Conclusion:
         The share of error that a curve explains is counted above the joint's noise
         floor [N m or N], which is 0 if the noise is not known.
         """
-        floor = np.zeros(self.data.n)
-        if self.data.noise_is_known:
-            floor = self.data.noise.floor
         return tuple(
-            c.to_curve(self.seed + k, float(floor[c.joint]))
+            c.to_curve(self.seed + k, float(self.known_floor[c.joint]))
             for k, c in enumerate(self.curves)
         )
 

@@ -10,9 +10,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.comparison import noise_floor
 from sdp_vs_penalty.diagnosis.conclude import Conclusion, unproven_stand_ins
-from sdp_vs_penalty.diagnosis.curves.accept import accept_curves
-from sdp_vs_penalty.diagnosis.curves.measure import measure_curves
+from sdp_vs_penalty.diagnosis.curves.measure import accept_curves, measure_curves
 from sdp_vs_penalty.diagnosis.equivalence import with_equivalence_sets
+from sdp_vs_penalty.diagnosis.events import find_hums_above
 from sdp_vs_penalty.diagnosis.explanation import (
     Ladder,
     drop_harmful,
@@ -22,7 +22,6 @@ from sdp_vs_penalty.diagnosis.explanation import (
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData
-from sdp_vs_penalty.diagnosis.hums import find_hums_above
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.passing.cause import (

@@ -238,7 +238,7 @@ class Ladder:
         return beside_others if shows(*beside_others[:, joints]) else step
 
     def harmful_together(
-        self, is_sure: Sequence[bool], may_be_zero: Sequence[bool]
+        self, is_sure: Sequence[bool], may_be_zero: Sequence[bool], floor: Array
     ) -> list[bool]:
         """Return for each constant and each finding whether it does harm beside the
         certain ones.
@@ -255,6 +255,8 @@ class Ladder:
             certain.
         may_be_zero
             Whether the size of each finding is not told from zero.
+        floor
+            (n,) noise of the joints [N m or N], zero where it is not known.
 
         Returns
         -------
@@ -268,6 +270,6 @@ class Ladder:
                 certain.append(number)
         needed = [k for k, zero in zip(findings, may_be_zero, strict=True) if zero]
         harmless = self.held_out.drop_harmful(certain, needed)
-        harmless = self.held_out.drop_harmful_to_a_joint(harmless)
+        harmless = self.held_out.drop_harmful_to_a_joint(harmless, floor)
         harmful = set(certain).difference(harmless)
         return [number in harmful for number in self.offered]

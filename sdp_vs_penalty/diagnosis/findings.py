@@ -843,6 +843,7 @@ class Diagnosis(Record, JsonRecord):
                 )
                 what = f"{finding.title}: these runs do not decide it"
                 remedies.append(Remedy(what, *finding.grade_and_why, change))
+        remedies += [e.remedy for e in self.events_without_cause if e.frequency is None]
         return tuple(remedies)
 
     @property
@@ -1332,8 +1333,9 @@ def event_lines(
         return [*causes, summary]
     lines = causes
     for e in events:
-        what = f"isolated disturbance on joint {e.joint}"
-        if e.frequency is not None:
-            what = f"a hum of {_hum_in_words(diagnosis, e)}"
-        lines.append(f"{what}: {e.t_start:.2f} s to {e.t_end:.2f} s")
+        if e.frequency is None:
+            lines.append(e.sentence)
+        else:
+            hum = f"a hum of {_hum_in_words(diagnosis, e)}"
+            lines.append(f"{hum}: {e.t_start:.2f} s to {e.t_end:.2f} s")
     return lines

@@ -122,7 +122,7 @@ class HeldOut:
     #: Computes such errors for folds of the training motion, the second opinion before
     #: an effect is removed; None if there is none.
     make_second: Callable[[], HeldOut] | None = None
-    #: (K, n) sums of squared errors computed before, by the chosen effects' numbers.
+    #: Sums of squared errors computed before, by the chosen effects' numbers.
     _known_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
     #: (n,) errors of least-squares fits computed before, by the chosen effects'
     #: numbers.
@@ -142,32 +142,32 @@ class HeldOut:
         The model with the chosen effects (their numbers) is fitted by the model's
         method, under its constraints. Each choice is computed once.
         """
-        squares = self._squares(chosen).sum(axis=0)
-        n_rows = self._n_rows.sum(axis=0)
+        squares = self._squares(chosen)[:, :-1].sum(axis=(0, 1))
+        n_rows = self._n_rows[:, :-1].sum(axis=(0, 1))
         return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
     def errors_by_recording(self, chosen: Sequence[int]) -> Array:
-        """Return the RMS errors (R, n) [N m or N] of each of R recordings left out.
+        """Return the RMS errors (R + 1, n) [N m or N] of each of R recordings left out,
+        and of the rows fitted to.
 
-        They are those of the test run or, without one, the searched recordings, of
+        The recordings are those of the test run or, without one, the searched ones, of
         which all folds are taken together. ``chosen`` are the numbers of the effects.
         """
-        n_splits = len(self.splits)
-        by_split = n_splits, -1, self.estimate.robot.n
-        squares = self._squares(chosen).reshape(by_split).sum(axis=0)
-        n_rows = self._n_rows.reshape(by_split).sum(axis=0)
-        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
+        squares = self._squares(chosen).sum(axis=0)
+        return np.asarray(np.sqrt(squares / np.maximum(self._n_rows.sum(axis=0), 1)))
 
     @cached_property
     def _n_rows(self) -> NDArray[np.int64]:
-        """(K, n) number of rows left out, joint by joint: of each split its recordings
-        in order.
+        """(splits, R + 1, n) number of rows, joint by joint: of each split those of its
+        recordings in order, then those fitted to.
         """
-        return np.array([t.joint_rows() for s in self.splits for t in s.tests])
+        return np.array(
+            [[x.joint_rows() for x in (*s.tests, s.train)] for s in self.splits]
+        )
 
     def _squares(self, chosen: Sequence[int]) -> Array:
-        """Return the sums (K, n) of squared errors [(N m)^2 or N^2] on data left out: of
-        each split its recordings in order.
+        """Return the sums (splits, R + 1, n) of squared errors [(N m)^2 or N^2] on these
+        rows.
 
         Each choice of effects (their numbers) is computed once.
         """
@@ -177,10 +177,10 @@ class HeldOut:
         return self._known_squares[key]
 
     def _fitted_squares(self, chosen: Sequence[int]) -> Iterator[Array]:
-        """Yield the sums (n,) of squared errors of each split's recordings.
+        """Yield the sums (R + 1, n) of squared errors of each split.
 
         The model with the chosen effects (their numbers) is fitted to a split's
-        training rows, and judged on its test rows. Splits with the same effects are
+        training rows, and judged on its test rows and on these. Splits with the same effects are
         fitted together, so that constraints and columns are set up once.
         """
 
@@ -197,8 +197,8 @@ class HeldOut:
             )
             for split, theta in zip(same_effects, fits, strict=True):
                 all_parameters = columns.with_zeros(theta)
-                for test in split.tests:
-                    yield test.joint_losses(all_parameters)
+                rows = (*split.tests, split.train)
+                yield np.array([x.joint_losses(all_parameters) for x in rows])
 
     def least_squares_errors(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (n,) [N m or N] on data left out, by least squares.
@@ -292,15 +292,22 @@ class HeldOut:
         before = self.second.least_squares_errors(without)
         return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
 
-    def drop_harmful_to_a_joint(self, accepted: Sequence[int]) -> list[int]:
-        """Drop effects that raise the error of one joint on one recording left out by
-        more than 5 % (MAX_JOINT_HARM).
+    def drop_harmful_to_a_joint(
+        self, accepted: Sequence[int], floor: Array
+    ) -> list[int]:
+        """Drop effects that raise the error of one joint on one recording left out, or
+        on the rows fitted to, by more than 5 % (MAX_JOINT_HARM), until none has.
 
         The recordings are those of the test run or, without one, the searched ones, of
         which all folds are taken together. The effects are judged together, against the
-        errors without any effect: for the error that has risen by most, the effect whose
-        removal lowers it most is dropped, until no removal lowers it. Each effect may
-        raise errors that others lower by more: beside them even true effects do.
+        errors without any effect: for the error that has risen by most, the effect is
+        dropped without which it is lowest. Each effect may raise errors that others
+        lower by more: beside them even true effects do.
+
+        Parameters
+        ----------
+        floor
+            (n,) noise [N m or N]; errors below it count as that large.
 
         Returns
         -------
@@ -308,9 +315,10 @@ class HeldOut:
             Numbers of the effects that stay.
         """
         accepted = list(accepted)
+        before = np.maximum(self.errors_by_recording(()), floor)
         while accepted:
-            now = self.errors_by_recording(accepted)
-            rise = error_ratios(self.errors_by_recording(()), now)
+            now = np.maximum(self.errors_by_recording(accepted), floor)
+            rise = error_ratios(before, now)
             if np.all(rise <= 1.0 + MAX_JOINT_HARM):
                 break
             recording_and_joint = np.unravel_index(np.argmax(rise), rise.shape)
@@ -319,10 +327,7 @@ class HeldOut:
                 k: self.errors_by_recording(_without(accepted, k))[recording_and_joint]
                 for k in accepted
             }
-            cause = min(error_without, key=error_without.__getitem__)
-            if error_without[cause] >= now[recording_and_joint]:
-                break
-            accepted.remove(cause)
+            accepted.remove(min(error_without, key=error_without.__getitem__))
         return accepted
 
 

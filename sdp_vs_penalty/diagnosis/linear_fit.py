@@ -11,15 +11,21 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, Nuisance
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.regression.evidence import deviance
+from sdp_vs_penalty.regression.linalg import span
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Share of a column below which what others leave of it is rounding.
 DEPENDENT = 1e-5
-#: Rows of a large matrix that are factorised at a time.
-_ROWS_AT_A_TIME = 4096
+
+
+def margin(evidence: float, least: float = EVIDENCE_TO_DISTINGUISH) -> float:
+    """Return the difference of evidence below which another law does as well as one of
+    this evidence: odds of 20 to 1 (``least``), and the accuracy of laws, 4 %."""
+    return least + LAW_TOLERANCE * max(evidence, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -689,7 +695,7 @@ class WhiteFitter:
         own_effects |= self.data.signed_effects
         n, M, _ = X.shape
         separate = [*own_effects.values()]
-        shared = orthonormal(np.delete(X, separate, axis=2).reshape(n * M, -1))
+        shared = span(np.delete(X, separate, axis=2).reshape(n * M, -1))
         n_shared = shared.shape[1]
         B = np.concatenate(
             [shared.reshape(n, M, n_shared), _unit(X[:, :, separate])], axis=2
@@ -999,48 +1005,6 @@ def _inverse_triangle(L: Array) -> Array:
     if not len(L):
         return L
     return np.asarray(scipy.linalg.lapack.dtrtri(L, lower=True)[0])
-
-
-def orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis (N, r) of the column space of ``columns`` (N, p).
-
-    The rank r comes from a pivoted QR of the columns' triangular factor R (p, p), which
-    is small. The basis, columns R^-1, is orthogonalised a second time against rounding:
-    twice is enough (Giraud et al. 2005).
-    """
-    norms = np.sqrt(np.einsum("mp,mp->p", columns, columns))
-    is_nonzero = norms > 1e-12 * norms.max(initial=0.0)
-    if not is_nonzero.any():
-        return np.zeros((len(columns), 0))
-    unit = columns[:, is_nonzero]
-    unit /= norms[is_nonzero]
-    triangle, order = scipy.linalg.qr(_triangular_factor(unit), mode="r", pivoting=True)
-    diagonal = np.abs(np.diagonal(triangle))
-    rank = int(np.sum(diagonal > 1e-8 * diagonal[0]))
-    basis = unit[:, order[:rank]]
-    del unit  # of a long recording some ten megabytes
-    basis = _times_inverse(basis, triangle[:rank, :rank])
-    return _times_inverse(basis, _triangular_factor(basis))
-
-
-def _triangular_factor(columns: Array) -> Array:
-    """Return the factor R (p, p) of the QR decomposition of columns (N, p), by some
-    thousand rows at a time; (N, p) where there are fewer rows than columns."""
-    factor: Array = columns[:0]
-    for start in range(0, len(columns), _ROWS_AT_A_TIME):
-        rows = columns[start : start + _ROWS_AT_A_TIME]
-        stacked = np.concatenate([factor, rows])
-        factor = np.asarray(np.linalg.qr(stacked, mode="r"))
-    return factor
-
-
-def _times_inverse(columns: Array, triangle: Array) -> Array:
-    """Return columns R^-1 (N, r) of columns (N, r) and a triangle R (r, r), in place of
-    the columns."""
-    transposed = scipy.linalg.solve_triangular(
-        triangle, columns.T, trans="T", overwrite_b=True
-    )
-    return np.ascontiguousarray(transposed.T)
 
 
 def _unit(columns: Array) -> Array:

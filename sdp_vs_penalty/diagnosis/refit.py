@@ -9,6 +9,8 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import plausible_sizes
+from sdp_vs_penalty.regression.linalg import min_norm_lstsq
+from sdp_vs_penalty.regression.regression import triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.inertia import link_sizes
 
@@ -62,16 +64,20 @@ def least_squares_refit(
     if not data.frozen and len(links):
         precision[links] = 1.0 / link_sizes(data.estimate.problem.nominal_links).ravel()
         prior_target[links] = 0.0
-    prior = np.diag(precision)
+    prior = np.column_stack([np.diag(precision), prior_target])
     # Steps are taken from the model's values: what no row determines stays there.
     triangles = []
     for j in range(n):
         white = data.white(columns_on(j), j)
-        triangles.append(_compress_rows(white, data.y[j] - white @ first))
+        triangles.append(
+            triangular([np.column_stack([white, data.y[j] - white @ first])])
+        )
     smallest_variance = 1.0 if data.noise_is_known else 1e-12
     level = np.ones(n)
     for _ in range(3):
-        step = _weighted_step(triangles, level, prior, prior_target)
+        rows = [prior, *(x / v for x, v in zip(triangles, level, strict=True))]
+        A = np.vstack(rows)
+        step = min_norm_lstsq(A[:, :-1], A[:, -1])
         squares = np.array([_squared_error(x, step) for x in triangles])
         variance = squares / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(variance, smallest_variance))
@@ -80,53 +86,7 @@ def least_squares_refit(
     return theta, np.asarray(torque - modelled)
 
 
-def _compress_rows(columns: Array, target: Array) -> Array:
-    """Compress a least-squares problem of M rows, with regressor (M, p) and right side
-    (M,), to at most p + 1 rows by a QR decomposition.
-
-    Returns
-    -------
-    (p + 1, p + 1) array
-        Triangular factor of [columns, target]: its last column is the target's.
-    """
-    columns_and_target = np.column_stack([columns, target])
-    return np.asarray(np.linalg.qr(columns_and_target, mode="r"))
-
-
 def _squared_error(triangle: Array, step: Array) -> float:
-    """Return the squared error |b - A step|^2 of a compressed problem [A, b] (r, p + 1)
-    (:func:`_compress_rows`), for a change of the parameters (p,)."""
+    """Return the squared error |b - A step|^2 of a compressed problem [A, b] (r, p + 1),
+    for a change of the parameters (p,)."""
     return float(np.sum((triangle[:, -1] - triangle[:, :-1] @ step) ** 2))
-
-
-def _weighted_step(
-    triangles: Sequence[Array], level: Array, prior: Array, prior_target: Array
-) -> Array:
-    """Solve the least squares of all joints' rows and of the prior for a step of the
-    parameters: minimise sum of |A_j step - b_j|^2 / level_j^2 + |prior step -
-    target|^2.
-
-    Parameters
-    ----------
-    triangles
-        Compressed problem of each joint j, [A_j, b_j] as :func:`_compress_rows` makes
-        it.
-    level
-        (n,) RMS residual by which each joint's rows are divided.
-    prior, prior_target
-        (p, p) and (p,) rows of the prior knowledge.
-
-    Returns
-    -------
-    (p,) array
-        The step; zero in directions that no row determines.
-    """
-    weighted = [x / v for x, v in zip(triangles, level, strict=True)]
-    A = np.vstack([*(x[:, :-1] for x in weighted), prior])
-    right_side = np.concatenate([*(x[:, -1] for x in weighted), prior_target])
-    # Columns of unit length; those that are zero are divided by infinity.
-    norms = np.linalg.norm(A, axis=0)
-    is_visible = norms > 1e-12 * norms.max(initial=0.0)
-    divisor = np.where(is_visible, norms, np.inf)
-    scaled_step = np.linalg.lstsq(A / divisor, right_side, rcond=1e-8)[0]
-    return np.asarray(scaled_step / divisor)

@@ -8,15 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import (
-    EVIDENCE_TO_ADD,
-    EVIDENCE_TO_DISTINGUISH,
-    LAW_TOLERANCE,
-    MAX_CANDIDATES_REFINED,
-)
+from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD, MAX_CANDIDATES_REFINED
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
-from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, margin
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
@@ -352,10 +347,8 @@ class Search:
         best = ranked[0]
         if not self.rules.simplest:
             return best
-        margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * best.evidence
-        tied = [
-            t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
-        ]
+        least = best.evidence - margin(best.evidence)
+        tied = [t for t in ranked if t.evidence_with_worth_of(best) > least]
         possible = [t for t in tied if not self.is_impossible(t)] or tied
         unrefined = [
             t for t in possible if not any(t.form.refines(u.form) for u in possible)
@@ -602,12 +595,12 @@ class Search:
             return None
         J = term.evidence
         J_other = other.evidence_with_worth_of(term)
-        margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
+        m = margin(J, EVIDENCE_TO_ADD)
         rank = simplicity(term.form), -J
         rank_of_other = simplicity(other.form), -J_other
         is_simpler = not other.form.refines(term.form) and rank_of_other < rank
-        is_better = J + margin < J_other
-        is_as_good = J - margin < J_other
+        is_better = J + m < J_other
+        is_as_good = J - m < J_other
         is_preferred = is_simpler or term.form.refines(other.form)
         if is_as_good and self.is_impossible(term) != self.is_impossible(other):
             is_preferred = self.is_impossible(term)

@@ -10,7 +10,7 @@ is fitted to some stretches of the motion and judged on others, so that chance e
 nothing. They are shares of what other parameters of the model would leave, fitted to
 all joints at once: the rest resembles the model, whatever its cause. Friction that
 turns round over a short travel, and a lag that the joints share, are in nearly every log
-(:mod:`~sdp_vs_penalty.diagnosis.usual_error`): causes are judged beyond them, and the
+(:mod:`~sdp_vs_penalty.diagnosis.causes`): causes are judged beyond them, and the
 worst joint is the one whose error beyond them is the most times its noise.
 """
 
@@ -46,11 +46,13 @@ from sdp_vs_penalty.diagnosis.causes import (
     Refit,
     SplitError,
     States,
+    UsualError,
+    columns_of_causes,
     other_joint_quantity,
+    usual_errors,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
-from sdp_vs_penalty.diagnosis.hums import find_hums_above
-from sdp_vs_penalty.diagnosis.usual_error import UsualError, usual_errors
+from sdp_vs_penalty.diagnosis.events import find_hums_above
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of, model_columns
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
@@ -679,15 +681,13 @@ class _Judge:
         of_error = dict[str, float]()
         beyond_usual = dict[str, float]()
         other_joint = ""
-        for name, columns_of in CAUSE_COLUMNS.items():
-            columns = columns_of(self.states, error)
-            alternatives = columns if isinstance(columns, list) else [columns]
+        for name, alternatives in columns_of_causes(self.states, error).items():
             explained = errors.explained_shares([x[keep] for x in alternatives])
             of_error[name] = explained.of_error
             beyond_usual[name] = explained.beyond_usual
             if name == OTHER_JOINTS and explained.beyond_usual > 0.0:
                 other_joint = other_joint_quantity(
-                    error.joint, explained.best_alternative
+                    self.states, error.joint, explained.best_alternative
                 )
         return CauseShares(
             of_error=of_error,

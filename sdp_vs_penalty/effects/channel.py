@@ -42,6 +42,9 @@ _LARGEST = 0.3
 #: Time constant of a drive's filter, or a delay, that is nothing odd [s]: a bandwidth
 #: of 8 Hz.
 _FILTER = 0.02
+#: Share of the time between two samples below which a delay is that of the instants: a
+#: controller holds its torque for a cycle, of which logs keep every tenth or fewer.
+_INSTANT = 0.1
 #: Where a search for one begins [s]: beside a delay of 12 ms one of 20 more is nothing
 #: of first order.
 _STARTS = 0.001, 0.005, 0.025
@@ -167,6 +170,16 @@ class DelayedTorque(Effect):
         return (
             super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []
         )
+
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Give a reason to doubt a delay [s] that is shorter than the log's instants are
+        known."""
+        if size != 0.0 and abs(size) < _INSTANT * coverage.step:
+            return (
+                "it is shorter than a tenth of the time between two samples: a control"
+                " cycle, or how positions were integrated, looks so"
+            )
+        return super().looks_like(size, coverage)
 
 
 class ChannelDelay(DelayedTorque):
@@ -295,7 +308,7 @@ class TorqueFilter(DelayedTorque):
                 "joints stand still at reversals, where friction turns round as slowly"
                 " by itself"
             )
-        return ""
+        return super().looks_like(size, coverage)
 
     def as_sized(self, size: float) -> float:
         """Return the filter's time constant [s] that follows from the parameter T_f.

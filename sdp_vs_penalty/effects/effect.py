@@ -103,6 +103,8 @@ class JointCoverage:
     lowest: float = -np.inf
     #: Highest position of the joint [rad, m].
     highest: float = np.inf
+    #: Time from sample to sample [s].
+    step: float = 0.0
 
 
 class Effect(ABC):

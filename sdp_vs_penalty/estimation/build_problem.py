@@ -30,7 +30,11 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, require_known
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
-from sdp_vs_penalty.estimation.known_load import gains_from_loads, with_scale
+from sdp_vs_penalty.estimation.known_load import (
+    KnownLoads,
+    gains_from_loads,
+    with_scale,
+)
 from sdp_vs_penalty.estimation.model_file import Recipe
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
@@ -106,7 +110,7 @@ class PoseOptions:
     #: their covariance.
     gain_uncertainty: float | Array = 0.0
     #: Runs with a known load, each with its mass [kg].
-    known_loads: Sequence[tuple[Source, float]] = ()
+    known_loads: KnownLoads = ()
     #: Seed of everything random.
     seed: int = 0
     #: Values of known parameters by name. Without torque they set the scale.

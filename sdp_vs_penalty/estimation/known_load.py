@@ -24,7 +24,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -53,10 +53,11 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
+#: Runs with a load, and its mass [kg].
+KnownLoads: TypeAlias = Sequence[tuple[Source, float]]
 
-def _loaded(
-    loads: Sequence[tuple[Source, float]], robot: Robot
-) -> Iterator[tuple[Measurements, float]]:
+
+def _loaded(loads: KnownLoads, robot: Robot) -> Iterator[tuple[Measurements, float]]:
     """Read the runs with a known load; yield each with its mass [kg].
 
     Raises InputError for a mass that is not positive and finite.
@@ -74,10 +75,7 @@ def _loaded(
 
 
 def gains_from_loads(
-    model: Model,
-    runs: FilteredRuns,
-    loads: Sequence[tuple[Source, float]],
-    prior: float,
+    model: Model, runs: FilteredRuns, loads: KnownLoads, prior: float
 ) -> tuple[Array, Array]:
     """Estimate the gains of the torque channels from runs with known masses.
 
@@ -321,7 +319,7 @@ def _in_units_of_error(
         joint = factor.joint + 1
         what = f"joint {joint} does not move, or follows its command without error"
         raise InputError(what, "check the columns qcmd1..qcmdn")
-    return np.asarray(wide / s)
+    return wide / s
 
 
 _SCALES = (
@@ -339,7 +337,7 @@ def with_scale(
     model: Model,
     runs: FilteredRuns,
     known: Mapping[str, float],
-    loads: Sequence[tuple[Source, float]],
+    loads: KnownLoads,
 ) -> tuple[Model, dict[str, Any]]:
     """Set the scale of a model of a log without torque.
 
@@ -567,10 +565,7 @@ def _mean_factor(loaded: Sequence[_LoadedRun], theta: Array) -> tuple[float, flo
 
 
 def _factor_of_loads(
-    problem: Problem,
-    model: Model,
-    runs: FilteredRuns,
-    loads: Sequence[tuple[Source, float]],
+    problem: Problem, model: Model, runs: FilteredRuns, loads: KnownLoads
 ) -> tuple[float, float]:
     """Return the factor on theta (p,) that known loads imply, and its relative std.
 

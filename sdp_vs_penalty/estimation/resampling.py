@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
@@ -65,7 +64,7 @@ from sdp_vs_penalty.regression.regression import (
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
-from sdp_vs_penalty.robot.arrays import Array, Mask
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -91,7 +90,7 @@ class Fold(WritesJson):
     #: (n,) sum of squared torque errors of each joint on the stretch.
     losses: Array
     #: (n,) number of rows of each joint on the stretch.
-    rows: NDArray[np.int64]
+    rows: Indices
     #: (n,) sum of squared torques of each joint on the stretch.
     torque_squared: Array
 
@@ -100,7 +99,7 @@ class Fold(WritesJson):
         """(n,) root mean square torque error of each joint on the judged stretch [N m
         or N].
         """
-        return np.asarray(np.sqrt(self.losses / np.maximum(self.rows, 1)))
+        return np.sqrt(self.losses / np.maximum(self.rows, 1))
 
     @property
     def relative_error_percent(self) -> float:

@@ -302,7 +302,7 @@ def _fitted(terms: Array, law: Array) -> Array:
     columns = terms @ law[:, 1:]
     error = terms @ law[:, 0]
     gains = np.linalg.lstsq(columns, error)[0]
-    return np.asarray(law[:, 0] - law[:, 1:] @ gains)
+    return law[:, 0] - law[:, 1:] @ gains
 
 
 def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
@@ -340,7 +340,7 @@ def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
         [np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds]
         for _, folds in joints
     ]
-    return np.asarray(np.mean(np.log(at_least_tiny(squared_errors)), axis=0))
+    return np.mean(np.log(at_least_tiny(squared_errors)), axis=0)
 
 
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:

@@ -264,7 +264,7 @@ class _Bank:
         # spline.
         d = u - self.spline.x[k]
         powers = np.array([[d**3, d**2, d, 1.0], [3.0 * d**2, 2.0 * d, 1.0, 0.0]])
-        return np.asarray(powers @ self.spline.c[:, k])
+        return powers @ self.spline.c[:, k]
 
 
 def _with_banks(
@@ -730,7 +730,7 @@ def _quadratic_forms(grams: Array, coefficients: Array) -> Array:
     s).
     """
     products = np.squeeze(grams @ coefficients[..., None], 3)
-    return np.asarray(np.sum(products * coefficients, axis=2))
+    return np.sum(products * coefficients, axis=2)
 
 
 def with_shapes(

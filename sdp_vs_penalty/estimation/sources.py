@@ -110,4 +110,4 @@ def is_data_determined(task: Task, rows: Array) -> Mask:
     # Directions that no torque shows have next to no information: 1e-12 of the prior's.
     variance_by_data = weight @ (1.0 / np.maximum(information, 1e-12))
     variance_by_prior = weight.sum(axis=1)
-    return np.asarray(variance_by_data < variance_by_prior)
+    return variance_by_data < variance_by_prior

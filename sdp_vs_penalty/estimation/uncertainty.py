@@ -138,7 +138,7 @@ class Sandwich:
         visible = np.sum((scaled @ self._basis) ** 2, axis=1)
         # Rounding may take a millionth of the squared length.
         is_visible = visible > (1.0 - 1e-6) * total
-        return np.asarray(is_visible & ~is_hidden & (total > 0.0))
+        return is_visible & ~is_hidden & (total > 0.0)
 
     def half_widths(self, contrasts: Array) -> Array:
         """Return half-widths of the 95 % intervals of linear functions of theta.
@@ -238,7 +238,7 @@ class Sandwich:
             covariance = share * covariance + (1.0 - share) * products
         values, vectors = np.linalg.eigh(covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return np.asarray(self.directions @ root)
+        return self.directions @ root
 
     def response(self, torques: Sequence[Array]) -> Array:
         """Return the change of the estimate that changes of the torque cause.
@@ -264,7 +264,7 @@ class Sandwich:
                 @ self.directions[f.indices]
             )
             scores += weighted.T @ torque
-        return np.asarray(self.directions @ scores)
+        return self.directions @ scores
 
     def gain_response(self, theta: Array) -> Array:
         """Return the change of the estimate with the gains of the torque channels.
@@ -303,7 +303,7 @@ def stretched(factor: Array, std: Array) -> Array:
     has_ratio = np.isfinite(std) & (length > 0.0)
     ratio = np.where(has_ratio, std, 1.0) / np.where(has_ratio, length, 1.0)
     typical = float(np.median(ratio[has_ratio])) if has_ratio.any() else 1.0
-    return np.asarray(factor * np.where(has_ratio, ratio, typical)[:, None])
+    return factor * np.where(has_ratio, ratio, typical)[:, None]
 
 
 def _kernel(regression: Regression, inflation: float) -> scipy.sparse.csr_array:
@@ -854,7 +854,7 @@ class _Intervals:
         above = np.where(rows > 0.0, high, low)
         ends = np.stack([below, above])
         # Ends may be infinite: 0 times infinity shall count 0.
-        return np.asarray(np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2))
+        return np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2)
 
     def std(self, rows: Array) -> Array:
         """Return the standard deviations (b,) of linear functions rows (b, p) of theta,
@@ -872,7 +872,7 @@ class _Intervals:
         noise = np.where(is_known, 0.0, np.hypot(noise, free_rows @ self._offset))
         errors_of_gains = rows @ self.gains @ self.gain_errors
         other = np.hstack([rows @ self.extra, errors_of_gains])
-        return np.asarray(np.hypot(noise, np.linalg.norm(other, axis=1)))
+        return np.hypot(noise, np.linalg.norm(other, axis=1))
 
     def intervals(self, base: BaseParameters) -> tuple[Interval, ...]:
         """Return the 95 % interval of each of ``base``'s linear functions of theta."""

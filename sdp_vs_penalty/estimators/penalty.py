@@ -87,7 +87,7 @@ class QuadraticForms:
         link."""
         u = x[self.indices]
         quadratic = np.einsum("ki,kij,kj->k", u, self.forms, u)
-        return np.asarray(quadratic + self.slopes * u[:, 0])
+        return quadratic + self.slopes * u[:, 0]
 
     def jacobian(self, x: Array) -> Array:
         """Return (K, p) the derivatives of the forms by all scaled parameters x
@@ -551,15 +551,19 @@ class Penalty(Estimator):
         return demands.plus(task.bodies) if self.body else demands
 
     def fit(self, task: Task) -> Fit:
-        """Minimise the torque loss with exact penalties from several starts."""
+        """Minimise the loss with exact penalties from several starts."""
         task = with_joint_prior(task, self.joint_prior)
         return fit_penalty(
             task,
-            task.data,
+            self.data(task),
             constraints=self.demands(task),
             starts=self.starts,
             tolerance=self.tolerance,
         )
+
+    def data(self, task: Task) -> LeastSquares:
+        """Return the loss that is minimised: that of the torque."""
+        return task.data
 
 
 @dataclass(frozen=True)
@@ -580,15 +584,10 @@ class PenaltyTwoStep(Penalty):
     #: a run that is made feasible from there ends 1.2 % above its proved optimum.
     tolerance: float = 1e-12
 
-    def fit(self, task: Task) -> Fit:
-        """Minimise the distance to the OLS base parameters with exact penalties."""
-        return fit_penalty(
-            task,
-            data=task.base_distance,
-            constraints=self.demands(task),
-            starts=self.starts,
-            tolerance=self.tolerance,
-        )
+    def data(self, task: Task) -> LeastSquares:
+        """Return the loss that is minimised: the distance to the OLS base
+        parameters."""
+        return task.base_distance
 
 
 #: A run whose own multipliers prove this gap, relative to the loss, is the last one: no

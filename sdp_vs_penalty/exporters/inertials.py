@@ -24,6 +24,7 @@ from sdp_vs_penalty.robot.inertial_repair import (
     PRODUCTS,
     Repair,
     WrittenInertial,
+    find_exchanges,
     find_repairs,
 )
 from sdp_vs_penalty.robot.plausible_units import LinkSizes, limits_in_degrees, odd_units
@@ -110,6 +111,10 @@ class LinkCheck(WritesJson):
             misfit = written.misfit(written.barycentric())
             if misfit:
                 repairs = find_repairs(written)[0]
+            elif repairs := find_exchanges(written):
+                misfit = (
+                    "turned: its moments fit its shapes far better about other axes"
+                )
         elif inertial.mass > 0.0:
             about_com = inertia.nearest_inertia(inertial.about_com, inertial.mass)
             nearest = replace(inertial, about_com=about_com)

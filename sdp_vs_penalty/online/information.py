@@ -212,6 +212,4 @@ class Posterior:
         It is the inverse of the precision, by its Cholesky factor from the last
         :meth:`solve`.
         """
-        return np.asarray(
-            scipy.linalg.lapack.dpotrs(self._factor, np.eye(SIZE), lower=1)[0]
-        )
+        return scipy.linalg.lapack.dpotrs(self._factor, np.eye(SIZE), lower=1)[0]

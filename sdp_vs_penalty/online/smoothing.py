@@ -37,11 +37,6 @@ class SmoothingFilter:
         self._next = 0
         self._count = 0
 
-    @property
-    def is_full(self) -> bool:
-        """Whether the window is full of samples."""
-        return self._count >= self.length
-
     def clear(self) -> None:
         """Forget all samples, as after a gap of the clock."""
         self._count = 0

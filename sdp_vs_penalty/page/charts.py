@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
+from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Finding
@@ -15,10 +15,9 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.render import charts as plots
-from sdp_vs_penalty.render.charts import POINTS, Curves, Figure
+from sdp_vs_penalty.render.charts import Curves, Figure
 from sdp_vs_penalty.render.pieces import shades
 from sdp_vs_penalty.render.words import shown_cause, shown_waves
-from sdp_vs_penalty.robot.arrays import Array
 
 
 def torque_chart(
@@ -225,139 +224,69 @@ def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
     if not step.failures or not step.pictures:
         return None
     read = session.arrays(step.pictures)
-
-    def signals(name: str) -> Signals:
-        return Signals(read["t"], read["q"], read["dq"], read["measured"], read[name])
-
-    before = signals("before")
-    after = signals("after")
+    reads = [{**read, "torque": read["measured"], "modelled": read["before"]}]
+    if finding.torque_is_certain:
+        reads.append({**reads[0], "modelled": read["after"]})
     joint = finding.main_joint
     failures = Failures.from_dict({"units": (), "joints": step.failures})
-    units = session.robot["units"]
-    plot = plots.cause_figure(
-        before,
-        after if finding.torque_is_certain else None,
-        joint=joint,
-        cause=shown_cause(finding, failures, joint),
-        waves=shown_waves(failures[joint - 1], finding),
-        units=units,
-        position_units=["m" if unit == "N" else "rad" for unit in units],
-        floor=step.comparison["noise_floor"],
-    )
-    return ready(plot, 270)
+    cause = shown_cause(finding, failures, joint)
+    waves = shown_waves(failures[joint - 1], finding)
+    return cause_chart(session, step, reads, joint, cause, waves, 270)
 
 
-#: Signals that an error is drawn against, and their names.
-SIGNALS = {
-    "q": "position",
-    "dq": "velocity",
-    "ddq": "acceleration",
-    "torque": "measured torque",
-    "modelled": "modelled torque",
-    "torque_rate": "rate of the modelled torque",
-    "torque_curvature": "second derivative of the modelled torque",
-    "t": "time",
-}
-
-
-def residual_chart(
+def cause_chart(
+    session: Session,
+    step: ModelStep,
     reads: Sequence[Mapping[str, Any]],
     joint: int,
-    signal: str,
-    unit: str,
-    floor: float | None,
-    span: tuple[float, float] | None = None,
+    cause: str,
+    waves: float = 1.0,
+    height: int = 320,
 ) -> dict[str, Any]:
-    """Draw the torque error of one joint, as dots, against a signal.
+    """Draw the torque error of one joint (from 1) against a cause.
 
     Parameters
     ----------
+    step : ModelStep
+        The model whose noise floor is drawn.
     reads : sequence of mappings
-        Arrays of the same run (t, torque, modelled, q, dq, ...) for one or two models.
-    joint : int
-        Index of the joint, from 0.
-    floor : float, optional
-        Standard deviation of the torque's noise; the band covers 95 % of it.
-    span : (float, float), optional
-        Seconds of the run to draw.
+        Arrays of the same rows (t, q, dq, torque, modelled) for one or two models.
+    waves : float
+        How many waves in 2 pi of the position the chart shows one of.
 
     Returns
     -------
     dict
-        The figure as JSON for plotly's script; reversals of the joint are ringed.
+        The figure as JSON for plotly's script.
     """
-    last = reads[-1]
-    t = last["t"] - last["t"][0]
-    cut = _rows_of_span(t, span)
-    x = _signal(last, signal, joint)[cut]
-    errors = [(r["torque"][:, joint] - r["modelled"][:, joint])[cut] for r in reads]
-    rows = plots.spread_rows(len(x))
-    plot = Figure()
-
-    def dots(y: Any, name: str, colour: str) -> None:
-        marker = {"size": 3, "color": colour}
-        plot.add(
-            "scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker
-        )
-
-    if len(errors) > 1:  # in the colours of the torque's figure
-        dots(errors[0], "error of the first model", BEFORE)
-    dots(errors[-1], "error", AFTER)
-    direction = np.sign(last["dq"][cut, joint])
-    # The joint reverses between a row and the next one.
-    turns = np.flatnonzero(direction[1:] != direction[:-1])[:POINTS]
-    rings = {"size": 8, "symbol": "circle-open", "color": PALETTE[2]}
-    plot.add(
-        "scatter",
-        x=x[turns],
-        y=errors[-1][turns],
-        mode="markers",
-        name="reversals",
-        marker=rings,
+    names = ("t", "q", "dq", "torque", "modelled")
+    before, after = (
+        Signals(*(read[x] for x in names)) for read in (reads[0], reads[-1])
     )
-    if floor is not None:
-        plot.update_layout(shapes=[plots.noise_band(floor)])
-    plot.update_axes("x", title=f"{SIGNALS[signal]} [{_unit_of(signal, unit)}]")
-    plot.update_axes("y", title=f"error of joint {joint + 1} [{unit}]")
-    return ready(plot, 320)
+    units = session.robot["units"]
+    plot = plots.cause_figure(
+        before,
+        after if len(reads) > 1 else None,
+        joint=joint,
+        cause=cause,
+        waves=waves,
+        units=units,
+        position_units=["m" if unit == "N" else "rad" for unit in units],
+        floor=step.comparison["noise_floor"],
+    )
+    return ready(plot, height)
 
 
-def _signal(read: Mapping[str, Any], signal: str, joint: int) -> Array:
-    """Return a signal (M,) of a run, one of SIGNALS, for a joint (from 0)."""
+def rows_of_span(
+    read: Mapping[str, Any], span: tuple[float, float] | None
+) -> Mapping[str, Any]:
+    """Return the arrays of a run within a time span [s]; all rows if fewer than two lie
+    in it."""
     t = read["t"] - read["t"][0]
-    if signal == "t":
-        return np.asarray(t)
-    if signal in read:
-        return np.asarray(read[signal][:, joint])
-    rate = np.gradient(read["modelled"][:, joint], t)
-    return np.asarray(rate if signal == "torque_rate" else np.gradient(rate, t))
-
-
-def _rows_of_span(t: Any, span: tuple[float, float] | None) -> slice:
-    """Return the rows within a time span [s]; all rows if fewer than two lie in it."""
-    if span is None:
-        return slice(None)
-    first, last = np.searchsorted(t, span)
-    return slice(first, last) if last - first >= 2 else slice(None)
-
-
-def _unit_of(signal: str, unit: str) -> str:
-    """Return the unit of a signal for a joint whose torque has this unit.
-
-    A joint with "N" is prismatic and moves in metres, any other one in radians.
-    """
-    position = "m" if unit == "N" else "rad"
-    units = {
-        "q": position,
-        "dq": f"{position}/s",
-        "ddq": f"{position}/s^2",
-        "torque": unit,
-        "modelled": unit,
-        "torque_rate": f"{unit}/s",
-        "torque_curvature": f"{unit}/s^2",
-        "t": "s",
-    }
-    return units[signal]
+    first, last = (0, 0) if span is None else np.searchsorted(t, span)
+    if last - first < 2:
+        return read
+    return {k: x[first:last] for k, x in read.items() if len(x) == len(t)}
 
 
 def ready(plot: Figure, height: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,19 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.diagnosis import add_certain_findings
 from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.api.identification import identify_and_judge
-from sdp_vs_penalty.api.remedies import State, apply_change, what_to_add
+from sdp_vs_penalty.api.remedies import (
+    State,
+    apply_change,
+    effect_on_error,
+    what_to_add,
+)
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.gate import Gate
+from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.report import list_remedies
+from sdp_vs_penalty.data.catalogue import DATASETS, dataset
+from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.hypotheses.report import ColumnReport, describe_columns
 from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
@@ -38,7 +46,13 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.effects import effect_in_words
-from sdp_vs_penalty.errors import InputError, MissingJoints, Remark, other_robot
+from sdp_vs_penalty.errors import (
+    ColumnsRemark,
+    InputError,
+    MissingJoints,
+    Remark,
+    other_robot,
+)
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
@@ -166,7 +180,12 @@ class JobRequest(dict[str, Any]):
         """
         return windowed(run, time_windows(self["options"].get("window")))
 
-    @property
+    @cached_property
+    def loaded(self) -> Measurements:
+        """All recordings of the session, uncut, read once."""
+        return load_measurements(*(self.folder / run["file"] for run in self["runs"]))
+
+    @cached_property
     def runs(self) -> Runs:
         """The session's runs, sorted by their use: training data and test data.
 
@@ -174,34 +193,25 @@ class JobRequest(dict[str, Any]):
         judged on the test data; without any they are judged on the training data.
         Raises InputError if no run is used for training.
         """
-        files = [self.folder / run["file"] for run in self["runs"]]
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
-        loaded = load_measurements(*files)
         sides: dict[str, list[Measurements]] = {"train": [], "test": []}
-        for run, part in zip(self["runs"], loaded.runs(), strict=True):
+        for run, part in zip(self["runs"], self.loaded.runs(), strict=True):
             for side, stretch in _by_use(run, part):
                 sides[side].append(stretch)
         test = concatenate(sides["test"]) if sides["test"] else None
-        judged = self._recordings("train" if test is None else "test")
-        return Runs(concatenate(sides["train"]), test, loaded, judged)
+        judged = self.recordings("train" if test is None else "test")
+        return Runs(concatenate(sides["train"]), test, self.loaded, judged)
 
-    def _recordings(self, side: str) -> Measurements:
-        """Load the full recordings that contribute to one side, "train" or "test".
+    def recordings(self, side: str) -> Measurements:
+        """Return the full recordings that contribute to one side, "train" or "test".
 
-        A split run contributes to both sides and is loaded uncut.
+        A split run contributes to both sides and is not cut.
         """
-        files = [
-            self.folder / run["file"]
-            for run in self["runs"]
-            if run["use"] in (side, "split")
-        ]
-        return load_measurements(*files)
-
-    @property
-    def training_recordings(self) -> Measurements:
-        """The recordings that contribute training data, uncut by time windows."""
-        return self._recordings("train")
+        pairs = zip(self["runs"], self.loaded.runs(), strict=True)
+        return concatenate(
+            [part for run, part in pairs if run["use"] in (side, "split")]
+        )
 
 
 def _by_use(
@@ -231,8 +241,8 @@ def read(job: JobRequest) -> Answer:
     -------
     dict
         What :func:`_judged` returns of all runs; "refused": a sentence for each other
-        file; "remarks": what the readers assumed; "mappings": for each file refused for
-        its columns, what a person needs to assign them.
+        file; "remarks": what the readers assumed; "mappings": for each file whose
+        columns were guessed, or refused, what a person needs to assign them.
     """
     state = State(job.problem, tuple(job.stored_runs))
     uses = [run["use"] for run in job["runs"]]
@@ -250,18 +260,26 @@ def read(job: JobRequest) -> Answer:
                 except MissingJoints as error:
                     state = _holding(state, dict.fromkeys(error.joints, 0.0), remarks)
                     part = _load_run(job, state.problem, path)
-            remarks += [str(w.message) for w in heard if issubclass(w.category, Remark)]
+            said = [w.message for w in heard if isinstance(w.message, Remark)]
+            remarks += map(str, said)
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
             part = replace(part, names=(file["name"],))
             state = replace(state, runs=(*state.runs, part))
             uses.append("train")
+            for taken in said:
+                columns = isinstance(taken, ColumnsRemark) and _columns_of(
+                    path, state.problem, taken
+                )
+                if columns:
+                    run = _run_file_name(part)
+                    mappings.append({**file, **columns, "reason": "", "run": run})
         except InputError as error:
             columns = _columns_of(path, state.problem)
             if columns is None:
                 refused.append(str(error))
             else:
-                mappings.append({**file, **columns, "reason": str(error)})
+                mappings.append({**file, **columns, "reason": str(error), "run": ""})
     idle = [find_idle_joints(state.problem.robot, run) for run in state.runs]
     shared = {
         name: at
@@ -322,9 +340,27 @@ def change(job: JobRequest) -> Answer:
         replace(run, names=(name,))
         for run, name in zip(after.runs, job["names"], strict=True)
     )
+    effect = effect_on_error(before, after)
     after = replace(after, runs=runs)
     uses = [run["use"] for run in job["runs"]]
-    return {"effect": after.effect} | _judged(job, after, uses)
+    return {"effect": effect} | _judged(job, after, uses)
+
+
+def foresee(job: JobRequest) -> Answer:
+    """Try each of ``job["changes"]`` on copies of the runs.
+
+    Returns {"outcomes": for each what it would do to the error on motion left out
+    ("effect"), or why it would be refused ("refused")}.
+    """
+    before = State(job.problem, tuple(job.stored_runs))
+    outcomes = list[dict[str, str]]()
+    for untried in job["changes"]:
+        try:
+            after = apply_change(Change.from_dict(untried), before)
+            outcomes.append({"effect": effect_on_error(before, after)})
+        except InputError as error:
+            outcomes.append({"refused": str(error)})
+    return {"outcomes": outcomes}
 
 
 def motion(job: JobRequest) -> Answer:
@@ -344,6 +380,18 @@ def motion(job: JobRequest) -> Answer:
     return {"file": name}
 
 
+def fetch(job: JobRequest) -> Answer:
+    """Load the public measurements of the robot, as `sdp-vs-penalty fetch` does.
+
+    Returns {"files": path and name of each run}.
+    """
+    job.progress(f"loading from github.com/{dataset(job['data']).source}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Remark)
+        paths = fetch_dataset(job["data"])
+    return {"files": {path.name: str(path) for path in paths}}
+
+
 def _refuse_duplicate(
     part: Measurements, known_runs: Sequence[Measurements], path: Path
 ) -> None:
@@ -354,21 +402,26 @@ def _refuse_duplicate(
             raise InputError(what, "name each run once", path)
 
 
-def _columns_of(path: Path, problem: Problem) -> Answer | None:
-    """Return what a person needs to assign a refused file's columns by hand.
+def _columns_of(
+    path: Path, problem: Problem, taken: ColumnsRemark | None = None
+) -> Answer | None:
+    """Return what a person needs to assign a file's columns by hand.
+
+    taken : how the file was read; None where it was refused.
 
     Returns
     -------
     dict or None
         "columns": the file's column names; "cells": the first cells of each; "chosen":
-        by the names that a run needs (t, q1, ..., tau1, ...) the file's column
-        recognised or guessed for each, "" for none, and "rate" [Hz]. None if the file
-        was not refused for its columns, or has too few of them.
+        by the names that a run needs (t, q1, ..., tau1, ...) the file's column taken or
+        guessed for each, "" for none, and "rate" [Hz]; "torques": by its name each
+        other set of torques of the same joints. None if the file was not refused for
+        its columns, or has too few of them.
     """
     joints = problem.robot.joint_names
     with suppress(InputError):
-        report = describe_columns(path, joints)
-        if report is None or not (report.missing or report.problem):
+        report = describe_columns(path, joints, taken.rename if taken else None)
+        if report is None or not (taken or report.missing or report.problem):
             return None
         numbers = range(1, len(joints) + 1)
         ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
@@ -378,6 +431,7 @@ def _columns_of(path: Path, problem: Problem) -> Answer | None:
             "columns": [row.name for row in report.rows],
             "cells": [", ".join(row.first_cells[:3]) for row in report.rows],
             "chosen": {"rate": "", **_guessed(report, ours)},
+            "torques": taken.torques if taken else {},
         }
     return None
 
@@ -658,11 +712,13 @@ def robot_facts(job: JobRequest, problem: Problem) -> Answer:
     dict
         Title, name, number of joints n, joint names, torque units, effects of a first
         model, the arm's ellipsoids for the 3D view ("drawn") and the file of its motion
-        ("sweep"), gravity [m/s^2]
-        ("gravity"), the held joints as text ("hold"), and a sentence on limits and
-        filters ("known").
+        ("sweep"), gravity [m/s^2] ("gravity"), the held joints as text ("hold"), a
+        sentence on limits and filters ("known"), and the public data set of a built-in
+        robot ("data"), if there is one.
     """
     joints = problem.robot.joint_names
+    source = job["robot"]["source"]
+    measured = (x for x in DATASETS.values() if x.problem == problem.name == source)
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
     known = (
         f"{_limits_in_words(problem)}; {_filters_in_words(problem)}. The stage Identify,"
@@ -680,6 +736,7 @@ def robot_facts(job: JobRequest, problem: Problem) -> Answer:
         "gravity": problem.robot.gravity,
         "hold": ",".join(f"{j.name}={j.value:.6g}" for j in joints.held),
         "known": known,
+        "data": next((to_json(d) for d in measured), None),
     }
 
 
@@ -765,6 +822,9 @@ def fit(job: JobRequest) -> Answer:
     options = job["options"]
     bounded = with_bounds(job.problem, options.get("bounds"))
     problem = with_filters(bounded, options.get("filters"))
+    recordings = job.recordings("train")
+    # Windows all over a long recording stand for it; its parts would be judged in full.
+    judged = recordings if any(map(is_long, recordings.runs())) else None
     estimate, _ = identify_and_judge(
         problem,
         job.windowed(job.runs.train),
@@ -778,9 +838,9 @@ def fit(job: JobRequest) -> Answer:
                 "progress": job.progress,
             }
         ),
-        noise_from=job.training_recordings,
+        noise_from=recordings,
         # Unheard: the page shows each run's issues beside the run.
-        check=not job["anyway"] and Gate(no_progress),
+        check=not job["anyway"] and Gate(no_progress, runs=judged),
     )
     return summary(job, estimate)
 
@@ -912,6 +972,7 @@ def methods(job: JobRequest) -> Answer:
         raise InputError("No method is chosen", "choose at least one to compare")
     filtered = read_and_filter(current.problem, train)
     rows = list[tuple[str, str, tables.Facts]]()
+    reasons = dict[str, str]()
     for name in job["methods"]:
         effects = current.model.effects
         progress = partial(job.progress_of, name)
@@ -931,14 +992,16 @@ def methods(job: JobRequest) -> Answer:
                     progress=progress,
                 )
         except InputError as error:
-            rows.append((name, str(error), {}))
+            rows.append((name, "failed", {}))
+            reasons[name] = str(error)
             continue
         (judged,) = compare(
             {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
         )
         facts = judged.facts() if folds is None else judged.facts() | folds.facts()
         rows.append((name, judged.verdict.grade, facts))
-    return {"table": tables.model_table(rows, "method").to_dict()}
+        reasons[name] = judged.verdict.lines[0].text
+    return {"table": tables.model_table(rows, "method").to_dict(), "reasons": reasons}
 
 
 def take(job: JobRequest) -> Answer:

@@ -7,26 +7,9 @@ from functools import cached_property
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, dependences
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
-
-#: The signal that shows what a cause of where_it_fails.py explains.
-SHOWN_BY = {
-    "position": "q",
-    "velocity": "dq",
-    "acceleration": "ddq",
-    "load": "torque",
-    "time": "t",
-    "high speed": "dq",
-    "reversal": "dq",
-    "standstill": "dq",
-    "waves per turn": "q",
-    "modelled torque": "modelled",
-    "late torque": "torque_rate",
-    "yielding gear": "torque_curvature",
-}
 
 
 @dataclass(frozen=True)
@@ -79,24 +62,6 @@ class ModelStep(JsonRecord):
     def facts(self) -> dict[str, Fact]:
         """The facts of the comparison with the judging runs."""
         return facts_from_json(self.comparison)
-
-    def signal_of(self, j: int, default: str) -> str:
-        """Return the signal that best shows what a joint's error depends on.
-
-        That is the one of the cause that explains most of the error on held-out data.
-
-        Parameters
-        ----------
-        j : int
-            Index of the joint, from 0.
-        default : str
-            Signal to return if the model's failures are unknown or have no such cause.
-        """
-        if not self.failures:
-            return default
-        strongest = dependences(JointFailure.from_dict(self.failures[j]), 1)
-        cause = strongest[0][0] if strongest else ""
-        return SHOWN_BY.get(cause, default)
 
     @staticmethod
     def joint_number(j: int) -> int:

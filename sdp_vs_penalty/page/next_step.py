@@ -40,7 +40,7 @@ def next_step(view: View) -> NextStep:
     if not session.robot:
         text = "Choose the robot that was measured: its file, or a built-in one."
         return NextStep(text, "Choose the robot's file", "measure", opens="drop-robot")
-    if session.mappings:
+    if session.refused:
         return _columns(session)
     if not session.runs:
         joints = formatting.count(session.robot["n"], "joint")
@@ -51,8 +51,8 @@ def next_step(view: View) -> NextStep:
 
 def _columns(session: Session) -> NextStep:
     """Return the step that reads refused files with the columns that are chosen."""
-    first = session.mappings[0]
-    same = [m["name"] for m in session.mappings if m["columns"] == first["columns"]]
+    first = session.refused[0]
+    same = [m["name"] for m in session.refused if m["columns"] == first["columns"]]
     text = f"{formatting.words(same)}: see below which column is what."
     do = partial(session.start, session.read_mapped, first["columns"])
     return NextStep(text, "Read with these columns", "measure", do, level="usable")
@@ -60,16 +60,20 @@ def _columns(session: Session) -> NextStep:
 
 def _of_runs(session: Session) -> NextStep:
     """Return what the check says of the runs: the first remedy, or to identify."""
-    remedies = [x for x in session.remedies if not x.get("refused")]
-    remedy = next_remedy(from_json(tuple[Remedy, ...], remedies))
+    remedies = [
+        from_json(Remedy, {k: v for k, v in x.items() if k != "effect"})
+        for x in session.remedies
+        if "refused" not in x
+    ]
+    remedy = next_remedy(remedies)
     if remedy is not None:
         change = remedy.change
         do = partial(session.start, session.apply, change.to_dict())
         label = formatting.sentence(change.words)
         level = "bad" if session.meaningless else "usable"
-        return NextStep(
-            formatting.sentence(remedy.problem), label, "check", do, level=level
-        )
+        text = formatting.sentence(remedy.problem)
+        effect = session.outcome_of(change.to_dict())
+        return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     if session.meaningless:
         return NextStep(session.meaningless[0], "See the check", "check", level="bad")
     kinds = session.kinds_of_issue

@@ -5,7 +5,7 @@ import asyncio
 import copy
 import json
 import time
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,10 +14,12 @@ from typing import Any, Self
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.api.remedies import Files, command_of
+from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
+from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_in_words, effects_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
@@ -29,6 +31,7 @@ from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
+from sdp_vs_penalty.render.words import shown_cause, shown_finding
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.joint import parse_held
@@ -51,6 +54,8 @@ KEPT = (
 CHOSEN = ("seed", "frozen", "options", "reading", "anyway", "names", "name")
 #: Steps back that are kept.
 MOST_STEPS = 20
+#: Samples of all runs with which remedies are tried before anyone asks.
+_MOST_TRIED = 200_000
 #: File of a session's state in its folder.
 STATE_FILE = "project.json"
 _FORMAT = 1
@@ -152,6 +157,8 @@ class Session:
     working: Working | None = None
     #: The coroutine that runs a job; None while idle.
     task: asyncio.Task[None] | None = None
+    #: What tries the remedies beside everything else; None while nothing does.
+    aside: asyncio.Task[None] | None = None
     #: Tabs that show the session (workbench.py).
     watchers: list[Any] = field(default_factory=list)
     #: Since when no tab shows it, on the monotonic clock [s].
@@ -261,6 +268,15 @@ class Session:
         )
         return sentence or "no joint's error changed by more than 5 %."
 
+    def cause_of(self, joint: int) -> str:
+        """Return the cause that shows the error of a joint (from 1): that of its
+        finding, or else the one that the error depends on most."""
+        if not self.current.failures:
+            return VELOCITY
+        joints = {"units": (), "joints": self.current.failures}
+        finding = shown_finding(self.findings_of_current, joint)
+        return shown_cause(finding, Failures.from_dict(joints), joint)
+
     def answer(self, job: str) -> dict[str, Any] | None:
         """Return the last answer of a job, such as "methods", for the current model.
 
@@ -351,6 +367,8 @@ class Session:
         is ignored if another task is running.
         """
         if self.task is None:
+            if self.aside is not None:
+                self.aside.cancel()
             self.notice = None
             self.working = Working()
             self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
@@ -373,6 +391,47 @@ class Session:
         self.save()
         self.changed()
         self.read_arrived()
+        if self.task is None:
+            self.aside = asyncio.get_running_loop().create_task(self._foresee())
+
+    async def _foresee(self) -> None:
+        """Try the remedies of the runs beside everything else, and keep what each would
+        do to the error on motion left out."""
+        untried = [
+            x["change"]
+            for x in self.remedies
+            if x["change"]["verb"] != "record"
+            and all(x["change"]["arguments"].get("scale", {"": "1"}).values())
+            and not x.keys() & {"effect", "refused"}
+        ]
+        n_samples = sum(run["samples"] for run in self.runs)
+        if not untried or n_samples > _MOST_TRIED or self.model is not None:
+            return
+        request = self._request("foresee", changes=untried)
+        with suppress(InputError):  # nobody has asked for it
+            answer = await self.pool.run(request, lambda text: None, is_aside=True)
+            for change, outcome in zip(untried, answer["outcomes"], strict=True):
+                self._keep_outcome(change, outcome)
+            self.save()
+            self.changed()
+
+    def _keep_outcome(
+        self, change: Mapping[str, Any], outcome: Mapping[str, str]
+    ) -> None:
+        """Keep what a change of a remedy would do ("effect"), or why not ("refused")."""
+        self.remedies = [
+            {**x, **outcome} if x["change"] == change else x for x in self.remedies
+        ]
+
+    def outcome_of(self, change: Mapping[str, Any]) -> str:
+        """Return what a remedy's change would do to the error, or why it is refused, in
+        a sentence; "" where it was not tried."""
+        for remedy in self.remedies:
+            if remedy["change"] == change:
+                refused = remedy.get("refused")
+                why = refused and f"Not done: {spoken(refused)}"
+                return str(why or remedy.get("effect", ""))
+        return ""
 
     def _doing(self, **what: str) -> None:
         """Update the running work, given its new ``title`` or ``status``, and redraw
@@ -386,17 +445,21 @@ class Session:
         The request holds the session's state and the ``details``.
         """
         self._doing(title=title, status="")
-        state = {
-            name: getattr(self, name) for name in ("robot", "runs", "seed", "options")
-        }
-        state |= {
+        return await self.pool.run(
+            self._request(job, **details), lambda text: self._doing(status=text)
+        )
+
+    def _request(self, job: str, **details: Any) -> dict[str, Any]:
+        """Return the request for a function of jobs.py: the session's state and the
+        ``details``."""
+        names = ("robot", "runs", "seed", "options")
+        return {
+            **{name: getattr(self, name) for name in names},
             "job": job,
             "folder": str(self.folder),
             "model": self.model and self.model.file,
+            **details,
         }
-        return await self.pool.run(
-            {**state, **details}, lambda text: self._doing(status=text)
-        )
 
     def _step_from_here(self, label: str, keeps_models: bool = False) -> None:
         """Remember what is there, so that the step that begins now can be undone.
@@ -479,6 +542,8 @@ class Session:
                 robot["source"] = here(robot["source"])
             for mapping in kept["mappings"]:
                 mapping["path"] = here(mapping["path"])
+                mapping.setdefault("run", "")  # of an older version
+                mapping.setdefault("torques", {})
             return {**kept, "history": [steps[k] for k in kept["history"]]}
 
         for name in CHOSEN:
@@ -526,10 +591,13 @@ class Session:
         if self.arrived:
             self.start(self.read_files)
 
-    async def read_files(self, reading: Mapping[str, str] | None = None) -> None:
+    async def read_files(
+        self, reading: Mapping[str, str] | None = None, again: Collection[str] = ()
+    ) -> None:
         """Read the files that were dropped, and add them to the session's runs.
 
-        ``reading`` are options of `convert` for these files.
+        reading : options of `convert` for these files; again : files of the runs that
+        were read from them before.
         """
         files = self.arrived
         self.arrived = {}
@@ -537,8 +605,9 @@ class Session:
         listed = [{"path": str(path), "name": name} for name, path in files.items()]
         options = self.reading if reading is None else reading
         how: dict[str, Any] = {"files": listed, "options": options}
+        others = [run for run in self.runs if run["file"] not in again]
         try:
-            await self._take_runs("Reading measurements", "read", self.runs, **how)
+            await self._take_runs("Reading measurements", "read", others, **how)
         finally:
             # Uploaded copies are deleted, except for files whose columns the person
             # still has to assign.
@@ -546,6 +615,13 @@ class Session:
             for path in files.values():
                 if path.parent == self.folder and str(path) not in unassigned:
                     path.unlink(missing_ok=True)
+
+    async def fetch_measured(self) -> None:
+        """Load the public measurements of a built-in robot, and read them as runs."""
+        name = self.robot["data"]["name"]
+        answer = await self._job(f"Loading {name}'s measurements", "fetch", data=name)
+        self.arrived |= {name: Path(path) for name, path in answer["files"].items()}
+        await self.read_files()
 
     def choose_column(self, columns: Sequence[str], ours: str, theirs: str) -> None:
         """Assign a column of the refused files that have these columns to one of the
@@ -569,12 +645,16 @@ class Session:
         ]
         self.save()
 
-    async def read_mapped(self, columns: Sequence[str]) -> None:
-        """Read the refused files with these columns again, as the person assigned them.
+    async def read_mapped(self, columns: Sequence[str], torques: str = "") -> None:
+        """Read the files with these columns again, as the person assigned them; the runs
+        that were read from them before go.
 
         A file that is refused again keeps its choices, with the reason beside them.
+
+        torques : name of another set of torques to take; the rest stays as it was read.
         """
-        chosen = next(m["chosen"] for m in self.mappings if m["columns"] == columns)
+        files = [m for m in self.mappings if m["columns"] == columns]
+        chosen = files[0]["torques"].get(torques) or files[0]["chosen"]
         rate = chosen.get("rate", "")
         pairs = {k: v for k, v in chosen.items() if v and k != "rate"}
         taken = [*pairs.values()]
@@ -585,13 +665,10 @@ class Session:
         rename = ",".join(
             f"{ours}=#{columns.index(theirs) + 1}" for ours, theirs in pairs.items()
         )
-        self.arrived |= {
-            mapping["name"]: Path(mapping["path"])
-            for mapping in self.mappings
-            if mapping["columns"] == columns
-        }
+        self.arrived |= {file["name"]: Path(file["path"]) for file in files}
         options = {"rename": rename} | ({"rate": rate} if rate else {})
-        await self.read_files({**self.reading, **options})
+        again = {file["run"] for file in files}
+        await self.read_files({**self.reading, **options}, again)
 
     async def simulate(
         self,
@@ -631,8 +708,7 @@ class Session:
         refused = [*answer.get("refused", ())]
         asked = {mapping["path"] for mapping in self.mappings}
         mappings = answer.get("mappings", ())
-        refused += [m["reason"] for m in mappings if m["path"] in asked]
-        self._keep_mappings(details.get("files", ()), mappings, new)
+        refused += [m["reason"] for m in mappings if m["path"] in asked and m["reason"]]
         if new:
             self._step_from_here(f"{formatting.count(len(new), 'run')} added")
             for run in new:
@@ -646,6 +722,7 @@ class Session:
                     self._converted(run, options)
             self._choose_uses(new)
             self.effects = list(answer.get("effects", self.effects))
+        self._keep_mappings(details.get("files", ()), mappings)
         self.say(*(refused or answer.get("remarks", ())), error=bool(refused))
 
     def _take(self, answer: Mapping[str, Any]) -> None:
@@ -655,21 +732,30 @@ class Session:
         self.robot = {**self.robot, **answer["robot"]}
 
     def _keep_mappings(
-        self,
-        files: Sequence[Mapping[str, str]],
-        refused: Sequence[Mapping[str, Any]],
-        new: Sequence[Mapping[str, Any]],
+        self, files: Sequence[Mapping[str, str]], new: Sequence[Mapping[str, Any]]
     ) -> None:
-        """Keep the choice of columns of refused files until they are read.
+        """Keep what is known of the columns of files: what a person has chosen stays
+        where they are refused again.
 
-        files : what was read, with path and name; refused : what is known of the columns
-        of those that were refused; new : runs that were read.
+        files : what was read, with path and name; new : those whose columns can be chosen.
         """
-        read = {run["name"] for run in new}
-        paths = {f["path"] for f in files if f["name"] in read}
-        kept = [m for m in self.mappings if m["path"] not in paths]
-        known = {m["path"] for m in kept}
-        self.mappings = [*kept, *(dict(m) for m in refused if m["path"] not in known)]
+        paths = {file["path"] for file in files}
+        before = {m["path"]: m["chosen"] for m in self.mappings}
+        self.mappings = [m for m in self.mappings if m["path"] not in paths]
+        for file in new:
+            chosen = file["chosen"] if file["run"] else before.get(file["path"])
+            self.mappings.append({**file, "chosen": chosen or file["chosen"]})
+
+    @property
+    def refused(self) -> list[dict[str, Any]]:
+        """The files that wait for their columns."""
+        return [m for m in self.mappings if not m["run"]]
+
+    @property
+    def guessed(self) -> list[dict[str, Any]]:
+        """The files whose columns were guessed, and whose run is there as it was read."""
+        there = {run["file"] for run in self.runs}
+        return [m for m in self.mappings if m["run"] in there]
 
     def _converted(self, run: dict[str, Any], options: Mapping[str, str]) -> None:
         """Name a run as the `convert` with these options that a terminal needs for it
@@ -788,18 +874,18 @@ class Session:
             names = [str(command.copy)]
         elif is_copied:
             names = [f"{command.copy}/{Path(name).stem}.csv" for name in names]
+        elif change["verb"] == "cut":
+            cut = change["arguments"]["run"]
+            names = [str(cut_copy(x)) if x == cut else x for x in names]
         title = formatting.sentence(change["words"])
         try:
             answer = await self._job(title, "change", change=change, names=names)
         except InputError as error:
-            self.remedies = [
-                {**x, "refused": str(error)} if x["change"] == change else x
-                for x in self.remedies
-            ]
+            self._keep_outcome(change, {"refused": str(error)})
             raise
         self._step_from_here(change["words"])
         self._take(answer)
-        if is_copied and words is not None:
+        if (is_copied or change["verb"] == "cut") and words is not None:
             self.prepared = [*self.prepared, words]
         self.new = ("check", "check")
         self.say(*filter(None, [answer["effect"]]), error=False)

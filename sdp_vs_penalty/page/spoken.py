@@ -7,7 +7,7 @@ _STAGES = {"check": "Check", "diagnose": "Diagnose", "identify": "Identify"}
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(
     r"(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert )[^`]*`[^;:,.`]*"
-    r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z][^;:,.]*"
+    r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z](?:\.\.\.|[^;:,.])*"
 )
 
 
@@ -21,6 +21,8 @@ def spoken(text: str) -> str:
     'run.csv: no column t.'
     >>> spoken("finger is in no column: where nothing moves there, pass --hold finger=0.")
     'finger is in no column: where nothing moves there.'
+    >>> spoken("tau is a current in A: --scale tau=... makes torques of it.")
+    'tau is a current in A.'
     """
     text = _CLAUSE.sub("", text)
     for word, stage in _STAGES.items():

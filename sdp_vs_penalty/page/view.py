@@ -11,6 +11,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.client import Client
 
+from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
@@ -55,8 +56,8 @@ class View:
     run: str = ""
     #: Seconds of the run that every part shows [s]; None for all of it.
     span: tuple[float, float] | None = None
-    #: Signal against which the error is drawn.
-    signal: str = "dq"
+    #: Cause against which the error is drawn.
+    cause: str = VELOCITY
     #: By part, what to call when these change.
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
     #: Whether each method is ticked for comparison.
@@ -78,7 +79,7 @@ class View:
     )
 
     def select(self, **at: Any) -> None:
-        """Select another joint, run, time span or signal, and redraw every part that
+        """Select another joint, run, time span or cause, and redraw every part that
         shows it.
 
         ``at`` holds the new values by attribute. A change of the run resets the time
@@ -100,14 +101,14 @@ class View:
         if self.joint is None or self.joint >= n_joints:
             worst = self.session.current.comparison["facts"]["worst_joint"]["value"]
             self.joint = int(worst) - 1
-            self.signal = self.session.current.signal_of(self.joint, self.signal)
+            self.cause = self.session.cause_of(int(worst))
 
-    def select_joint(self, number: Any, signal: str) -> None:
-        """Select a joint by its number from 1, as the browser sends it, and the signal
+    def select_joint(self, number: Any, cause: str) -> None:
+        """Select a joint by its number from 1, as the browser sends it, and the cause
         that its error is drawn against. Numbers out of range are clipped.
         """
         joint = min(max(int(number), 1), self.session.robot["n"]) - 1
-        self.select(joint=joint, signal=signal)
+        self.select(joint=joint, cause=cause)
 
     def download(self, name: str) -> None:
         """Make the browser download a file of the session's folder."""

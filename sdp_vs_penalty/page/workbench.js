@@ -44,9 +44,19 @@ for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
     const zone = event.target.closest?.("[data-drop]");
     if (name === "dragleave" || name === "drop") zone?.classList.remove("over");
     else zone?.classList.add("over");
+    const field = event.target.closest?.(".field")?.querySelector("select");
+    const column = name === "drop" && event.dataTransfer.getData("text/plain");
+    if (field && column) {
+      field.value = column; // of a file, dragged to what it is
+      field.dispatchEvent(new Event("change", { bubbles: true }));
+    }
     if (name === "drop" && zone) workbench.send([...event.dataTransfer.files], zone.dataset.drop);
   });
 }
+document.addEventListener("dragstart", (event) => {
+  const column = event.target.closest?.(".of-file");
+  if (column) event.dataTransfer.setData("text/plain", column.textContent);
+});
 document.addEventListener("click", (event) => {
   const link = event.target.closest?.("[data-to]");
   if (!link) return;

@@ -58,7 +58,7 @@ class Workbench:
             # NiceGUI's own layout is the main landmark.
             with tag("div", style="page", tabindex="-1") as self._main:
                 self._next = tag("div", style="now", data_part="next")
-                with tag("div", style="intro"):
+                with tag("div", style="intro") as self._intro:
                     tag(
                         "h1",
                         "Identify your robot, see what the model is missing, add it",
@@ -101,6 +101,7 @@ class Workbench:
                     state = part.depends(self.session) if ready else None
                     self._fill(body, state, partial(self._part, part, ready))
                 self._redraw_stage(stage)
+            self._intro.set_visibility(not self.session.robot)
             self._redraw_next()
             self._redraw_dock()
             self._scroll_to_news()

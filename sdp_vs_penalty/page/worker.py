@@ -126,17 +126,23 @@ class WorkerPool:
         self._spare = JobProcess(self._limit)
 
     async def run(
-        self, request: Mapping[str, Any], progress: Callable[[str], None]
+        self,
+        request: Mapping[str, Any],
+        progress: Callable[[str], None],
+        is_aside: bool = False,
     ) -> dict[str, Any]:
         """Run a request as soon as a worker is free, and return its answer.
 
-        Cancelling this coroutine kills the worker. Raises InputError with the worker's
-        error message.
+        Cancelling this coroutine kills the worker. Beside a request that nobody waits
+        for (``is_aside``) another worker stands ready. Raises InputError with the
+        worker's error message.
         """
         if self._places.locked():
             progress("waiting for the jobs of other tabs")
         async with self._places:
             work = self.worker()
+            if is_aside:
+                self.prepare()
             done = False
             self._busy.add(work)
             try:

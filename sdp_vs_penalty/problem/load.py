@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
-from sdp_vs_penalty.data.files import read_run, save
+from sdp_vs_penalty.data.files import read_run, save, without_spans
 from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import numbers, pairs
 from sdp_vs_penalty.errors import InputError, Remark, given
-from sdp_vs_penalty.files import problems_folder, read_table, read_toml
+from sdp_vs_penalty.files import problems_folder, read_table, read_toml, write_text
 from sdp_vs_penalty.formatting import given_options
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
@@ -591,6 +591,7 @@ def convert(
     motors: str | Sequence[str] | bool = False,
     rate: float | None = None,
     scale: Mapping[str, str] | None = None,
+    cut: Sequence[tuple[float, float]] = (),
     options: Sequence[str] | None = None,
 ) -> Measurements:
     """Read measurements of another program, and write them in another format.
@@ -623,6 +624,8 @@ def convert(
     scale : mapping of str to str, optional
         What t, q, dq, tau are multiplied by: a unit (deg, ms, mNm), a number, or
         numbers joint by joint separated by colons, as drive gains are.
+    cut : sequence of pairs of float
+        Begin and end [s] of spans that are left out, by the clock of the run.
     options : sequence of str, optional
         Words of the printed command beside those for columns, units, joints and rate.
         Default: of the problem's path, the topic and the motors.
@@ -673,6 +676,14 @@ def convert(
         from sdp_vs_penalty.data.datasets import to_joints
 
         run = to_joints(run, transmission)
+    run = without_spans(run, cut)
     if out is not None:
         save(run, out)
+        if run.reading:
+            write_text(columns_note(out), f"{run.reading}\n")
     return run
+
+
+def columns_note(out: str | Path) -> Path:
+    """Return the file beside a converted run that says what its columns were taken for."""
+    return Path(out).with_name(f"{Path(out).stem}_columns.txt")

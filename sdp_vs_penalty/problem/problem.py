@@ -271,7 +271,7 @@ class Problem(Shown):
         new_masses[has_mean] = np.sqrt(low[has_mean] * high[has_mean])
         # All ten parameters are proportional to the mass (where it is not zero).
         factors = new_masses / nonzero_or_one(masses)
-        return np.asarray(self.nominal_links * factors[:, None])
+        return self.nominal_links * factors[:, None]
 
     @cached_property
     def known(self) -> Mapping[str, float]:

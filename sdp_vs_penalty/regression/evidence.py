@@ -43,7 +43,7 @@ def deviance(
     """
     variance = np.maximum(squares / np.asarray(degrees), smallest_variance)
     by_joint = degrees * np.log(variance) + squares / variance
-    return np.asarray(np.sum(by_joint, axis=-1))
+    return np.sum(by_joint, axis=-1)
 
 
 def log_odds(squares_before: Array, squares_after: Array, degrees: ArrayLike) -> float:

@@ -110,7 +110,7 @@ class NormalEquations:
         own = -self.own_solution @ shared
         shape = (*full.shape[:-2], *shared.shape[-2:])
         v = np.concatenate([own, np.broadcast_to(shared, shape)], axis=-2)
-        return np.asarray(np.sum(v * (full @ v), axis=(-2, -1)))
+        return np.sum(v * (full @ v), axis=(-2, -1))
 
     def normal(self, weights: Array) -> Normal:
         """Return the sum of the joints' normal equations with weights (..., n): Gram
@@ -161,7 +161,7 @@ def solve(gram: Array, right: Array) -> Array:
     # Zero columns get a one, so that their solution is zero.
     diagonal += np.where(is_nonzero, RIDGE, 1.0)
     solution = np.linalg.solve(unit, scale * right)
-    return np.asarray(scale * solution)
+    return scale * solution
 
 
 def positive(energy: Array) -> Array:

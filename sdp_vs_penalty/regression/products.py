@@ -78,7 +78,7 @@ class ProductSquares(LeastSquares):
         move = scipy.linalg.solve_triangular(
             self.R, self.rho - self.R @ theta, check_finite=False
         )
-        return np.asarray(theta + move)
+        return theta + move
 
     def with_prior(self, scale: ArrayLike, weight: float) -> ProductSquares:
         """Return the data with a prior that pulls parameters to zero.

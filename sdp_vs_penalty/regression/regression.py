@@ -20,7 +20,7 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
@@ -412,7 +412,7 @@ class Regression:
             losses.append(float(residual @ residual))
         return np.array(losses)
 
-    def joint_rows(self) -> NDArray[np.int64]:
+    def joint_rows(self) -> Indices:
         """Return (n,) the number of rows of each joint."""
         counts = [factor.rows for factor in self.per_joint]
         return np.array(counts, np.int64)

@@ -257,21 +257,19 @@ def heat_map(
     title: str,
     rows: Sequence[tuple[str, Sequence[float]]],
     n: int,
-    shown_by: Mapping[str, str] | None = None,
+    has_buttons: bool = False,
 ) -> Markup:
     """Draw a table of causes by joints; a darker cell explains more of the joint's
     error.
 
     Parameters
     ----------
-    shown_by : mapping or None
-        Signal that shows each cause. Cells are buttons then, with the attributes
-        data-joint and data-signal.
+    has_buttons : bool
+        Whether cells are buttons, with the attributes data-joint and data-cause.
     """
     cells = [
         {
             "name": name,
-            "signal": "" if shown_by is None else shown_by.get(name, ""),
             "shares": [
                 {"text": _per_cent(x), "share": f"{x:.2f}", "percent": f"{100 * x:.0f}"}
                 for x in shares
@@ -284,7 +282,7 @@ def heat_map(
         title=title,
         rows=cells,
         joints=list(range(1, n + 1)),
-        has_buttons=shown_by is not None,
+        has_buttons=has_buttons,
     )
 
 

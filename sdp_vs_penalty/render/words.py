@@ -47,6 +47,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
+from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 
@@ -408,6 +409,19 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
     error = after.errors.words(joint)
     change = f"With {effects_in_words(new)}, joint {joint} errs by {error}."
     return f"{change} {describe_worse(before, after)}".rstrip()
+
+
+def describe_remedy(remedy: Remedy) -> str:
+    """Say what would be done, how sure that is, and what it does to the error of the
+    joint that gains most on data left out, in one line."""
+    text = f"{formatting.sentence(remedy.change.words)} ({remedy.certainty}:"
+    text += f" {remedy.why})"
+    if remedy.before is None or remedy.after is None:
+        return f"{text}."
+    gains = np.array(remedy.before) - np.array(remedy.after)
+    joint = int(np.argmax(gains))
+    was, now = (formatting.number(x[joint]) for x in (remedy.before, remedy.after))
+    return f"{text}: joint {joint + 1} errs by {now} instead of {was} on data left out."
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:

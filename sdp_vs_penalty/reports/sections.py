@@ -35,6 +35,7 @@ from sdp_vs_penalty.ranges.table import ranges_of, training_of
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.render import charts, pieces, tables, words
 from sdp_vs_penalty.render.arms import link_ellipsoid
+from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.robot import Robot
@@ -480,6 +481,7 @@ def findings(data: ReportData) -> Context:
         "name": data.name,
         "bars": bars,
         "curves": curves,
+        "remedies": list(map(words.describe_remedy, diagnosis.remedies)),
     }
 
 
@@ -681,6 +683,11 @@ def data_check(material: ReportData) -> Context:
             "name": run,
             "is_clean": all(issue["severity"] == "note" for issue in issues),
             "issues": issues,
+            "remedies": [
+                words.describe_remedy(Remedy.from_dict(remedy))
+                for issue in issues
+                for remedy in issue["remedies"]
+            ],
         }
         for run, issues in material.checks.items()
     ]

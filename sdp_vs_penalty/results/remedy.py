@@ -23,7 +23,7 @@ Grade = Literal["certain", "likely", "possible"]
 ARGUMENTS: Mapping[Verb, frozenset[str]] = {
     # Words of `check --fix --apply` ("sign:tau3"); none: what is certain by a fact.
     "transform": frozenset({"apply"}),
-    # Spans (begin, end) [s] of a run, by its name, that are left out.
+    # Spans (begin, end) [s] of a run's clock, by its name, that are left out.
     "cut": frozenset({"run", "spans"}),
     # Units or factors of columns; the file's names by ours; rate [Hz]; topic of a bag.
     "read": frozenset({"scale", "rename", "rate", "topic"}),

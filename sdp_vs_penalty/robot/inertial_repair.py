@@ -244,6 +244,24 @@ def find_repairs(
     return repairs, len(repairs) == 1 and best > unknown + _CHARACTER
 
 
+def find_exchanges(written: WrittenInertial) -> list[Repair]:
+    """Return the exchanges of two moments, the likeliest first, that fit the shapes of a
+    link that can exist better than its numbers do, by more than an exchange is rare."""
+    if written.shape is None:
+        return []
+    now = written.plausibility(written.barycentric())
+    found = list[Repair]()
+    for a, b in combinations(("ixx", "iyy", "izz"), 2):
+        texts = {a: written.texts[b], b: written.texts[a]}
+        barycentric = written.barycentric(texts)
+        score = written.plausibility(barycentric) - _CHARACTER * _CONVENTION
+        if written.fits(barycentric) and score > now + _CHARACTER * _INVENTED:
+            sentence = f"{a} and {b} are exchanged{_now(texts)}"
+            found.append(Repair(sentence, texts, _CONVENTION, barycentric, score))
+    found.sort(key=lambda repair: -repair.score)
+    return [x for x in found if x.score > found[0].score - _CHARACTER]
+
+
 def _second(barycentric: Array) -> Array:
     """Return the second moment (3, 3) about the centre over the mass [m^2]."""
     tensor = inertia.inertia_matrix(barycentric[4:])

@@ -10,7 +10,7 @@ wrist, a differential, a parallelogram.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -153,19 +153,21 @@ class HeldJoint(JsonRecord):
 
 class ChannelNames(tuple[str, ...]):
     """Names of the driven joints in order; ``held`` are joints that a log may hold
-    besides."""
+    besides, and ``robot`` is the :class:`Robot` that tells what a channel is."""
 
     held: tuple[HeldJoint, ...] = ()
+    robot: Any = None
 
     @classmethod
     def with_held(
-        cls, names: Sequence[str], held: Sequence[HeldJoint]
+        cls, names: Sequence[str], held: Sequence[HeldJoint], robot: Any = None
     ) -> "ChannelNames":
         """Return a list of the driven joints' names that also holds, as its attribute
         ``held``, the joints that stand still: readers of logs leave out their channels.
         """
         out = cls(names)
         out.held = tuple(held)
+        out.robot = robot
         return out
 
 

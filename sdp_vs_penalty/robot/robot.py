@@ -251,7 +251,8 @@ class Robot(JsonRecord):
     @cached_property
     def joint_names(self) -> ChannelNames:
         """(n,) names of the driven joints; the joints that are held are attached."""
-        return ChannelNames.with_held([joint.name for joint in self.joints], self.held)
+        names = [joint.name for joint in self.joints]
+        return ChannelNames.with_held(names, self.held, self)
 
     @cached_property
     def position_units(self) -> tuple[str, ...]:

@@ -87,4 +87,4 @@ def _with_other_steps(t: Array, q: Array) -> Array:
     # Rounding errors of two encoders whose levels are shifted by a share a of a step are
     # uncorrelated where 1 - 6 a (1 - a) = 0.
     shift = 0.5 - 12.0**-0.5
-    return np.asarray(step * (np.round(true_position / step + shift) - shift))
+    return step * (np.round(true_position / step + shift) - shift)

@@ -14,14 +14,13 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART, DiskCache
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array, Mask
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import (
@@ -330,7 +329,7 @@ class FilteredRun:
         """Number of samples that the filters take from each end of a stretch."""
         return self.filters.state.half + self.filters.column.half
 
-    def _places(self, uncut: bool) -> Iterator[tuple[Stretch, NDArray[np.int64], Mask]]:
+    def _places(self, uncut: bool) -> Iterator[tuple[Stretch, Indices, Mask]]:
         """Yield each chunk's stretch, its samples (K,) that may become rows, and which
         of them (K,) do; chunks without a row are left out."""
         is_whole = uncut or self.run.q.size <= SAMPLES
@@ -357,9 +356,7 @@ def _itself(chunk: FilteredChunk) -> FilteredChunk:
     return chunk
 
 
-def _chunk(
-    filters: RunFilter, part: Stretch, at: NDArray[np.int64], keep: Mask
-) -> FilteredChunk:
+def _chunk(filters: RunFilter, part: Stretch, at: Indices, keep: Mask) -> FilteredChunk:
     """Filter a stretch of the log around some of its samples.
 
     at (K,) : samples of the stretch, which has no gaps; keep (K,) : which of them

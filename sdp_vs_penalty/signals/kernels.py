@@ -14,9 +14,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 
 
 class LowPass:
@@ -41,7 +41,7 @@ class Decimator:
     samples, which makes it several times as fast as sparse rows.
     """
 
-    def __init__(self, kernel: LowPass, at: NDArray[np.int64]) -> None:
+    def __init__(self, kernel: LowPass, at: Indices) -> None:
         """Make the blocks of the matrix whose outputs are the low-passed signal at the
         samples ``at`` (M,), in ascending order."""
         self.kernel = kernel

@@ -128,7 +128,7 @@ class Noise:
         It is sigma^2 profile^2 / scale^2: 1 for a moving joint, less where unknown dry
         friction adds to the noise.
         """
-        return np.asarray((self.sigma * self.profile / self.scale) ** 2)
+        return (self.sigma * self.profile / self.scale) ** 2
 
     def whiten(self, values: Array, joint: int, pieces: Pieces) -> Array:
         """Whiten columns of a joint (from 0): make its noise independent from row to
@@ -150,9 +150,9 @@ class Noise:
         array
             Whitened values, of the same shape.
         """
-        white = np.asarray(pieces.filter(self.ar[joint], len(self.scale)) @ values)
+        white = pieces.filter(self.ar[joint], len(self.scale)) @ values
         scale = self.scale[:, joint]
-        return np.asarray(white / (scale if values.ndim == 1 else scale[:, None]))
+        return white / (scale if values.ndim == 1 else scale[:, None])
 
 
 def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> Noise:
@@ -390,7 +390,7 @@ class _RepeatedRows:
         since = t - t.mean()
         growing = np.column_stack([laws, since[:, None] * laws])
         drift = self._gap[:, None] * growing
-        return np.asarray(drift / nonzero_or_one(np.linalg.norm(drift, axis=0)))
+        return drift / nonzero_or_one(np.linalg.norm(drift, axis=0))
 
     def _comes_back(self, marked: Mask) -> Mask:
         """Return which of the marked differences (D,) recur at other instants with the
@@ -550,7 +550,7 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     has_negative = (frequency > 0.0) & (frequency < 0.5 / dt)
     weight = np.where(has_negative, 2.0, 1.0)
     variance = noise.spectrum @ (weight * passed) / np.sum(weight)
-    return np.asarray(np.sqrt(variance + _floor_of_positions(runs) ** 2))
+    return np.sqrt(variance + _floor_of_positions(runs) ** 2)
 
 
 def _floor_of_positions(runs: SegmentedRuns) -> Array:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +24,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import ALIKE, Track, repeat_lag, repeat_period
 from sdp_vs_penalty.signals.runs import interpolated, sample_rate
 
+#: A part of a motion's clock: where it begins and ends [s].
+ClockPart: TypeAlias = tuple[float, float]
 #: Rate at which positions are compared; motion holds little above half of it.
 _LARGEST_TRACK_RATE_HZ = 100.0
 
@@ -58,8 +61,8 @@ class MotionClock:
         """
         since = np.asarray(t, float) - self.start
         if self.periodic:
-            return np.asarray(since % self.length)
-        return np.asarray(np.clip(since, 0.0, self.length))
+            return since % self.length
+        return np.clip(since, 0.0, self.length)
 
 
 def tracks_of(measurements: Measurements) -> list[Track]:
@@ -184,7 +187,7 @@ class PhaseFolds:
         """
         return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 
-    def stretch(self, fold: int) -> tuple[float, float]:
+    def stretch(self, fold: int) -> ClockPart:
         """Return the first and last instant [s] of a fold's stretch on the clock of the
         first run's motion."""
         length = self.clocks[0].length
@@ -261,7 +264,7 @@ def filter_reach(run: Measurements, settings: Preprocessing) -> float:
 
 def phase_windows(
     clock: MotionClock, span: float, share: float, pause: float, shortest: float
-) -> tuple[list[tuple[float, float]], list[tuple[float, float]]] | None:
+) -> tuple[list[ClockPart], list[ClockPart]] | None:
     """Split one run into windows for training and windows for testing.
 
     The motion is cut into as many equal parts as there is room for, up to five; each
@@ -315,13 +318,13 @@ def phase_windows(
 
 
 def rotated_windows(
-    tested: Sequence[tuple[float, float]],
+    tested: Sequence[ClockPart],
     clock: MotionClock,
     span: float,
     offset: float,
     pause: float,
     shortest: float,
-) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+) -> tuple[list[ClockPart], list[ClockPart]]:
     """Return another split of a run, in which testing lies ``offset`` later in the
     motion.
 
@@ -368,8 +371,8 @@ def rotated_windows(
 
 
 def _moved_along_clock(
-    stretches: Sequence[tuple[float, float]], offset: float, length: float
-) -> list[tuple[float, float]]:
+    stretches: Sequence[ClockPart], offset: float, length: float
+) -> list[ClockPart]:
     """Move stretches of a clock (begin, end) [s] by an offset, modulo its length; one
     that passes the end is cut in two there."""
     moved = []
@@ -382,9 +385,7 @@ def _moved_along_clock(
     return sorted(moved)
 
 
-def _gaps(
-    taken: Sequence[tuple[float, float]], length: float
-) -> list[tuple[float, float]]:
+def _gaps(taken: Sequence[ClockPart], length: float) -> list[ClockPart]:
     """List the free stretches (begin, end) [s] of a clock from 0 to ``length``: those
     between the ``taken`` ones, which may overlap.
     """
@@ -400,18 +401,18 @@ def _gaps(
 
 
 def _in_run(
-    stretches: Sequence[tuple[float, float]],
+    stretches: Sequence[ClockPart],
     begins: Sequence[float],
     span: float,
     shortest: float,
-) -> list[tuple[float, float]]:
+) -> list[ClockPart]:
     """Convert stretches of a motion's clock into windows of the run [s from its start].
 
     Each stretch occurs once in each repetition of the motion, which start at
     ``begins``. Windows that touch are joined. Windows shorter than ``shortest`` are
     left out.
     """
-    windows: list[tuple[float, float]] = []
+    windows: list[ClockPart] = []
     for begin in begins:
         for first, last in stretches:
             window = (begin + first, min(begin + last, span))

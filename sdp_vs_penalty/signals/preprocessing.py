@@ -29,7 +29,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.stretches.gaps import FINEST
@@ -37,7 +36,7 @@ from sdp_vs_penalty.effects.effect import Motion, Sampling
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.effects.servo import LATEST
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.constants import STOPS
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel
 from sdp_vs_penalty.signals.runs import (
@@ -184,7 +183,7 @@ class RunFilter:
         rows_per_sample = rate * self.column.cutoff * self.dt
         return stride * max(1, int(1.0 / (rows_per_sample * stride)))
 
-    def around(self, part: Stretch, at: NDArray[np.int64]) -> tuple[Motion, Motion]:
+    def around(self, part: Stretch, at: Indices) -> tuple[Motion, Motion]:
         """Compute the filtered motion around some samples, for the columns of a model.
 
         The motion reaches as far beyond the samples as the low-passes of the columns
@@ -308,7 +307,7 @@ class RunFilter:
         )
         return command, _subsample(stride, path)
 
-    def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
+    def torque(self, part: Stretch, at: Indices) -> Array:
         """Return the low-passed torque (M, n) [N m or N] at samples ``at`` (M,) of the
         log, in ascending order."""
         begin = at[0] - self.column.half

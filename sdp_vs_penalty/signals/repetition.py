@@ -10,7 +10,6 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import ORDER
@@ -134,7 +133,7 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
 
 
 def _valleys(
-    a: Track, b: Track, scale: Array, step: float, lags: NDArray[np.int64]
+    a: Track, b: Track, scale: Array, step: float, lags: Indices
 ) -> list[tuple[float, float]]:
     """List the lags at which track b may repeat track a: minima of their difference.
 
@@ -212,7 +211,7 @@ def _correlation(x: Array, y: Array) -> Array:
         spectrum += np.conj(scipy.fft.rfft(of_joint, length)) * scipy.fft.rfft(
             other, length
         )
-    return np.asarray(scipy.fft.irfft(spectrum, length))
+    return scipy.fft.irfft(spectrum, length)
 
 
 def _is_repeated(a: Track, b: Track, scale: Array, lag: float) -> bool:

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, drop_pages, iter_chunks
@@ -59,7 +58,7 @@ def moving_joints(run: Measurements) -> Mask:
     is_smooth = spread > 4.0 * step
     largest = np.max(spread, initial=0.0, where=is_smooth)
     is_free = spread > _HELD * largest
-    return np.asarray((is_smooth & is_free) | (spread > _LARGEST_NOISE))
+    return (is_smooth & is_free) | (spread > _LARGEST_NOISE)
 
 
 class Movement:
@@ -156,9 +155,9 @@ class Stretch:
         span = self.t[-1] - self.t[0]
         return int(span / self.dt) + 1
 
-    def clock(self, k: NDArray[np.int64]) -> Array:
+    def clock(self, k: Indices) -> Array:
         """Return the instants (K,) [s] of the grid's samples k (K,)."""
-        return np.asarray(self.t[0] + self.dt * k)
+        return self.t[0] + self.dt * k
 
     @cached_property
     def integrals(self) -> tuple[Array, Array]:

@@ -21,14 +21,13 @@ from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, JointCoverage, Motion
 from sdp_vs_penalty.effects.model import depends, turning
 from sdp_vs_penalty.memory import LONG_RECORDING
-from sdp_vs_penalty.robot.arrays import Array, Mask
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.encoder import read_again
@@ -147,7 +146,7 @@ class Segment(Filtered):
     @property
     def residual(self) -> Array:
         """(M, n) filtered measured torque less the attached model's torque [N m or N]."""
-        return np.asarray(self.torque - self.low_pass @ self.motion.modelled)
+        return self.torque - self.low_pass @ self.motion.modelled
 
 
 @dataclass(frozen=True)
@@ -191,12 +190,12 @@ class SegmentedRuns:
         return np.concatenate([s.t for s in self.segments])
 
     @cached_property
-    def run(self) -> NDArray[np.int64]:
+    def run(self) -> Indices:
         """(M,) number of each row's run, from 0."""
         return np.concatenate([np.full(len(s.t), s.run) for s in self.segments])
 
     @cached_property
-    def segment(self) -> NDArray[np.int64]:
+    def segment(self) -> Indices:
         """(M,) number of each row's segment, from 0."""
         return np.concatenate(
             [np.full(len(s.t), k) for k, s in enumerate(self.segments)]
@@ -268,6 +267,7 @@ class SegmentedRuns:
             stands=float(np.mean(self.still > STILL)),
             lowest=float(paths.min()),
             highest=float(paths.max()),
+            step=max(s.stretch.dt for s in self.segments),
         )
 
     @cached_property
@@ -285,7 +285,7 @@ class SegmentedRuns:
         friction = self.torque - np.concatenate(links) if links else self.torque
         n_rows = np.maximum(self.keep.sum(axis=0), 1)
         square = np.sum(self.keep * friction**2, axis=0) / n_rows
-        return np.asarray(np.sqrt(square) * self.still)
+        return np.sqrt(square) * self.still
 
     @cached_property
     def steps(self) -> Array:

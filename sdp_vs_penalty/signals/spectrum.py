@@ -129,7 +129,7 @@ def periodograms(x: Array, length: int, degree: int = 0) -> Array:
     # A constant channel has no spectrum, rather than one of rounding errors.
     pieces = np.where(changes, without_course, 0.0)
     spectrum = np.fft.rfft(pieces * window, axis=1)
-    return np.asarray(np.abs(spectrum) ** 2 / np.sum(window**2))
+    return np.abs(spectrum) ** 2 / np.sum(window**2)
 
 
 def sharpest_cutoff(
@@ -419,7 +419,7 @@ def _passed_by_windows(length: int) -> Array:
     # The polynomials are orthonormal: each takes its own power out of white noise.
     spectra = np.fft.rfft(window[:, None] * polynomials, axis=0)
     taken = np.sum(np.abs(spectra) ** 2, axis=1) / np.sum(window**2)
-    return np.asarray(1.0 - taken)
+    return 1.0 - taken
 
 
 def position_noise(parts: Sequence[Stretch], cutoff: float) -> Array | None:
@@ -450,7 +450,7 @@ def position_noise(parts: Sequence[Stretch], cutoff: float) -> Array | None:
     if not windows or not above.any():
         return None
     power = np.concatenate(windows)[:, above].mean(axis=(0, 1))
-    return np.asarray(np.sqrt(power))
+    return np.sqrt(power)
 
 
 def _mean_by_quantile(powers: Array, share: float) -> Array:
@@ -460,7 +460,7 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
     A periodogram of noise is exponential: its quantile is -log(1 - share) of its mean.
     """
     quantile = np.quantile(powers, share, axis=0)
-    return np.asarray(quantile / -np.log1p(-share))
+    return quantile / -np.log1p(-share)
 
 
 def _autoregression(powers: Array, angle: Array, band: Mask) -> tuple[Array, float]:

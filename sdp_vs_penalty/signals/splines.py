@@ -55,8 +55,8 @@ class CubicSpline:
         cube, square, slope, value = (c[piece] for c in self.c)
         h = (at - self.x[piece])[:, None]
         if order == 1:
-            return np.asarray((3.0 * cube * h + 2.0 * square) * h + slope)
-        return np.asarray(((cube * h + square) * h + slope) * h + value)
+            return (3.0 * cube * h + 2.0 * square) * h + slope
+        return ((cube * h + square) * h + slope) * h + value
 
     def _piece(self, at: Array) -> Indices:
         """Return the number (M,) of the piece for each of ``at`` (M,)."""
@@ -99,4 +99,4 @@ def _slopes_at_knots(width: Array, rise: Array) -> Array:
     right_side[-1] = (
         last**2 * rise[-2] + (2.0 * (before + last) + last) * before * rise[-1]
     ) / (before + last)
-    return np.asarray(scipy.linalg.solve_banded((1, 1), bands, right_side))
+    return scipy.linalg.solve_banded((1, 1), bands, right_side)

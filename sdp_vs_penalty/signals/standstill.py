@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.bristles import PRESLIDING_TRAVELS, dahl
 from sdp_vs_penalty.effects.motion import Legs, Motion
-from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -28,7 +28,7 @@ SLOW = 0.1
 
 
 def standstill_leakage(
-    stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]
+    stretch: Stretch, kernels: Sequence[Kernel], rows: Indices
 ) -> Array:
     """Return the share (M, n) of each filtered row, at samples ``rows`` (M,) of the
     stretch, that comes from a joint's standstill [-].
@@ -45,12 +45,12 @@ def standstill_leakage(
     positions = stretch.resampled(stretch.q, 0, stretch.count)
     reaching = is_still(positions).astype(float)
     if not reaching.any():
-        return np.asarray(reaching[rows])
+        return reaching[rows]
     for kernel in kernels:
         margin = ((kernel.half, kernel.half), (0, 0))
         padded = np.pad(reaching, margin, mode="edge")
         (reaching,) = convolve(padded, np.abs(kernel.value))
-    return np.asarray(reaching[rows])
+    return reaching[rows]
 
 
 def is_still(q: Array) -> Mask:
@@ -144,7 +144,7 @@ def resolution(q: Array) -> Array:
     # them (1 + 16 + 36 + 16 + 1), and a median absolute value of 0.6745 sigma.
     fourth_differences = np.diff(q, 4, axis=0)
     median = np.median(np.abs(fourth_differences), axis=0)
-    return np.asarray(_ALIKE * median / (0.6745 * np.sqrt(70.0)))
+    return _ALIKE * median / (0.6745 * np.sqrt(70.0))
 
 
 def friction_laws(motion: Motion, joint: int) -> Array:

@@ -100,7 +100,7 @@ class Sensor:
         """(n,) standard deviation of the white noise whose filtered samples have the
         standard deviation ``torque_std`` [N m]."""
         shares = [innovation_share(poles) for poles in self.poles]
-        return np.asarray(self.torque_std * np.sqrt(shares))
+        return self.torque_std * np.sqrt(shares)
 
     def noise(self, count: int, rng: np.random.Generator) -> Array:
         """Draw samples of the torque noise at the controller's rate.

@@ -142,7 +142,7 @@ class Following(Record, JsonRecord):
         shares = [
             size / at_least_tiny(reference) for size, reference in of_loop or of_horizon
         ]
-        return np.asarray(np.max(shares, axis=0))
+        return np.max(shares, axis=0)
 
     @fact("", digits=9)
     def worst_joint(self) -> int:
@@ -652,4 +652,4 @@ def _free_run(
 
 def _rms(error: Array) -> Array:
     """Return the root mean square over the rows (N, n), one for each joint: (n,)."""
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+    return np.sqrt(np.mean(error**2, axis=0))

@@ -180,9 +180,7 @@ def _polished(
         bound.
         """
         in_directions = vt[is_active] @ slope
-        return np.asarray(
-            u[:, is_active] @ (in_directions / (2.0 * strength[is_active]))
-        )
+        return u[:, is_active] @ (in_directions / (2.0 * strength[is_active]))
 
     # Scale each matrix F to T F T with a unit diagonal: else the projection would
     # depend on units.
@@ -303,4 +301,4 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
             long_enough = middle
         else:
             too_short = middle
-    return np.asarray(theta + 10.0**long_enough * (interior - theta))
+    return theta + 10.0**long_enough * (interior - theta)

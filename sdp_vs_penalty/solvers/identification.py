@@ -409,7 +409,7 @@ def _matrix_scale(
         return identity
     values = group.values(reference)
     if only_diagonal:
-        return np.asarray(_sizes(values)[:, :, None] * identity)
+        return _sizes(values)[:, :, None] * identity
     return _whitening(values)
 
 
@@ -423,7 +423,7 @@ def _row_scale(group: ConeGroup, theta_scale: Array) -> Array:
     size = coefficients + np.abs(group.constant)
     if group.cone == "soc":
         size = np.maximum(size, size.max(axis=1, keepdims=True))
-    return np.asarray(1.0 / nonzero_or_one(size))
+    return 1.0 / nonzero_or_one(size)
 
 
 def _log_det(
@@ -483,7 +483,7 @@ def unit_diagonal_factors(values: Array) -> Array:
     """Return factors d_i d_j (g, d, d), d_i = 1 / sqrt(values_ii), that give matrices
     with positive diagonals a diagonal of ones, entry by entry."""
     size = _sizes(values)
-    return np.asarray(size[:, :, None] * size[:, None])
+    return size[:, :, None] * size[:, None]
 
 
 def moving_scale(
@@ -505,7 +505,7 @@ def moving_scale(
             t @ group.coefficients @ np.swapaxes(t, 2, 3), axis=(2, 3)
         )
         np.maximum.at(moves, group.indices, size)
-    return np.asarray(_FARTHEST / np.maximum(moves, _FARTHEST / bound))
+    return _FARTHEST / np.maximum(moves, _FARTHEST / bound)
 
 
 def _whitening(values: Array) -> Array:
@@ -521,9 +521,7 @@ def _whitening(values: Array) -> Array:
     root = np.where(
         eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0
     )
-    return np.asarray(
-        (vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None]
-    )
+    return (vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None]
 
 
 def _sizes(values: Array) -> Array:
@@ -531,7 +529,7 @@ def _sizes(values: Array) -> Array:
     indefinite.
     """
     diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
-    return np.asarray(1.0 / np.sqrt(nonzero_or_one(diagonal)))
+    return 1.0 / np.sqrt(nonzero_or_one(diagonal))
 
 
 def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:

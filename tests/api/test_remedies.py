@@ -4,18 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import run_cli
 from small_runs import small_run
 
-from sdp_vs_penalty import InputError, check
+from sdp_vs_penalty import InputError, check, load_measurements
 from sdp_vs_penalty.api.remedies import (
     Files,
     State,
     apply_change,
     command_of,
+    effect_on_error,
     next_command,
     next_remedy,
 )
 from sdp_vs_penalty.checks.report import list_remedies
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.results import Change
 
@@ -29,7 +32,7 @@ FILES = Files(
 EFFECT = "coulomb_friction:1"
 WORDS = [
     (Change("transform", "", {"apply": ["sign:tau2"]}), "--apply sign:tau2"),
-    (Change("cut", "", {"run": "run 1.csv", "spans": [[2, 3]]}), "--window 0.0:2,3:"),
+    (Change("cut", "", {"run": "run 1.csv", "spans": [[2, 3]]}), "convert *--cut 2:3"),
     (Change("read", "", {"scale": {"q": "deg"}}), "convert *--scale q=deg"),
     (Change("read", "", {"rate": 100.0}), "--rate 100.0"),
     (Change("hold", "", {"positions": {"finger": 0.0}}), "--hold finger=0"),
@@ -53,6 +56,7 @@ def test_a_change_is_one_command(change, words):
     ("change", "files"),
     [
         (Change("read", "", {"scale": {"tau": None}}), FILES),
+        (Change("cut", "", {"run": "other", "spans": [[2, 3]]}), FILES),
         (Change("add", "", {"effects": [EFFECT]}), replace(FILES, model=None)),
     ],
 )
@@ -91,7 +95,7 @@ def test_the_first_remedy_of_a_check_repairs_its_runs(spoiled):
 def test_spans_are_cut_units_read_and_gravity_set(spoiled):
     cut = Change("cut", "", {"run": "run1.csv", "spans": [[1.0, 2.0]]})
     first, second = apply_change(cut, spoiled).runs
-    assert not np.any((first.t >= 1.0) & (first.t <= 2.0))
+    assert not np.any((first.t >= 0.75) & (first.t <= 2.25))
     assert len(second.t) == len(spoiled.runs[1].t)
     read = apply_change(Change("read", "", {"scale": {"tau": "mNm"}}), spoiled)
     np.testing.assert_allclose(read.runs[0].tau, 1e-3 * spoiled.runs[0].tau)
@@ -111,3 +115,22 @@ def test_spans_are_cut_units_read_and_gravity_set(spoiled):
 def test_a_change_that_lacks_something_says_what(spoiled, change, what):
     with pytest.raises(InputError, match=what):
         apply_change(change, spoiled)
+
+
+def test_a_command_cuts_as_the_button_does(spoiled, tmp_path, monkeypatch):
+    """And the check finds the gap alone in what is left; the error is stated."""
+    monkeypatch.chdir(tmp_path)
+    save(spoiled.runs[0], "run1.csv")
+    cut = Change("cut", "", {"run": "run1.csv", "spans": [[3.5, 4.5]]})
+    files = replace(FILES, check=CheckCommand(problem="two_link", runs=["run1.csv"]))
+    assert run_cli(*command_of(cut, files)) == 0
+    before = replace(spoiled, runs=(load_measurements("run1.csv"),))
+    after = apply_change(cut, before)
+    (written,) = load_measurements("run1_cut.csv").runs()
+    np.testing.assert_array_equal(written.t, after.runs[0].t)
+    (faults,), (left,) = (
+        check(spoiled.problem, list(x.runs), thorough=False) for x in (before, after)
+    )
+    new = {f.kind for f in left.issues} - {f.kind for f in faults.issues}
+    assert new == {"gap in time"}
+    assert "as logged" in effect_on_error(before, after)

@@ -236,9 +236,9 @@ def test_a_named_explanation_is_applied_where_it_lowers_the_error():
     reports = check(PROBLEM, log, thorough=False)
     repaired = fix_runs(PROBLEM, [log], reports, ["sign:tau2"])
     np.testing.assert_array_equal(repaired.runs[0].tau, RUN.tau)
-    assert repaired.before is not None
-    assert repaired.after is not None
-    assert repaired.after < 0.5 * repaired.before
+    assert repaired.left_out.before is not None
+    assert repaired.left_out.after is not None
+    assert repaired.left_out.after < 0.5 * repaired.left_out.before
 
 
 def test_a_repair_that_raises_the_error_is_not_written():

@@ -141,12 +141,3 @@ def test_what_follows_parses(words, inside, capsys):
     assert run_cli(*words.split()) == 0
     verb, *rest = next_words(capsys.readouterr().out)
     Parser(verb, named(verb)).given(rest)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "words", ["demo --out demo", "simulate two_link --hide joint_spring:2 --out sim"]
-)
-def test_commands_that_follow_a_simulation_run(words, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert len(followed(words.split(), capsys)) > 2

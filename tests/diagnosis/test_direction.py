@@ -12,8 +12,8 @@ import pytest
 from point_mass_arm import PointMassArm, arm_problem
 
 from sdp_vs_penalty import identify
+from sdp_vs_penalty.diagnosis.confidence import has_no_direction
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
-from sdp_vs_penalty.diagnosis.direction import has_no_direction
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData

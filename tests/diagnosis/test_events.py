@@ -35,6 +35,8 @@ def data_of(source: str) -> Any:
     )
     rows = SimpleNamespace(
         t=np.arange(M) / 40.0,
+        run=np.zeros(M, int),
+        names=("run1",),
         n=1,
         rate=40.0,
         pieces=[Pieces((np.arange(M),))],

@@ -20,9 +20,11 @@ from sdp_vs_penalty.diagnosis import (
     ColumnProducts,
     CurveColumns,
     EvidenceScorer,
+    Library,
     Nuisance,
     ScoredEffect,
     Search,
+    WhiteData,
     WhiteFit,
     diagnosis_rows,
     list_candidates,
@@ -206,35 +208,47 @@ def test_a_misfit_is_noise_that_its_columns_make():
     assert alone.drop > 2.0 * term.drop > 0.0
 
 
-def searched(two_link: Problem) -> Search:
-    """A search that has not begun."""
+@pytest.fixture(scope="module")
+def white(two_link: Problem) -> tuple[WhiteData, Library, list[str]]:
+    """Rows of a clean run, all candidates on them, and what is said meanwhile."""
     run = small_run(two_link, seed=2)
     estimate = identify(two_link, run, "ols", check=False)
     settings = estimate.preprocessing.resolve(run)
     data = whiten_rows(diagnosis_rows(run, estimate, settings), estimate)
-    return Search(data, list_candidates(data))
+    said = list[str]()
+    return data, list_candidates(data, said.append), said
 
 
-def test_lengths_from_which_a_delay_is_looked_for_are_one_law(two_link):
+@pytest.fixture
+def search(white: Any) -> Search:
+    """A search that has not begun."""
+    return Search(*white[:2])
+
+
+def terms(search: Search, name: str = "", joint: int = 0) -> list[ScoredEffect]:
+    """The candidates of an effect on a joint, or all first ones of a batch, scored."""
+    forms = [
+        f for b in search.library.batches for f in (b.forms if name else b.forms[:2])
+    ]
+    return [
+        search.evidence_of(search.fit, f)
+        for f in forms
+        if not f.replaces_own_constant and (not name or f.key == (name, joint))
+    ]
+
+
+def test_lengths_from_which_a_delay_is_looked_for_are_one_law(search):
     """It becomes as long as its size; what is chosen is a filter's phase."""
-    laws = searched(two_link).library.laws
+    laws = search.library.laws
     assert laws["torque_delay", 0] == laws["global_delay", None] == 1
     assert laws["torque_filter", None] == 2
 
 
-def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
+def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(search):
     """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of
     its squares."""
-    search = searched(two_link)
-    forms = [
-        f
-        for b in search.library.batches
-        for f in b.forms
-        if f.n_constants and not f.replaces_own_constant
-    ]
     term = max(
-        (search.evidence_of(search.fit, f) for f in forms),
-        key=lambda t: t.squares.sum(),
+        (t for t in terms(search) if t.form.n_constants), key=lambda t: t.squares.sum()
     )
     misfits = search.nuisances.law_misfits(term)
     assert [m.joint for m in misfits] == sorted(term.joints)
@@ -259,19 +273,12 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
 
 
 def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
-    two_link, monkeypatch
+    search, monkeypatch
 ):
     """And the search goes on to exchange them."""
-    search = searched(two_link)
     asked = []
-    forms = [
-        f
-        for b in search.library.batches
-        for f in b.forms
-        if not f.replaces_own_constant
-    ]
-    stays = replace(search.evidence_of(search.fit, forms[0]), drop=1000000.0)
-    goes = replace(search.evidence_of(search.fit, forms[-1]), drop=1000000.0)
+    first, *_, last = terms(search)
+    stays, goes = replace(first, drop=1e6), replace(last, drop=1e6)
     found = {
         "top_candidates": lambda *_: [] if search.refused else [goes],
         "exchange_one": asked.append,
@@ -284,8 +291,7 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
     assert search.refused == {goes.key}
 
 
-def test_squared_errors_from_products_are_those_of_the_rows(two_link):
-    search = searched(two_link)
+def test_squared_errors_from_products_are_those_of_the_rows(search):
     batch = search.library.batches[0]
     scaled = search.fit.scaled(batch.columns(0))
     products = ColumnProducts.of(search.fit, scaled)
@@ -298,18 +304,11 @@ def test_squared_errors_from_products_are_those_of_the_rows(two_link):
 
 
 @pytest.mark.parametrize("stays", [False, True])
-def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch, stays):
+def test_a_term_gives_way_only_to_one_that_stays(search, monkeypatch, stays):
     """The other one had left beside what is tolerated of a mounting, and the term with
     it."""
-    search = searched(two_link)
-    forms = [
-        f
-        for b in search.library.batches
-        for f in b.forms
-        if not f.replaces_own_constant
-    ]
-    here = replace(search.evidence_of(search.fit, forms[0]), drop=100000.0)
-    other = replace(search.evidence_of(search.fit, forms[-1]), drop=1000000.0)
+    first, *_, last = terms(search)
+    here, other = replace(first, drop=1e5), replace(last, drop=1e6)
     monkeypatch.setattr(search, "score_jointly", lambda group, _: group)
     monkeypatch.setattr(search, "top_candidates", lambda *_, **__: [other])
     monkeypatch.setattr(search, "drop_weak", lambda _: [other] if stays else [])
@@ -317,15 +316,9 @@ def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch, stays):
 
 
 def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_changed(
-    two_link, monkeypatch
+    search, monkeypatch
 ):
-    search = searched(two_link)
-    scored = [
-        search.evidence_of(search.fit, f)
-        for b in search.library.batches
-        for f in b.forms[:2]
-        if not f.replaces_own_constant
-    ]
+    scored = terms(search)
     first, third, *_ = [t for t in scored if t.joints == {0}]
     other = next(t for t in scored if t.joints == {1})
     tried = []
@@ -343,42 +336,29 @@ def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_ch
 
 
 def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model(
-    two_link,
+    search, white
 ):
-    search = searched(two_link)
-    forms = {f.key: f for b in search.library.batches for f in b.forms}
-    columns_stay = forms["joint_spring", 0]
-    depends_on_model = forms["torque_gain", 0]
-    other = searched(two_link)
-    for form in (columns_stay, depends_on_model):
-        term = other.evidence_of(other.fit, form)
+    other = Search(*white[:2])
+    for name in ("joint_spring", "torque_gain"):
+        (term, *_) = terms(other, name)
         other.terms.append(term)
         other._not_exchanged[term.key] = frozenset([term.text])
     other.barred.add(("joint_resonance", 1))
     search.take_attempts_of(other)
-    assert set(search._not_exchanged) == {columns_stay.key}
+    assert set(search._not_exchanged) == {("joint_spring", 0)}
     assert search.barred == other.barred
 
 
-def test_parameters_beyond_those_of_any_model_contradict_themselves(two_link):
-    search = searched(two_link)
-    forms = {f.key: f for b in search.library.batches for f in b.forms}
-    term = search.evidence_of(search.fit, forms["joint_spring", 0])
+def test_parameters_beyond_those_of_any_model_contradict_themselves(search):
+    (term,) = terms(search, "joint_spring")
     assert not search.contradicts_itself(term)
     assert search.contradicts_itself(replace(term, beta=np.array([6e9])))
 
 
-def test_a_law_is_as_uncertain_after_many_rows_as_its_tolerated_error(two_link):
+def test_a_law_is_as_uncertain_after_many_rows_as_its_tolerated_error(search):
     """Another value of its constant that loses an eighth of 4 % of its drop (it has
     eight misfits) moves the size by one standard deviation."""
-    search = searched(two_link)
-    forms = [
-        f
-        for b in search.library.batches
-        for f in b.forms
-        if f.key == ("power_law_friction", 0)
-    ]
-    term = max((search.evidence_of(search.fit, f) for f in forms), key=lambda t: t.drop)
+    term = max(terms(search, "power_law_friction"), key=lambda t: t.drop)
     search.terms = [term]
     data = search.data
     errors = data.constant_error_columns([term.form.effect], [term.beta])
@@ -399,11 +379,9 @@ def test_a_law_is_as_uncertain_after_many_rows_as_its_tolerated_error(two_link):
     assert known.std_of_law(term.form.effect) <= 0.5 * abs(term.beta[0])
 
 
-def test_a_drop_beside_another_fit_is_that_of_the_whole_score(two_link):
-    search = searched(two_link)
-    forms = {f.key: f for b in search.library.batches for f in b.forms}
-    spring = search.evidence_of(search.fit, forms["joint_spring", 0])
-    beside = search.score.fit([search.evidence_of(search.fit, forms["torque_gain", 1])])
+def test_a_drop_beside_another_fit_is_that_of_the_whole_score(search):
+    (spring,) = terms(search, "joint_spring")
+    beside = search.score.fit(terms(search, "torque_gain", 1))
     quick = search.score.with_drop_beside(beside, spring)
     full = search.score.evidence_of(beside, spring.form, spring.columns)
     assert quick.drop == pytest.approx(full.drop)
@@ -434,30 +412,19 @@ def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
     assert other.evidence_with_worth_of(one) - one.evidence == pytest.approx(1.0 / 1.5)
 
 
-def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
+def test_a_shape_constant_is_where_it_explains_most(search, monkeypatch):
     """Whatever the rows are found to be worth there: that is as uncertain as the
     evidence is."""
-    search = searched(two_link)
-    forms = [
-        f
-        for b in search.library.batches
-        for f in b.forms
-        if f.key == ("sigmoid_friction", 0)
-    ]
-    refined = search.refined(search.fit, search.evidence_of(search.fit, forms[0]))
-    assert refined.drop >= max(
-        search.evidence_of(search.fit, f).drop
-        for f in forms
-        if f.discrete_choice == forms[0].discrete_choice
-    )
+    first, *others = terms(search, "sigmoid_friction")
+    refined = search.refined(search.fit, first)
+    law = first.form.discrete_choice
+    assert refined.drop >= max(t.drop for t in others if t.form.discrete_choice == law)
     rng = np.random.default_rng(0)
     monkeypatch.setattr(
         EvidenceScorer, "rows_worth_one", lambda *_: rng.uniform(1.0, 3.0)
     )
-    assert (
-        search.refined(search.fit, search.evidence_of(search.fit, forms[0])).text
-        == refined.text
-    )
+    again = search.evidence_of(search.fit, first.form)
+    assert search.refined(search.fit, again).text == refined.text
 
 
 def test_what_the_model_makes_itself_is_no_candidate():
@@ -610,15 +577,10 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
         )
 
 
-def test_the_columns_of_candidates_are_counted(two_link):
+def test_the_columns_of_candidates_are_counted(white):
     """The count, from which the time left is told, rises to at most its total."""
-    run = small_run(two_link, seed=2)
-    estimate = identify(two_link, run, "ols", check=False)
-    settings = estimate.preprocessing.resolve(run)
-    data = whiten_rows(diagnosis_rows(run, estimate, settings), estimate)
-    said = list[str]()
-    list_candidates(data, said.append)
-    counts = [tuple(map(int, re.findall(r"(\d+) of (\d+)", x)[0])) for x in said]
+    said = [re.findall(r"(\d+) of (\d+)", x)[0] for x in white[2]]
+    counts = [(int(done), int(total)) for done, total in said]
     assert counts == sorted(counts)
     assert counts[0][0] == 1
     assert 1 < counts[-1][0] <= counts[-1][1]

@@ -196,6 +196,15 @@ def test_a_ripple_is_named_where_it_was_seen_to_repeat(waves, is_tried, is_named
     assert (ripple.looks_like(0.2, coverage) == "") == is_named
 
 
+@pytest.mark.parametrize("name", ["torque_delay", "global_delay", "torque_filter"])
+def test_a_delay_is_longer_than_instants_are_known(name):
+    delay = effect_types()[name](robots()["arm"])
+    coverage = JointCoverage(step=0.004)
+    doubts = [delay.looks_like(size, coverage) != "" for size in (0.0, 3e-4, -3e-4)]
+    assert doubts == [False, True, True]
+    assert delay.looks_like(5e-4, coverage) == ""
+
+
 @pytest.mark.parametrize("side", [1.0, 2.0])
 @pytest.mark.parametrize(
     ("q0", "is_tried"), [(-0.5, False), (-0.3, True), (0.7, True), (0.9, False)]

@@ -126,6 +126,17 @@ def test_a_body_larger_than_its_shapes_is_named_and_kept(tmp_path, capsys):
     assert [c.misfit for c in check_urdf(path)] == ["", ""]
 
 
+def test_moments_about_exchanged_axes_are_a_finding_without_a_fix(tmp_path, capsys):
+    """A rod of .6 m along z; its mass lies near the middle, along x by its moments."""
+    path = write(tmp_path, body("1", "0.0002", "0", "0", "0.001", "0", "0.001"), ROD)
+    code, said, fixed = said_and_fixed(path, capsys)
+    assert code == 0
+    assert "l2 possible but implausible" in said
+    assert "turned: its moments" in " ".join(said.split())
+    assert "ixx and izz are exchanged" in said
+    assert fixed == path.read_text()
+
+
 def test_a_link_that_is_fixed_to_another_is_judged_in_its_own_frame(tmp_path):
     """And a link without shapes not at all, since it may be anywhere."""
     tool = (

@@ -1,7 +1,5 @@
 """The page's verb and a browser on it, for the tests that use both."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -10,13 +8,9 @@ import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from commands import HOME, PROGRAM
-
-if TYPE_CHECKING:
-    pass
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 psutil = pytest.importorskip(

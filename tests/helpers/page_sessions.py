@@ -26,7 +26,7 @@ class Here:
     """Does jobs as a worker does, in this process: requests and answers are JSON all
     the same."""
 
-    async def run(self, request, progress):
+    async def run(self, request, progress, is_aside=False):
         asked = jobs.JobRequest(json.loads(json.dumps(request)), progress)
         answer = worker.do(getattr(jobs, request["job"]), asked)
         if "error" in answer:

@@ -38,47 +38,28 @@ def write_run(path, problem, seconds=6.0, seed=0):
     return path
 
 
-def write_bag(path, run, *, mcap=False, **change):
+def write_bag(
+    path,
+    run,
+    *,
+    mcap=False,
+    no_stamps=False,
+    no_effort=False,
+    names=("c", "a", "b"),
+    topics=("/joint_states",),
+):
     """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the
     same topic. Of several topics the k-th one's positions are larger by k."""
-    pytest.importorskip("rosbags")
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kinds = store.types
-    state = kinds[f"{'sensor_msgs/msg/JointState'}"]
-    header = kinds[f"{'std_msgs/msg/Header'}"]
-    stamp = kinds[f"{'builtin_interfaces/msg/Time'}"]
-    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
-    names = change.get("names", ["c", "a", "b"])
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        topics = change.get("topics", ["/joint_states"])
-        connections = [
-            writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
-            for topic in topics
-        ]
-        for k, t in enumerate(run.t):
-            nanoseconds = round(t * 1e9) + 1_700_000_000 * 10**9
-            at = stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-            if change.get("no_stamps"):
-                at = stamp(sec=0, nanosec=0)
-            order = np.roll(np.arange(run.n), 1)
-            effort = np.zeros(0) if change.get("no_effort") else run.tau[k, order]
-            velocity = run.dq[k, order] if run.dq is not None else np.zeros(0)
-            gripper = state(
-                header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1)
-            )
-            for number, connection in enumerate(connections):
-                position = run.q[k, order] + number
-                for message in (
-                    gripper,
-                    state(header(at, ""), names, position, velocity, effort),
-                ):
-                    raw = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
-                    # The recorder is late by another time each, where stamps tell.
-                    late = 0 if change.get("no_stamps") else 1000 * (k % 3)
-                    writer.write(connection, nanoseconds + late, raw)
+    order = np.roll(np.arange(run.n), 1)
+    messages = []
+    for k, t in enumerate(run.t):
+        velocity = () if run.dq is None else run.dq[k, order]
+        effort = () if no_effort else run.tau[k, order]
+        for number, topic in enumerate(topics):
+            position = run.q[k, order] + number
+            messages.append((topic, t, ["finger"], [0.0], [0.0], [0.0]))
+            messages.append((topic, t, names, position, velocity, effort))
+    write_joint_states(path, messages, mcap, no_stamps)
 
 
 #: Numbers that overflow, underflow or are none; and odd ones that a reader lets pass.
@@ -164,11 +145,12 @@ def run_of(seed, seconds, first=0.0, period=9.63, dt=4e-3, still=0.0):
     return Measurements(t, q, np.ones_like(q), names=(f"run {seed}",))
 
 
-def write_joint_states(path, messages):
+def write_joint_states(path, messages, mcap=False, no_stamps=False):
     """A ROS 2 bag of messages (topic, t [s], names, position, velocity, effort), each
-    of the last three perhaps empty."""
+    of the last three perhaps empty; the recorder is late by another time each, where
+    stamps tell."""
     pytest.importorskip("rosbags")
-    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -176,12 +158,16 @@ def write_joint_states(path, messages):
     state = store.types[kind]
     header = store.types["std_msgs/msg/Header"]
     stamp = store.types["builtin_interfaces/msg/Time"]
-    with Writer(path, version=9) as writer:
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
         connections = {}
-        for topic, t, names, *fields in messages:
+        for number, (topic, t, names, *fields) in enumerate(messages):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
             at = round(t * 1e9) + 1_700_000_000 * 10**9
-            head = header(stamp(sec=at // 10**9, nanosec=at % 10**9), "")
+            stated = 0 if no_stamps else at
+            head = header(stamp(sec=stated // 10**9, nanosec=stated % 10**9), "")
             message = state(head, list(names), *(np.array(x, float) for x in fields))
-            writer.write(connections[topic], at, store.serialize_cdr(message, kind))
+            late = 0 if no_stamps else 1000 * (number // 2 % 3)
+            raw = store.serialize_cdr(message, kind)
+            writer.write(connections[topic], at + late, raw)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, load_problem
+from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.online import ArmModel, SmoothingFilter
 
@@ -30,6 +30,14 @@ def test_the_torque_is_the_models(name):
         motion = Motion(np.zeros(1), q[None], dq[None], ddq[None])
         torque = one.model.torque(one.theta, motion)[0]
         np.testing.assert_allclose(one.torque, torque, atol=1e-4, rtol=1e-4)
+
+
+def test_a_models_controller_makes_its_torque(hidden):
+    estimate = identify(hidden.problem, hidden.train, check=False)
+    state = np.random.default_rng(2).normal(size=(3, 2))
+    loop = estimate.controller()
+    loop.update(*state)
+    np.testing.assert_allclose(loop.torque, estimate.predict(*state)[0], atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur10e", "dvrk_psm"])

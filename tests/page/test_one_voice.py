@@ -5,12 +5,10 @@ into a report; every fact that several of them show is compared as it is printed
 """
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import stories
-from stories import Story
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 pytest.importorskip("plotly", reason="the report needs the extra [report]")
@@ -51,9 +49,7 @@ def peak_torque_error(comparison: Comparison) -> np.ndarray:
 
 
 @pytest.fixture(scope="module", params=CASES)
-def story(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Story]:
+def story(request, tmp_path_factory):
     """What each place says of the same runs; the comparison has one more fact."""
     Comparison.peak_torque_error = peak_torque_error
     facts._fact_methods.cache_clear()
@@ -65,7 +61,7 @@ def story(
 
 
 @pytest.fixture
-def modelled(story: Story) -> Story:
+def modelled(story):
     """A story that came to a model."""
     if story.is_refused:
         pytest.skip("nothing can be identified in this story")
@@ -73,7 +69,7 @@ def modelled(story: Story) -> Story:
 
 
 @pytest.fixture
-def diagnosed(modelled: Story) -> Story:
+def diagnosed(modelled):
     """A story that came to a diagnosis."""
     if not (modelled.folder / "findings.json").exists():
         pytest.skip("a log without torque is not diagnosed")
@@ -81,14 +77,14 @@ def diagnosed(modelled: Story) -> Story:
 
 
 @pytest.fixture
-def extended(diagnosed: Story) -> Story:
+def extended(diagnosed):
     """A story in which something was added."""
     if not (diagnosed.folder / "better.json").exists():
         pytest.skip("nothing was added in this story, or add refused the log")
     return diagnosed
 
 
-def texts(facts: dict) -> dict:
+def texts(facts):
     """Facts of a JSON file as they are printed."""
     return {name: fact["texts"] for name, fact in facts.items()}
 

@@ -1,16 +1,12 @@
 """The workbench as a person uses it: the real verb, a real browser, the whole story."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import http.client
 import re
 import socket
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import page_driver as driver
@@ -24,14 +20,9 @@ from sdp_vs_penalty.page.sessions import SILENCE
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.robot import load_urdf
 
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext
-
-    from sdp_vs_penalty.simulation import HiddenRuns
-
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[driver.Server]:
+def server(tmp_path_factory):
     """The verb; at the end it leaves neither processes nor files behind."""
     temporary = tmp_path_factory.mktemp("page")
     with socket.socket() as free:
@@ -50,19 +41,19 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[driver.Server]:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def browser():
     with driver.browsing() as made:
         yield made
 
 
 @pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
+def context(browser):
     with driver.a_context(browser) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
-def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def files(hidden, tmp_path_factory):
     """Two runs with a hidden effect and a shorter test run, in two formats."""
     folder = tmp_path_factory.mktemp("runs")
     seconds = {"run1.csv": 8.0, "run2.npz": 8.0, "test.npz": 4.0}
@@ -73,21 +64,12 @@ def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[
 
 
 @pytest.fixture(scope="module")
-def story(
-    browser: Browser,
-    server: driver.Server,
-    files: list[Path],
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[dict[str, Any]]:
+def story(browser, server, files, tmp_path_factory):
     """From dropping files to a fallen error and the files to take away, once; tests
     look at it."""
     with driver.a_context(browser) as context:
         page = open_page(context, server)
-        seen: dict[str, Any] = {
-            "page": page,
-            "context": context,
-            "barriers": driver.barriers(page),
-        }
+        seen = {"page": page, "context": context, "barriers": driver.barriers(page)}
         driver.choose(page, "two_link", files)
         act(page, "identify", "[data-part=fit] .js-line")
         begin = time.perf_counter()
@@ -164,7 +146,7 @@ def test_the_report_draws_and_is_accessible(story, browser):
     assert (
         b"root.moduleName = factory" not in read
     )  # the function that a browser would read twice
-    faults: list[str] = []
+    faults = []
     page = browser.new_page(viewport={"width": 1000, "height": 1200})
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on(
@@ -211,7 +193,7 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
             driver.no_sideways_scrolling(page)
         go(page, "identify")
 
-        def brightness(what: str, style: str) -> float:
+        def brightness(what, style):
             colour = page.evaluate(
                 f"getComputedStyle(document.querySelector('{what}')).{style}"
             )
@@ -233,7 +215,7 @@ def test_with_the_keyboard_alone(context, server, files):
         " :focus:not([type=file])')).outlineStyle"
     )
 
-    def press(to: str, what: str = "Enter") -> None:
+    def press(to, what="Enter"):
         """Tab until the control has the focus, and press it."""
         for _ in range(120):
             page.keyboard.press("Tab")
@@ -315,7 +297,7 @@ def test_files_can_be_dragged_onto_the_page(context, server, two_link):
 
 
 def test_other_sites_and_names_get_nothing(server):
-    def status(method: str, path: str, headers: dict[str, str]) -> int:
+    def status(method, path, headers):
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
         connection.request(method, path, headers=headers)
         answer = connection.getresponse()

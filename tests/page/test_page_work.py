@@ -4,11 +4,9 @@ import asyncio
 import json
 import re
 import time
-from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,16 +19,9 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.page import (
-    JobProcess,
-    Session,
-    Sessions,
-    WorkerPool,
-    data_chart,
-    guarded,
-    worker,
-)
+from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
+from sdp_vs_penalty.results import Change
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
 REQUESTS = Path(__file__).parents[1] / "data" / "page_requests.json"
@@ -54,7 +45,7 @@ def hidden(hidden):
 
 
 @pytest.fixture
-def here() -> Iterator[Sessions]:
+def here():
     """Sessions whose jobs are done in this process."""
     made = Sessions(Here())
     yield made
@@ -102,7 +93,71 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     assert s.runs == [before]
 
 
-def ended(work: JobProcess, seconds: float) -> bool:
+def test_what_a_repair_does_is_known_before_the_click(here, hidden, tmp_path):
+    """The sentence beside the button is that of the repair once it is made."""
+    run = hidden.runs[0]
+    wrong = replace(run, tau=run.tau * [1.0, -1.0])
+    s = opened(here, "two_link", **saved(tmp_path, [wrong], "sign.csv"))
+    change = s.remedies[0]["change"]
+    asyncio.run(s._foresee())
+    outcome = s.outcome_of(change)
+    assert outcome.startswith("Error on motion left out: ")
+    do(s, lambda: s.apply(change))
+    assert s.notice.texts == (outcome,)
+
+
+def test_another_set_of_torques_is_taken_by_a_button(here, hidden, tmp_path):
+    """And the commands do the same: `convert` with these columns."""
+    run = hidden.runs[0]
+    blocks = {"Position": run.q, "TorqueSm": run.tau, "TorqueCur": 2.0 * run.tau + 1.0}
+    heads = ["Time", *(f"{name}{j}" for name in blocks for j in (1, 2))]
+    table = np.column_stack([run.t, *blocks.values()])
+    np.savetxt(
+        tmp_path / "a.csv", table, "%.9g", ",", header=",".join(heads), comments=""
+    )
+    s = opened(here, "two_link", **{"a.csv": tmp_path / "a.csv"})
+    for name, number in (("TorqueCur", 6), ("TorqueSm", 4)):
+        (file,) = s.guessed
+        if other := [x for x in file["torques"] if x.startswith(name)]:
+            do(s, partial(s.read_mapped, file["columns"], *other))
+            (kept,) = s.runs
+            read = s.arrays(kept["file"])["tau1"]
+            np.testing.assert_allclose(read, blocks[name][:, 0], rtol=1e-6)
+            assert f"--rename 'tau1=#{number},tau2=" in s.commands()[0]
+    assert s.prepared
+
+
+def test_a_span_is_left_out_of_a_run_and_undone(here, hidden, tmp_path):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
+    cut = Change("cut", "leave it out", {"run": "a.csv", "spans": [[3.0, 4.0]]})
+    do(s, lambda: s.apply(cut.to_dict()))
+    assert [run["name"] for run in s.runs] == ["a_cut.csv", "b.csv"]
+    assert s.runs[0]["samples"] < s.runs[1]["samples"]
+    assert "convert a.csv --cut 3:4 --out a_cut.csv" in s.commands()[0]
+    s.undo()
+    assert [run["name"] for run in s.runs] == ["a.csv", "b.csv"]
+
+
+def test_measured_data_are_loaded_or_it_is_said_why_not(
+    here, hidden, tmp_path, monkeypatch
+):
+    assert opened(here, "panda").robot["data"]["name"] == "panda"
+    s = opened(here, "two_link")
+    assert s.robot["data"] is None
+
+    def offline(name):
+        raise InputError("cannot be downloaded", "check the network", "github.com")
+
+    monkeypatch.setattr(jobs, "fetch_dataset", offline)
+    s.robot["data"] = {"name": "panda"}
+    refusal(lambda: do(s, s.fetch_measured), "cannot be downloaded", "the network")
+    (path,) = saved(tmp_path, hidden.runs, "exciting.csv").values()
+    monkeypatch.setattr(jobs, "fetch_dataset", lambda name: [path])
+    do(s, s.fetch_measured)
+    assert [run["name"] for run in s.runs] == ["exciting.csv"]
+
+
+def ended(work, seconds):
     """Whether a worker ends within so many seconds; whoever killed it waits for it as
     well."""
     until = time.monotonic() + seconds
@@ -111,13 +166,13 @@ def ended(work: JobProcess, seconds: float) -> bool:
     return not work.process.is_alive()
 
 
-async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> int:
+async def put(session, name, kind, content=b"x"):
     """What the server answers to a dropped file."""
     from starlette.requests import Request
 
     from sdp_vs_penalty.page.server import keep
 
-    async def receive() -> dict[str, Any]:
+    async def receive():
         return {"type": "http.request", "body": content, "more_body": False}
 
     request = Request({"type": "http", "method": "PUT", "headers": []}, receive)
@@ -127,7 +182,7 @@ async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> 
 def test_bad_robots_are_refused_and_names_are_no_paths(here):
     s = here.new()
 
-    async def drop(name: str, content: str) -> str:
+    async def drop(name, content):
         status = await put(s, name, "robot", content.encode())
         assert status == 200
         await asyncio.wait([s.task])
@@ -168,7 +223,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(here):
 def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
     s = opened(sessions, "two_link")
 
-    async def story() -> None:
+    async def story():
         s.start(s.simulate, "joint_spring", [1], "strong", 0)
         assert await put(s, "arm.urdf", "robot") == 400
         assert s.notice.texts[0].startswith("arm.urdf: a job is running")
@@ -181,7 +236,7 @@ def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
 
 
 def test_a_full_disk_is_said(here, monkeypatch):
-    def full(*_: object) -> int:
+    def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(tabs.os, "open", full)
@@ -210,7 +265,7 @@ def test_of_a_dropped_run_only_its_samples_are_kept(here, hidden, tmp_path):
 
 
 def test_a_worker_that_the_system_ends_is_a_sentence(pool):
-    async def story() -> None:
+    async def story():
         work = pool.worker()
         doing = asyncio.ensure_future(work.do(LONG, lambda _: None))
         work.process.kill()
@@ -220,8 +275,8 @@ def test_a_worker_that_the_system_ends_is_a_sentence(pool):
 
 
 def test_every_error_of_a_job_is_a_sentence(capfd):
-    def fails(error: Exception) -> dict[str, Any]:
-        def job(asked: Any) -> dict[str, Any]:
+    def fails(error):
+        def job(asked):
             raise error
 
         return worker.do(job, {})
@@ -251,8 +306,8 @@ def test_a_worker_ends_with_its_server(pool):
     assert ended(work, 60.0)  # at once where nothing else runs
 
 
-def receive(folder: Path, name: str, *chunks: bytes) -> Path:
-    async def pieces() -> AsyncIterator[bytes]:
+def receive(folder, name, *chunks):
+    async def pieces():
         for chunk in chunks:
             yield chunk
 
@@ -271,12 +326,12 @@ def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
     (path,) = tmp_path.iterdir()
     path.unlink()
 
-    async def slowly() -> AsyncIterator[bytes]:
+    async def slowly():
         for _ in range(4):
             await asyncio.sleep(0.001)
             yield b"0" * 2**16
 
-    async def all_at_once() -> list[Path | BaseException]:
+    async def all_at_once():
         sent = (tabs.receive(tmp_path, f"{k}.csv", slowly(), "runs") for k in range(8))
         return await asyncio.gather(*sent, return_exceptions=True)
 
@@ -288,11 +343,11 @@ def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
 def test_silence_and_lost_connections_leave_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(tabs, "SILENCE", 0.05)
 
-    async def silent() -> AsyncIterator[bytes]:
+    async def silent():
         yield b"t,q1"
         await asyncio.sleep(10.0)
 
-    async def lost() -> AsyncIterator[bytes]:
+    async def lost():
         yield b"t,q1"
         raise ClientDisconnect
 
@@ -321,22 +376,20 @@ def test_tabs_without_a_connection_are_kept_a_while(shown, sessions, monkeypatch
     assert sum(sessions.get(session.token) is not None for session in made) == 4
 
 
-def answer(
-    headers: dict[str, str], error: Exception | None = None, **scope: Any
-) -> tuple[bool, list[Any]]:
+def answer(headers, error=None, **scope):
     """Whether a request with these headers reaches the page, and what is answered."""
     reached = []
     sent = []
     kind = scope.pop("kind", "http")
 
-    async def app(asked: Any, receive: Any, send: Any) -> None:
+    async def app(asked, receive, send):
         reached.append(asked)
         if error is not None:
             raise error
         if kind == "http":
             await send({"type": "http.response.start", "status": 200, "headers": []})
 
-    async def send(message: Any) -> None:
+    async def send(message):
         sent.append(message)
 
     scope = {"type": kind, "method": "GET", "path": "/", "query_string": b"", **scope}
@@ -403,7 +456,7 @@ def test_the_printed_address_lets_in_once(path, query, to):
         assert sent[0]["status"] == 403
         assert b"set-cookie" not in headers
         return
-    assert headers[b"location"] == to
+    assert (sent[0]["status"], headers[b"location"]) == (303, to)
     for word in (b"sdp-vs-penalty-key-99=secret", b"HttpOnly", b"SameSite=Strict"):
         assert word in headers[b"set-cookie"]
 
@@ -413,7 +466,7 @@ def test_jobs_of_all_tabs_wait_for_each_other():
     pool = WorkerPool(1)
     sessions = Sessions(pool)
 
-    async def story() -> None:
+    async def story():
         first = sessions.new()
         second = sessions.new()
         for s in (first, second):
@@ -448,7 +501,7 @@ def test_jobs_of_all_tabs_wait_for_each_other():
 class Tab:
     present = True
 
-    def redraw(self) -> None:
+    def redraw(self):
         pass
 
 
@@ -478,7 +531,7 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
 
 
 @pytest.fixture
-def strange(hidden, tmp_path) -> Path:
+def strange(hidden, tmp_path):
     """A run whose torques are called as nobody calls them."""
     file = saved(tmp_path, hidden.runs[:1], "run.csv")["run.csv"]
     lines = file.read_text().splitlines()
@@ -540,7 +593,7 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
 
 
 @pytest.fixture
-def kept(tmp_path) -> Sessions:
+def kept(tmp_path):
     """Sessions whose projects stay."""
     return Sessions(Here(), tmp_path / "projects")
 
@@ -580,7 +633,7 @@ def test_a_folder_of_somebody_else_is_no_project(here, tmp_path, content):
 def test_a_job_goes_on_when_the_browser_is_closed(here):
     s = here.new()
 
-    async def story() -> None:
+    async def story():
         s.watchers.append(tab := Tab())
         s.start(s.choose_robot, "two_link")
         s.left(tab)

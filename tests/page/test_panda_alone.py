@@ -3,7 +3,6 @@ on other splits of it."""
 
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 from page_sessions import do, opened
@@ -18,7 +17,7 @@ pytestmark = [pytest.mark.long, pytest.mark.real_data]
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def session(tmp_path_factory):
     """The run dropped, identified and diagnosed."""
     from page_sessions import Here
 

@@ -36,7 +36,7 @@ NAMES = ("a.csv", "b.csv", "test.csv")
 SECONDS = (8.0, 8.0, 4.0)
 #: What a person sets to look at something else.
 ANOTHER = {
-    "signal": "t",
+    "cause": "time",
     "forward-joint": "1",
     "checked-run": "b.csv",
     "shown-run": "a.csv",
@@ -89,7 +89,7 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     for key, value in ANOTHER.items():
         screen.set(key, value)
     (bars, *_) = (e for e in screen.part("fit") if "bars" in getattr(e, "content", ""))
-    screen.hear(bars, "click", ["2", "q"])
+    screen.hear(bars, "click", ["2", None])
     (chart, _) = (e for e in screen.part("fit") if hasattr(e, "figure"))
     screen.hear(
         chart, "plotly_relayout", {"xaxis2.range[0]": 3, "xaxis2.range[1]": 5.0}
@@ -136,7 +136,7 @@ def test_fit_is_that_of_the_models(story):
     """Of the joint that was clicked: torques, errors against what was asked, the
     noise's band."""
     screen, (before, after) = story.screen, story.judged
-    screen.view.select(signal="q")
+    screen.view.select(cause="position")
     torque, error = screen.charts("fit")
     assert f"Joint 2: the error is {number(after.rmse[1])} N m" in screen.text("fit")
     signals, (band,) = after.signals, error["layout"]["shapes"]
@@ -153,14 +153,14 @@ def test_fit_is_that_of_the_models(story):
     curves = {"measured": signals.measured, **modelled}
     curves |= {f"{k}-": signals.measured - x for k, x in modelled.items()}
     drawn = traces(torque)
-    points = traces(error)
+    dots = [x for x in error["data"] if x["mode"] == "markers"]
     assert set(drawn) == set(curves)
     for name, (x, y) in drawn.items():
         np.testing.assert_allclose(y, np.interp(x, t, curves[name][:, 1]), atol=3e-3)
-    for name, x in (("error of the first model", before.signals), ("error", signals)):
-        keep = np.unique(np.linspace(0, len(t) - 1, 800).astype(int))
-        np.testing.assert_allclose(points[name][0], x.q[keep, 1], atol=1e-5)
-        np.testing.assert_allclose(points[name][1], x.residual[keep, 1], atol=1e-4)
+    for shown, x in zip(dots, (before.signals, signals), strict=True):
+        keep = np.unique(np.linspace(0, len(t) - 1, 400).astype(int))
+        np.testing.assert_allclose(numbers(shown["x"]), x.q[keep, 1], atol=1e-5)
+        np.testing.assert_allclose(numbers(shown["y"]), x.residual[keep, 1], atol=1e-4)
 
 
 def test_what_was_answered_is_of_the_model_that_was_asked(story):

@@ -31,7 +31,7 @@ FOUND = Finding(
 SHOWS = {("torque_gain", (6,))}
 
 
-def counted(n_showing: int, n_splits: int = 6) -> Finding:
+def counted(n_showing, n_splits=6):
     shown = [SHOWS] * n_showing + [set()] * (n_splits - n_showing)
     return splits._with_splits(FOUND, shown)
 

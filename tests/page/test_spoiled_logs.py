@@ -1,12 +1,6 @@
 """Twelve spoiled logs, from drop to a good model by the one button that is the next step;
 and what was done is there after everything that a browser or a server may do."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 import page_driver as driver
 import pytest
 from page_driver import expect, go, idle, key, open_page
@@ -14,33 +8,30 @@ from spoiled_logs import KINDS, write_logs
 
 from sdp_vs_penalty.page.stages import STAGES
 
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
-
 #: Steps from dropped runs to a model that needs none: repair, identify, diagnose, add.
 MOST_STEPS = 7
 LAST = "Download the report"
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[driver.Server]:
+def server(tmp_path_factory):
     with driver.serving(tmp_path_factory.mktemp("page")) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def browser():
     with driver.browsing() as made:
         yield made
 
 
 @pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
+def context(browser):
     with driver.a_context(browser, viewport={"width": 1440, "height": 900}) as made:
         yield made
 
 
-def drop(page: Page, urdf: Path, runs: list[Path]) -> None:
+def drop(page, urdf, runs):
     """Drop a robot and its runs."""
     page.set_input_files(key("drop-robot"), str(urdf))
     page.wait_for_selector(key("drop-runs"), state="attached")
@@ -52,7 +43,7 @@ def drop(page: Page, urdf: Path, runs: list[Path]) -> None:
     idle(page)
 
 
-def follow(page: Page) -> str:
+def follow(page):
     """Press the next step until it is the last one; return the verdict."""
     for _ in range(MOST_STEPS):
         label = page.locator(key("next")).inner_text()

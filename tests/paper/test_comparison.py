@@ -10,10 +10,9 @@ import pytest
 from random_robots import posed_task
 from studies import SimulatedStudy
 
-from sdp_vs_penalty import Problem, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation.resampling import CrossValidation, Fold
-from sdp_vs_penalty.estimators import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
 from sdp_vs_penalty.estimators.penalty import PenaltyTwoStep
 from sdp_vs_penalty.paper import classical, memo
@@ -28,7 +27,7 @@ from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture(scope="module")
-def task(two_link: Problem) -> Task:
+def task(two_link):
     return posed_task(two_link, experiment(two_link).training_run(seed=1))
 
 
@@ -69,7 +68,7 @@ def test_without_triangles_the_certified_loss_is_no_higher(task):
     assert weak.gap <= 1e-6
 
 
-def cross_validation(losses: Any) -> CrossValidation:
+def cross_validation(losses):
     """Folds with these squared errors, of unit torque."""
     folds = tuple(
         Fold(0.0, 1.0, np.zeros(1), np.array([x]), np.array([1]), np.ones(1))
@@ -134,7 +133,7 @@ def test_without_noise_they_find_the_truth(task, method):
 
 
 @pytest.fixture(scope="module")
-def draw() -> monte_carlo.Draw:
+def draw():
     short = replace(monte_carlo.SETTINGS[0], seconds=6.0)
     return monte_carlo.Draw("panda", short, 0, monte_carlo.FAST)
 

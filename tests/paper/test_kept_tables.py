@@ -2,7 +2,6 @@
 changed."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,7 @@ from sdp_vs_penalty.paper.tables import kept, make_tables, makers
 
 
 @pytest.fixture
-def out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def out(tmp_path, monkeypatch):
     """A folder for tables, after table VI was made and kept; who makes it once more
     fails."""
     monkeypatch.setenv(memo.VARIABLE, str(tmp_path / "cache"))
@@ -34,26 +33,20 @@ def test_a_finished_table_is_read(out):
         assert path.read_bytes() == (out / path.name).read_bytes()
 
 
-def test_an_edited_program_makes_it_again(out, monkeypatch):
-    monkeypatch.setattr(kept, "program_version", lambda: "another")
-    with pytest.raises(AssertionError, match="made again"):
-        make_tables(["VI"], out=out)
+def with_run(folder):
+    """A folder of measurements that has a run of the 2R."""
+    (folder / "data" / "two_link").mkdir(parents=True)
+    (folder / "data" / "two_link" / "run.csv").write_text("t,q1\n")
+    return str(folder / "data")
 
 
-def test_another_problem_makes_it_again(out):
+@pytest.mark.parametrize("change", ["program", "problem", "budget", "run"])
+def test_what_a_table_depends_on_makes_it_again(change, out, tmp_path, monkeypatch):
+    if change == "program":
+        monkeypatch.setattr(kept, "program_version", lambda: "another")
+    if change == "run":
+        monkeypatch.setenv("SDP_VS_PENALTY_DATA", with_run(tmp_path))
     heavier = replace(load_problem("two_link"), total_mass=(0.0, 16.0))
+    options = {"problem": {"problem": heavier}, "budget": {"budget": "paper"}}
     with pytest.raises(AssertionError, match="made again"):
-        make_tables(["VI"], heavier, out=out)
-
-
-def test_another_budget_makes_it_again(out):
-    with pytest.raises(AssertionError, match="made again"):
-        make_tables(["VI"], budget="paper", out=out)
-
-
-def test_a_real_run_makes_it_again(out, tmp_path, monkeypatch):
-    (tmp_path / "data" / "two_link").mkdir(parents=True)
-    (tmp_path / "data" / "two_link" / "run.csv").write_text("t,q1\n")
-    monkeypatch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path / "data"))
-    with pytest.raises(AssertionError, match="made again"):
-        make_tables(["VI"], out=out)
+        make_tables(["VI"], **options.get(change, {}), out=out)

@@ -2,7 +2,6 @@
 results are walked."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from committed import RESULTS, TABLES
 from studies import MeasuredStudy
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.paper.tables import StudyTable, build_tables, study
+from sdp_vs_penalty.paper.tables import build_tables, study
 from sdp_vs_penalty.paper.tables.folds import interval_of
 
 HELD_OUT = re.compile(r"held[- ]out", re.IGNORECASE)
@@ -20,14 +19,14 @@ FIGURES = Path(study.__file__).parents[1] / "figures"
 
 
 @pytest.fixture(scope="module")
-def table() -> Iterator[StudyTable]:
+def table():
     """Table IV of a small study with measured rows of both kinds."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "METHODS", {"ols": "ols", "lmi_sdp": "lmi-sdp"})
         yield build_tables(["IV"], MeasuredStudy(load_problem("two_link")))[0]
 
 
-def texts() -> Iterator[tuple[str, str]]:
+def texts():
     """Captions that the program writes, and those that were written."""
     for path in sorted(NOTES.glob("*.md")):
         yield path.name, path.read_text()

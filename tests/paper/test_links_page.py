@@ -1,7 +1,6 @@
 """The page that shows the tables with the links drawn."""
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from sdp_vs_penalty.robot import inertia
 
 
 @pytest.fixture(scope="module")
-def page() -> Iterator[str]:
+def page():
     """Of the 2R's Table VII."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "METHODS", {"ols": "ols", "lmi_sdp": "lmi-sdp"})

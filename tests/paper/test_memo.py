@@ -2,25 +2,24 @@
 not."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from random_robots import posed_task
 
-from sdp_vs_penalty.estimators import LmiSdp, PenaltyPaper, Task
+from sdp_vs_penalty.estimators import LmiSdp, PenaltyPaper
 from sdp_vs_penalty.paper import memo
 from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     monkeypatch.setenv(memo.VARIABLE, str(tmp_path / "memo"))
     return tmp_path / "memo"
 
 
 @pytest.fixture
-def task(two_link) -> Task:
+def task(two_link):
     return posed_task(two_link, experiment(two_link).training_run(seed=1))
 
 

@@ -2,7 +2,6 @@
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
 from committed import RESULTS
@@ -46,7 +45,7 @@ def test_a_script_says_its_own_command(folder):
     assert f"python results/{folder.name}/make.py" in (text or "")
 
 
-def test_a_note_has_commands_machine_commit_and_time(tmp_path: Path):
+def test_a_note_has_commands_machine_commit_and_time(tmp_path):
     """Of what is made again alone, the others' lines stay."""
     folder = tmp_path / "results" / "one"
     folder.mkdir(parents=True)
@@ -66,7 +65,7 @@ def test_a_note_has_commands_machine_commit_and_time(tmp_path: Path):
     assert "print(2)" not in (folder / provenance.NOTE).read_text()
 
 
-def test_a_command_that_fails_ends_it_without_a_note(tmp_path: Path):
+def test_a_command_that_fails_ends_it_without_a_note(tmp_path):
     folder = tmp_path / "results" / "one"
     folder.mkdir(parents=True)
     with pytest.raises(SystemExit, match="3"):

@@ -4,13 +4,10 @@ are made from."""
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +16,7 @@ from committed import MADE, RESULTS, as_kept, differences
 from random_robots import repeating_run, states
 from studies import MeasuredStudy, SimulatedStudy
 
-from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
+from sdp_vs_penalty import InputError, Measurements, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.paper import figures
 from sdp_vs_penalty.paper.figures import FIGURES, make_figures, save
@@ -27,7 +24,6 @@ from sdp_vs_penalty.paper.figures.style import legend_below, new_figure
 from sdp_vs_penalty.paper.tables import (
     DEFAULT_TABLES,
     Study,
-    StudyTable,
     build_tables,
     emps,
     make_tables,
@@ -66,7 +62,7 @@ LONG_CASES = [(p, "IV") for p in SMALL] + [("panda", "VIII"), ("panda", "IX")]
 
 
 @pytest.fixture(scope="module")
-def studies() -> Iterator[dict[str, Study]]:
+def studies():
     pytest.importorskip("matplotlib")
     small = {
         "duration": 0.2,
@@ -81,22 +77,18 @@ def studies() -> Iterator[dict[str, Study]]:
         patch.setattr("sdp_vs_penalty.estimators.PenaltyPaper.runs", 2)
         patch.setattr(study, "METHODS", METHODS)
         patch.setattr("sdp_vs_penalty.paper.tables.unseen._MOST_WINDOWS", 2)
-        made: dict[str, Study] = {
-            n: SimulatedStudy(load_problem(n)) for n in ("panda", "two_link")
-        }
+        made = {n: SimulatedStudy(load_problem(n)) for n in ("panda", "two_link")}
         yield made | {"measured": MeasuredStudy(load_problem("two_link"))}
 
 
 @pytest.fixture(scope="module")
-def made(
-    studies: dict[str, Study], tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., StudyTable]:
+def made(studies, tmp_path_factory):
     """A table of a small study, made when it is asked for first, whatever real runs are
     at hand."""
     empty = str(tmp_path_factory.mktemp("empty"))
 
     @cache
-    def table(problem: str, name: str) -> StudyTable:
+    def table(problem, name):
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("SDP_VS_PENALTY_DATA", empty)
             return build_tables([name], studies[problem])[0]
@@ -105,13 +97,13 @@ def made(
 
 
 @pytest.fixture
-def without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def without_data(tmp_path, monkeypatch):
     """A machine on which no real run is at hand."""
     (tmp_path / "empty").mkdir()
     monkeypatch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path / "empty"))
 
 
-def skip_without_engines() -> None:
+def skip_without_engines():
     """Snapshots that name the physics engines need all of them."""
     for name, kind in engine_types().items():
         if kind.version() is None:
@@ -156,7 +148,7 @@ def test_halves_are_before_the_cut_and_after_it():
     )
 
 
-def shown(figure: Any) -> Iterator[str]:
+def shown(figure):
     """What a figure shows, in words and numbers: its title, the names of its lines, and of
     each panel titles, labels, limits and how much is drawn."""
     yield figure.get_suptitle()
@@ -181,7 +173,7 @@ def test_a_figure_is_as_it_was(number, studies, tmp_path):
     as_kept(f"figure_{number}.txt", "\n".join(shown(figure)) + "\n")
 
 
-def check_room(figure: Any) -> None:
+def check_room(figure):
     """All texts lie on the figure, and no axes with its texts reaches into another one,
     into the title or into the legend."""
     from matplotlib.transforms import Bbox
@@ -236,7 +228,7 @@ def test_a_figure_labels_units_has_room_and_is_written(number, studies, tmp_path
 
 
 @pytest.fixture(scope="module")
-def whole() -> dict[str, Study]:
+def whole():
     """What the tables of a problem share is made once."""
     return {name: Study(load_problem(name)) for name in ("panda", "two_link", "emps")}
 
@@ -347,7 +339,7 @@ def test_without_noise_table_one_is_recovered(panda):
     assert residual_rms(panda, [rows], fit).max() < 1e-9
 
 
-def links_slice(problem: Problem, links: np.ndarray) -> Slice:
+def links_slice(problem, links):
     model = problem.model("rigid_body")
     base, _ = base_parameters(model)
     bound = problem.parameter_bound(model)

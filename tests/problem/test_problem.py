@@ -159,6 +159,23 @@ def test_an_unknown_column_is_refused(panda):
     )
 
 
+#: A joint that turns about z.
+UPRIGHT = Joint("j", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
+
+
+def two_joints(length, efforts=(np.inf, np.inf)):
+    """Two that turn about y, the second so far along x."""
+    apart = np.eye(4)
+    apart[0, 3] = length
+    turned = replace(UPRIGHT, axis=np.array([0.0, 1.0, 0.0]))
+    places = zip((np.eye(4), apart), efforts, strict=True)
+    joints = (
+        replace(turned, name=f"j{k}", parent=k - 1, placement=place, effort=effort)
+        for k, (place, effort) in enumerate(places)
+    )
+    return Robot("two", tuple(joints))
+
+
 @pytest.mark.parametrize("length", [0.6, 6.0])
 @pytest.mark.parametrize("efforts", [(200.0, 40.0), (np.inf, np.inf), (500.0, 500.0)])
 def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
@@ -166,16 +183,8 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
     torque limits, or, where these are missing or placeholders, thrice what holds 10
     kg/m, up to 1000 N m.
     """
-    here = np.eye(4)
-    apart = np.eye(4)
-    out = np.array([0.0, 1.0, 0.0])
-    apart[0, 3] = length
-    places = zip((here, apart), efforts, strict=True)
-    joints = tuple(
-        Joint(f"j{k}", "revolute", k - 1, place, out, here, effort=effort)
-        for k, (place, effort) in enumerate(places)
-    )
-    (first, last), sources = plausible_links(Robot("two", joints), np.zeros((2, 10)))
+    arm = two_joints(length, efforts)
+    (first, last), sources = plausible_links(arm, np.zeros((2, 10)))
     assert sources == ("kinematics",) * 2
     torque = 1.5 * 10.0 * 9.81 * np.array([2.0 * length, length]) ** 2
     torque = np.minimum(efforts if efforts[0] == 200.0 else torque, 1000.0)
@@ -195,9 +204,7 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
 def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
     """1 m, 1.5 times the reach, the stroke, twice a given mass's root mean square; 100
     kg or thrice."""
-    here = np.eye(4)
-    up = np.array([0.0, 0.0, 1.0])
-    arm = Joint("j", "revolute", -1, here, up, here)
+    arm = UPRIGHT
     far = np.eye(4)
     far[0, 3] = 2.0
     ball = inertia.standard_from_barycentric([50.0, 0.8, 0, 0, 0.5, 0, 0.5, 0, 0, 0.5])
@@ -295,17 +302,9 @@ def test_bounds_on_central_inertia_are_sent_as_their_convex_consequence(panda):
 def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
     """A rod of 5 mm is a short link's, one of 1 mm is no link of three metres; its
     weight stays."""
-    here = np.eye(4)
-    apart = np.eye(4)
-    out = np.array([0.0, 1.0, 0.0])
-    apart[0, 3] = length
-    joints = tuple(
-        Joint(f"j{k}", "revolute", k - 1, p, out, here)
-        for k, p in enumerate((here, apart))
-    )
     moments = [2.0 * thin**2, 0, 2.0 * thin**2, 0, 0, 2.0 * thin**2]
     theirs = inertia.standard_from_barycentric([[1.5, 0, 0, 0, *moments]] * 2)
-    found, sources = plausible_links(Robot("two", joints), theirs)
+    found, sources = plausible_links(two_joints(length), theirs)
     assert sources == ("inertial",) * 2
     assert np.array_equal(found, theirs) is kept
     np.testing.assert_allclose(found[:, 0], 1.5)
@@ -316,8 +315,7 @@ def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
 )
 def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
     """|c across z| <= 0.1 + 0.3 c_z: as wide as at its wide end, or without bound."""
-    joint = Joint("j", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
-    problem = open_problem(Robot("one", (joint,)), np.zeros((1, 10)))
+    problem = open_problem(Robot("one", (UPRIGHT,)), np.zeros((1, 10)))
     made = replace(
         with_box(problem, 0, 3, *ends), cones=(CentreOfMassCone(1, "z", 0.1, 0.3),)
     )
@@ -372,17 +370,9 @@ def test_what_a_problem_leaves_out_is_open(tmp_path):
 )
 def test_a_link_with_impossible_moments_keeps_its_mass_and_centre(centre, diagonal):
     """Many files state moments of inertia that no body has."""
-    here = np.eye(4)
-    apart = np.eye(4)
-    apart[0, 3] = 0.3
-    up = np.array([0.0, 0.0, 1.0])
-    joints = (
-        Joint("a", "revolute", -1, here, up, here),
-        Joint("b", "revolute", 0, apart, up, here),
-    )
     barycentric = [3.2, *centre, diagonal[0], 0, diagonal[1], 0, 0, diagonal[2]]
     theirs = inertia.standard_from_barycentric([barycentric] * 2)
-    found, sources = plausible_links(Robot("two", joints), theirs)
+    found, sources = plausible_links(two_joints(0.3), theirs)
     assert sources == ("inertial",) * 2
     np.testing.assert_allclose(found[:, :4], theirs[:, :4], atol=1e-12)
     assert np.all(inertia.consistency_margin(found) > 0.0)
@@ -391,8 +381,7 @@ def test_a_link_with_impossible_moments_keeps_its_mass_and_centre(centre, diagon
 def test_the_moments_of_an_impossible_link_are_the_nearest_possible_ones():
     """No body has diag(1, 1, 4); diag(5, 5, 10) / 3 is the nearest inertia of one. That
     body is flat across z, and the link thicker."""
-    joint = Joint("a", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
-    robot = Robot("one", (joint,))
+    robot = Robot("one", (UPRIGHT,))
     theirs = inertia.standard_from_barycentric(
         [[2.0, 0.1, 0.0, 0.0, 0.001, 0.0, 0.001, 0.0, 0.0, 0.004]]
     )

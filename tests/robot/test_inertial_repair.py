@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.inertial_repair import MOMENTS, WrittenInertial, find_repairs
+from sdp_vs_penalty.robot.inertial_repair import (
+    MOMENTS,
+    WrittenInertial,
+    find_exchanges,
+    find_repairs,
+)
 
 NAMES = ("mass", "x", "y", "z", *MOMENTS)
 #: Mass, centre, and the tensor in URDF's order, as their files write them.
@@ -161,6 +166,26 @@ def test_what_does_not_fit_its_shapes_is_named_and_not_clear(name):
     assert wrong.misfit(wrong.barycentric()).startswith(why)
     repairs, _ = find_repairs(wrong)
     assert words in " ".join(x.sentence for x in repairs)
+
+
+@pytest.mark.parametrize("pair", [("ixx", "iyy"), ("ixx", "izz"), ("iyy", "izz")])
+@pytest.mark.parametrize("filling", [0.2, 0.5])
+def test_moments_about_exchanged_axes_are_found_in_shapes_that_hold_them(pair, filling):
+    """A link that is thicker at its middle than the box around it is within the bounds
+    of its shapes about any axis; the box tells which is its long one."""
+    texts = dict(zip(NAMES, BOX.split(), strict=True))
+    texts |= {k: repr(filling * float(texts[k])) for k in LARGEST}
+    shape = box(0.4, 0.08, 0.06) + np.array([0.2, 0.0, 0.0])
+    right = WrittenInertial(texts, np.eye(3), shape=shape)
+    assert find_exchanges(right) == []
+    a, b = pair
+    typed = texts | {a: texts[b], b: texts[a]}
+    wrong = WrittenInertial(typed, np.eye(3), shape=shape)
+    if pair == ("iyy", "izz"):  # the box is about as high as wide
+        assert find_exchanges(wrong) == []
+    else:
+        assert {a: texts[a], b: texts[b]} in [x.texts for x in find_exchanges(wrong)]
+    assert find_exchanges(WrittenInertial(typed, np.eye(3))) == []
 
 
 def test_the_bound_of_a_shape_is_exact():

@@ -6,7 +6,6 @@ import hashlib
 import json
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,9 +35,7 @@ NAMES = (
 
 
 @pytest.fixture(scope="module")
-def written(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[Path, dict[str, dict[str, str]]]:
+def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("library")
     assert run_cli("shootout", "--export", folder, "--problems", ",".join(NAMES)) == 0
     with (folder / "index.csv").open() as file:
@@ -120,7 +117,7 @@ def test_what_judges_an_answer_stands_beside_the_file(written):
         ].endswith("regulariser")
 
 
-def answers(path: Path, *items: dict[str, object]) -> Path:
+def answers(path, *items):
     path.write_text(json.dumps({"answers": list(items)}))
     return path
 

@@ -518,6 +518,7 @@ def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
 LIE = {"error": 0.3, "seconds": 0.01}
 
 
+@pytest.mark.long
 def test_summary_of_known_runs(tmp_path):
     rows = pandas.DataFrame(
         [
@@ -793,6 +794,7 @@ def test_a_shootout_that_is_stopped_leaves_a_summary(tmp_path, monkeypatch, caps
 RESULTS = Path(__file__).parents[2] / "results" / "shootout"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     not (RESULTS / "runs.csv").exists(), reason="results/shootout/make.py has not run"
 )

@@ -39,7 +39,7 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             for first, end in spans(x == 0.0)
             if glance.run.t[end - 1] - glance.run.t[first] >= 2.0 * STUCK_SECONDS
             and end - first >= LONG_STRETCH * others
-            and not glance.is_at_rest(j)[first:end].all()
+            and not glance.is_at_rest(j, first, end)
         ]
         is_off = mask_of(len(x), parts)
         if not 0.0 < is_off.mean() < 1.0:
@@ -134,7 +134,8 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
         if glance.moving[j] and np.count_nonzero(x) >= RUN and np.ptp(x) > 0.0:
             bad[name] = _filled(x)
             if name.startswith("tau"):
-                bad[name] &= ~glance.is_at_rest(j)
+                for first, end in spans(bad[name]):
+                    bad[name][first:end] = not glance.is_at_rest(j, first, end)
                 bad[name] &= not glance.holds_torque(j, bad[name])
     what = (
         "{rows} rows of {named} are exactly zero, and jump there and back: nothing was"

@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.data.parsing import pairs
+from sdp_vs_penalty.data.parsing import pairs, time_windows
 
 
 def verb(
@@ -15,6 +15,7 @@ def verb(
     motors: str | None = None,
     motor_side: bool = False,
     rate: float | None = None,
+    cut: str | None = None,
     hold: str | None = None,
 ) -> None:
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
@@ -34,13 +35,15 @@ def verb(
     --motors '50 q1,32 q2+32 q1': Motor positions by joint positions, for a log of motor positions and
         torques.
     --motor-side: The problem's transmission, for a log of motors.
+    --cut 6:7.1,20:21: Spans [s] that are left out, by the run's clock, a quarter of a second on either
+        side with them.
     --rate HZ: Samples a second, for a log without a clock (without a header: q1.., dq1.., tau1..).
     """
     from sdp_vs_penalty import formatting
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.data.measurements import columns_of
     from sdp_vs_penalty.problem.check_command import CheckCommand
-    from sdp_vs_penalty.problem.load import convert, convert_options
+    from sdp_vs_penalty.problem.load import columns_note, convert, convert_options
     from sdp_vs_penalty.problem.problem import Problem
 
     robot: str | Problem | None = problem
@@ -58,6 +61,7 @@ def verb(
         motors=sides,
         rate=rate,
         scale=pairs("--scale", scale),
+        cut=[] if cut is None else time_windows(cut, "--cut"),
         options=convert_options(problem, topic, sides, hold),
     )
     velocity = "" if run.dq is None else ", velocities"
@@ -67,5 +71,7 @@ def verb(
     console.written(
         out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}"
     )
+    if run.reading:
+        console.written(columns_note(out), "what the columns were taken for")
     if problem is not None:
         console.next_step(CheckCommand(problem=problem, runs=[out], hold=hold).words)

@@ -5,6 +5,8 @@ from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import require_known
 
 Rows = list[tuple[str, ...]]
+#: Headings, and a row for each name.
+Listing = tuple[tuple[str, ...], Rows]
 #: What can be listed.
 Kind = StrEnum(
     "Kind", "problems effects methods solvers tables datasets engines formats exports"
@@ -58,12 +60,12 @@ def details(kind: str, name: str) -> tuple[str, ...]:
     return rows[name]
 
 
-def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
+def listing(kind: str) -> Listing:
     """Return headings and rows of one kind of names, such as "effects"."""
     return _LISTINGS[kind]()
 
 
-def _problems() -> tuple[tuple[str, ...], Rows]:
+def _problems() -> Listing:
     """Return headings and rows of the built-in problems."""
     from sdp_vs_penalty.problem.load import load_problem, problem_names
 
@@ -72,7 +74,7 @@ def _problems() -> tuple[tuple[str, ...], Rows]:
     return ("name", "joints", "torque side", "what it is"), rows
 
 
-def _effects() -> tuple[tuple[str, ...], Rows]:
+def _effects() -> Listing:
     """Return headings and rows of the library's effects."""
     from sdp_vs_penalty.effects import effect_types
 
@@ -89,7 +91,7 @@ def _effects() -> tuple[tuple[str, ...], Rows]:
     return heads, rows
 
 
-def _methods() -> tuple[tuple[str, ...], Rows]:
+def _methods() -> Listing:
     """Return headings and rows of the identification methods."""
     from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
     from sdp_vs_penalty.estimators import estimator_types
@@ -98,7 +100,7 @@ def _methods() -> tuple[tuple[str, ...], Rows]:
     return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
 
 
-def _solvers() -> tuple[tuple[str, ...], Rows]:
+def _solvers() -> Listing:
     """Return headings and rows of the SDP solvers, installed or not."""
     from sdp_vs_penalty.solvers import solver_types
 
@@ -110,7 +112,7 @@ def _solvers() -> tuple[tuple[str, ...], Rows]:
     return ("name", "here", "installed by", "what it is"), rows
 
 
-def _tables() -> tuple[tuple[str, ...], Rows]:
+def _tables() -> Listing:
     """Return headings and rows of the paper's tables."""
     from sdp_vs_penalty.paper.tables import makers
 
@@ -121,7 +123,7 @@ def _tables() -> tuple[tuple[str, ...], Rows]:
     return ("name", "only for", "what it is"), rows
 
 
-def _datasets() -> tuple[tuple[str, ...], Rows]:
+def _datasets() -> Listing:
     """Return headings and rows of the public data sets."""
     from sdp_vs_penalty.data.datasets import DATASETS
 
@@ -129,7 +131,7 @@ def _datasets() -> tuple[tuple[str, ...], Rows]:
     return ("name", "problem", "licence", "what it is"), rows
 
 
-def _engines() -> tuple[tuple[str, ...], Rows]:
+def _engines() -> Listing:
     """Return headings and rows of the physics engines, installed or not."""
     from sdp_vs_penalty.simulation.engines import engine_types
 
@@ -140,7 +142,7 @@ def _engines() -> tuple[tuple[str, ...], Rows]:
     return ("name", "version here", "installed by", "formulation"), rows
 
 
-def _formats() -> tuple[tuple[str, ...], Rows]:
+def _formats() -> Listing:
     """Return headings and rows of the formats of measurements."""
     from sdp_vs_penalty.data.formats import FORMATS
     from sdp_vs_penalty.plugins import summary_line
@@ -153,7 +155,7 @@ def _formats() -> tuple[tuple[str, ...], Rows]:
     return ("name", "files", "can be written", "what it is"), rows
 
 
-def _exports() -> tuple[tuple[str, ...], Rows]:
+def _exports() -> Listing:
     """Return headings and rows of the export formats, by file suffix."""
     from sdp_vs_penalty.exporters import EXPORTS
 

@@ -10,10 +10,12 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.text_file import PIECE, iter_rows
@@ -39,10 +41,8 @@ SAMPLE = "row"
 
 #: Rows of a table: their numbers in the file, from 1, and their texts.
 Rows = tuple[Sequence[int], Sequence[str]]
-
-
-class EmptyCellError(InputError):
-    """A chosen column has no number in a row."""
+#: Values (N,) or (N, n) of a column, and (N,) whether its cell is empty.
+Cut = tuple[Array, NDArray[np.bool_]]
 
 
 def read(path: Path) -> Log:
@@ -75,7 +75,12 @@ def log_of_table(table: TextTable) -> Log:
 
     def texts(names: Sequence[str]) -> list[list[str]]:
         chosen = [place[name] for name in names]
-        return [[row[k] for k in chosen] for _, row in _iter_cells(table)]
+        rows = (
+            _cells_of(table, number, line)
+            for numbers, lines in _value_rows(table, table.first)
+            for number, line in zip(numbers, lines, strict=True)
+        )
+        return [[row[k] for k in chosen] for row in rows]
 
     _require_equal_clocks(table)
     return Log(
@@ -92,84 +97,67 @@ def log_of_table(table: TextTable) -> Log:
 def _require_equal_clocks(table: TextTable) -> None:
     """Raise InputError where channels have columns of stamps of their own, and these
     differ."""
-    for first, *others in _pieces(table, table.clocks) if len(table.clocks) > 1 else ():
-        for place, other in zip(table.clocks[1:], others, strict=True):
-            if not np.array_equal(first, other):
-                what = f"columns {table.clocks[0] + 1} and {place + 1} are clocks that differ"
-                remedy = "export all channels with one sample time and one clock"
-                raise InputError(what, remedy, table.path)
+    if len(table.clocks) < 2:
+        return
+    clocks = _values(table, {str(k + 1): k for k in table.clocks}).columns
+    first, *others = clocks
+    for other in others:
+        if not np.array_equal(clocks[first], clocks[other]):
+            what = f"columns {first} and {other} are clocks that differ"
+            remedy = "export all channels with one sample time and one clock"
+            raise InputError(what, remedy, table.path)
 
 
 def _values(table: TextTable, place_of: dict[str, int]) -> Values:
-    """Read chosen columns, by name and place; where cells are empty, once more with gaps.
+    """Read chosen columns, by name and place from 0: NaN where a cell is empty.
 
     Raises InputError naming the row and column that is wrong.
     """
     chosen = list(place_of.values())
-    joined = [AppendableArray() for _ in chosen]
     numbers = AppendableArray()
-    numbers.append(np.zeros(0, np.intp))
-    try:
-        for piece in _pieces(table, chosen, numbers):
-            for array, values in zip(joined, piece, strict=True):
-                array.append(values)
-    except EmptyCellError:
-        return _values_with_gaps(table, place_of)
-    columns = {name: x.array() for name, x in zip(place_of, joined, strict=True)}
+    values, gaps = ([AppendableArray() for _ in chosen] for _ in range(2))
+    for rows, piece in _pieces(table, chosen):
+        numbers.append(np.asarray(rows, np.intp))
+        for array, gap, (column, is_empty) in zip(values, gaps, piece, strict=True):
+            array.append(column)
+            gap.append(is_empty)
     rows = numbers.array()
     is_usual = not len(rows) or (rows[0] == 2 and rows[-1] == len(rows) + 1)
-    return Values(columns, None if is_usual else rows)
+    names = list(place_of)
+    found = {name: x.array() for name, x in zip(names, gaps, strict=True)}
+    return Values(
+        {name: x.array() for name, x in zip(names, values, strict=True)},
+        None if is_usual else rows,
+        {name: gap for name, gap in found.items() if gap.any()},
+    )
 
 
-def _values_with_gaps(table: TextTable, place_of: dict[str, int]) -> Values:
-    """Read chosen columns in which cells may be empty: NaN there, and where they are."""
-    rows = [(n, row) for n, row in _iter_cells(table)]
-    numbers = np.array([n for n, _ in rows], np.intp)
-    columns, gaps = dict[str, Array](), dict[str, Any]()
-    for name, k in place_of.items():
-        is_empty = np.array([not row[k] for _, row in rows])
-        filled = [row[k] for _, row in rows if row[k]]
-        values = _parse_column(table, k, numbers[~is_empty].tolist(), filled)
-        columns[name] = np.full((len(rows), *values.shape[1:]), np.nan)
-        columns[name][~is_empty] = values
-        if is_empty.any():
-            gaps[name] = is_empty
-    return Values(columns, numbers, gaps)
-
-
-def _pieces(
-    table: TextTable, chosen: Sequence[int], numbers: AppendableArray | None = None
-) -> Iterator[list[Array]]:
-    """Read the columns at some places, from 0, in pieces of bounded size: an array a
-    column, (N,) numbers, or (N, n) where cells hold lists. The first piece has no rows.
+def _pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[tuple[Any, list[Cut]]]:
+    """Read the columns at some places, from 0, in pieces of bounded size: the numbers of
+    the rows, and the values and gaps of each column.
 
     PyArrow reads fast. Where it gives up, or the table is not simple enough for it, a
-    slower parser goes on from the same row. ``numbers`` takes the rows' numbers.
+    slower parser goes on from the same row.
     """
     from pyarrow import ArrowException
 
-    numbers = AppendableArray() if numbers is None else numbers
-    yield [_no_values(table, k) for k in chosen]
     first = table.first
-    is_simple = (
-        not table.nested and not table.has_wrapped_cells and table.is_plain_utf_8
-    )
-    if is_simple and (table.delimiter is not None or _has_single_blanks(table)):
+    is_simple = table.is_plain_utf_8 and table.delimiter is not None
+    if is_simple and not (table.nested or table.has_wrapped_cells):
         try:
             for piece in _read_by_arrow(table, chosen):
-                yield piece
-                numbers.append(np.arange(first, first + len(piece[0])))
-                first += len(piece[0])
+                rows = range(first, first + len(piece[0][0]))
+                yield rows, piece
+                first = rows.stop
         except ArrowException:
             pass  # what it does not take, the careful reader names or reads
         else:
             return
-    for rows in _value_rows(table, first):
-        yield _parse_rows(table, chosen, *rows)
-        numbers.append(np.array(rows[0], np.intp))
+    for numbers, lines in _value_rows(table, first):
+        yield numbers, _parse_rows(table, chosen, numbers, lines)
 
 
-def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
+def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Cut]]:
     """Read chosen columns by PyArrow, piece by piece.
 
     Lists and time stamps come as texts and are parsed here. PyArrow raises
@@ -186,13 +174,13 @@ def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Arr
         column_names=[str(k) for k in range(table.width)],
     )
     cells = arrow.ParseOptions(
-        delimiter=table.delimiter or " ",
+        delimiter=table.delimiter,
         quote_char='"' if table.quoted else False,
         ignore_empty_lines=False,
     )
     kinds = arrow.ConvertOptions(
         column_types=types,
-        null_values=[],
+        null_values=[""],
         include_columns=list(types),
         decimal_point=table.decimal,
     )
@@ -202,29 +190,17 @@ def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Arr
             yield [_of_arrow(table, k, column) for k, column in pairs]
 
 
-def _of_arrow(table: TextTable, column: int, values: Any) -> Array:
+def _of_arrow(table: TextTable, column: int, values: Any) -> Cut:
     """Convert a column of PyArrow's to numbers (N,), or (N, n) of lists."""
-    if table.kinds[column] == "stamp":
-        return seconds_of(values.to_pylist())
-    if table.kinds[column] == "list":
-        return _parse_lists(table, column, values.to_pylist())
+    if table.kinds[column] in ("list", "stamp"):
+        cells = [x or "" for x in values.to_pylist()]
+        return _parse_column(table, column, range(len(cells)), cells)
+    is_empty = np.zeros(len(values), bool)
+    if values.null_count:
+        is_empty = np.array([x is None for x in values.to_pylist()])
+        values = values.fill_null(np.nan)
     # By to_numpy() pandas would be imported.
-    return np.asarray(np.from_dlpack(values).view(np.float64))
-
-
-def _no_values(table: TextTable, column: int) -> Array:
-    """Return a column without rows: (0,) numbers, or (0, n) where cells hold lists."""
-    if table.kinds[column] != "list" or not table.first_cells(column):
-        return np.zeros(0)
-    return _parse_lists(table, column, table.first_cells(column)[:1])[:0]
-
-
-def _has_single_blanks(table: TextTable) -> bool:
-    """Return whether the cells of the first rows are separated by exactly one blank, as
-    PyArrow needs it."""
-    number, rows = next(iter_rows(table.path))
-    lines = rows[table.first - number : table.first - number + len(table.sample)]
-    return all(len(line.rstrip("\r").split(" ")) == table.width for line in lines)
+    return np.asarray(np.from_dlpack(values).view(np.float64)), is_empty
 
 
 def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
@@ -262,13 +238,6 @@ def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
         warnings.warn(said, Remark, stacklevel=3)
 
 
-def _iter_cells(table: TextTable) -> Iterator[tuple[int, list[str]]]:
-    """Iterate over the rows of values as cells, each with its number in the file."""
-    for numbers, lines in _value_rows(table, table.first):
-        for number, line in zip(numbers, lines, strict=True):
-            yield number, _cells_of(table, number, line)
-
-
 def _cells_of(table: TextTable, number: int, line: str) -> list[str]:
     """Split a row into cells; raise InputError where they are more or fewer than the
     table's."""
@@ -282,23 +251,16 @@ def _cells_of(table: TextTable, number: int, line: str) -> list[str]:
 
 def _parse_rows(
     table: TextTable, chosen: Sequence[int], numbers: Sequence[int], rows: Sequence[str]
-) -> list[Array]:
-    """Parse the chosen columns of some rows: one array a column.
-
-    Plain numbers are parsed by NumPy at once; only where that fails are the cells parsed
-    one by one, and InputError names the wrong one by its row's number.
-    """
-    are_numbers = all(table.kinds[k] in ("number", "empty") for k in chosen)
-    if are_numbers and table.decimal == "." and not table.quoted and not table.nested:
-        mark = table.delimiter
-        widths = {len(x.split()) if mark is None else x.count(mark) + 1 for x in rows}
-        if widths == {table.width}:
-            try:
-                options: Any = {"ndmin": 2, "comments": None, "usecols": chosen}
-                values = np.loadtxt(rows, delimiter=mark, **options)
-                return list(np.ascontiguousarray(values.T))
-            except ValueError:
-                pass
+) -> list[Cut]:
+    """Parse the chosen columns of some rows: plain numbers by NumPy at once, and where
+    that fails cell by cell, so that InputError names the wrong one by its row's number."""
+    if {*table.kinds} == {"number"} and table.decimal == ".":
+        with suppress(ValueError):
+            options: Any = {"delimiter": table.delimiter, "comments": None, "ndmin": 2}
+            block = np.loadtxt(rows, **options)
+            if block.shape[1] == table.width:
+                full = np.zeros(len(block), bool)
+                return [(np.ascontiguousarray(block[:, k]), full) for k in chosen]
     cells = [_cells_of(table, n, line) for n, line in zip(numbers, rows, strict=True)]
     return [_parse_column(table, k, numbers, [row[k] for row in cells]) for k in chosen]
 
@@ -307,7 +269,7 @@ def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
     """Parse N cells that hold lists such as "[0.1, 0.2]" into (N, n) numbers; raise
     InputError where the lists have different lengths."""
     number = r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf)"
-    words = [re.findall(number, cell) for cell in cells]
+    words = [re.findall(number, cell) for cell in cells or table.first_cells(column)]
     lengths = {len(row) for row in words}
     if len(lengths) > 1:
         shown = ", ".join(map(str, sorted(lengths)[:4]))
@@ -315,31 +277,31 @@ def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
             f"column {table.names[column]} holds lists of different lengths ({shown})"
         )
         raise InputError(what, "give each row as many values", table.path)
-    return np.array(words, float).reshape(len(cells), *lengths or (0,))
+    return np.array(words, float).reshape(len(words), *lengths)[: len(cells)]
 
 
 def _parse_column(
     table: TextTable, column: int, numbers: Sequence[int], cells: Sequence[str]
-) -> Array:
-    """Parse the cells of one column: (N,) numbers, or (N, n) of lists.
-
-    Raises InputError naming the row of the cell that is no number, EmptyCellError where
-    it is empty.
-    """
-    if table.kinds[column] == "list" and "" not in cells:
-        return _parse_lists(table, column, cells)
-    if table.kinds[column] == "stamp" and "" not in cells:
-        return seconds_of(cells)
+) -> Cut:
+    """Parse the cells of one column: (N,) numbers, or (N, n) of lists, and which cells
+    are empty. Raises InputError naming the row of the cell that is no number."""
     unit = table.cell_units.get(column, "")
     cells = [cell.removesuffix(unit).strip() for cell in cells] if unit else cells
-    for number, cell in zip(numbers, cells, strict=True):
-        if not cell or not is_number(cell, table.decimal):
-            kind = InputError if cell else EmptyCellError
-            what = (
-                f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
-            )
-            raise kind(what, "correct it or delete the row", table.path)
-    return np.array([plain_number(cell, table.decimal) for cell in cells], float)
+    is_empty = np.array([not cell for cell in cells], bool)
+    filled = [cell for cell in cells if cell]
+    if table.kinds[column] == "list":
+        values = _parse_lists(table, column, filled)
+    elif table.kinds[column] == "stamp":
+        values = seconds_of(filled)
+    else:
+        for number, cell in zip(numbers, cells, strict=True):
+            if cell and not is_number(cell, table.decimal):
+                what = f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
+                raise InputError(what, "correct it or delete the row", table.path)
+        values = np.array([plain_number(x, table.decimal) for x in filled], float)
+    out = np.full((len(cells), *values.shape[1:]), np.nan)
+    out[~is_empty] = values
+    return out, is_empty
 
 
 def write(measurements: Measurements, path: Path) -> None:

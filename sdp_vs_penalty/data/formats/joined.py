@@ -11,11 +11,10 @@ import numpy as np
 
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, format_of, open_log
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock, recognise
-from sdp_vs_penalty.data.hypotheses.renaming import parts_of
 from sdp_vs_penalty.data.log import Column, Log, Values
 from sdp_vs_penalty.data.words.names import is_word_for_joint, quantity_of
 from sdp_vs_penalty.data.words.stamps import units_of_parts
-from sdp_vs_penalty.data.words.tokens import group_of, split_tokens
+from sdp_vs_penalty.data.words.tokens import group_of, parts_of, split_tokens
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 

@@ -164,8 +164,8 @@ def _letters_of(head: bytes) -> str:
     return "cp1252"
 
 
-def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Iterate over the rows of a text file, in pieces of about a million characters: the
+def iter_rows(path: Path, size: int = PIECE) -> Iterator[tuple[int, list[str]]]:
+    """Iterate over the rows of a text file, in pieces of about ``size`` characters: the
     number of the piece's first row, from 1, and its rows without line ends.
 
     Raises InputError where the file is no text, has a row too long for a table, or
@@ -173,11 +173,11 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """
     row = 1
     # A small packed file could otherwise fill the memory.
-    size = path.stat().st_size
-    n_characters_left = memory_for(size) if is_packed(path) else size + 1
+    n_bytes = path.stat().st_size
+    n_characters_left = memory_for(n_bytes) if is_packed(path) else n_bytes + 1
     try:
         with open_text(path) as file:
-            while text := file.read(PIECE):
+            while text := file.read(size):
                 text += file.readline(PIECE)
                 # With an odd number of quotes the piece may end within a quoted cell:
                 # its next lines belong to it.

@@ -6,6 +6,7 @@ column holds: numbers, texts, lists, stamps or nothing.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -16,7 +17,6 @@ from sdp_vs_penalty.data.formats.text_file import (
     PIECE,
     is_plain_utf_8,
     iter_rows,
-    join_wrapped,
     open_text,
 )
 from sdp_vs_penalty.data.words.stamps import is_stamp
@@ -197,11 +197,7 @@ def inspect_table(path: Path) -> TextTable:
         n_comments += 1
     comments = [x.lstrip().lstrip("#/%").strip() for _, x in numbered[:n_comments]]
     rows = [(n, line) for n, line in numbered[n_comments:] if line.strip()]
-    if program is not None:
-        rows = program.rows
-    else:
-        _refuse_markup(path, rows[0][1] if rows else "")
-        rows = _without_titles(rows)
+    rows = _without_titles(rows) if program is None else program.rows
     lines = [line for _, line in rows]
     # The marks between and within the numbers.
     delimiter = (
@@ -377,24 +373,12 @@ def _first_rows(path: Path) -> list[tuple[int, str]]:
     """Read the first hundred rows of a text with their numbers, without line ends and
     without empty rows at the beginning and the end.
 
-    A text that cannot be read so, or has an overlong line, goes through
-    :func:`iter_rows`, whose errors say what is wrong. JSON is known by its first line:
-    programs write a whole run on one, which no table does.
+    Markup is known by its first line: programs write a whole run on one, which no table
+    does.
     """
-    text = ""
-    try:
-        with open_text(path) as file:
-            text = file.read(PIECE // 16)
-            text += file.readline(PIECE)
-        is_readable = "\0" not in text and len(text) < PIECE
-    except (UnicodeDecodeError, *BROKEN):
-        is_readable = False
-    lines = text.removesuffix("\n").split("\n")
-    if not is_readable:
-        if "\0" not in text:
-            _refuse_markup(path, text.lstrip().split("\n", 1)[0])
-        _, lines = next(iter_rows(path), (1, []))
-    rows = join_wrapped(lines) if '"' in text and is_readable else lines
+    with suppress(UnicodeDecodeError, *BROKEN), open_text(path) as file:
+        _refuse_markup(path, file.read(PIECE // 256).lstrip().split("\n", 1)[0])
+    _, rows = next(iter_rows(path, PIECE // 16), (1, []))
     numbered = list(enumerate(rows[:100], start=1))
     filled = [k for k, (_, row) in enumerate(numbered) if row.strip()]
     return numbered[filled[0] : filled[-1] + 1] if filled else []

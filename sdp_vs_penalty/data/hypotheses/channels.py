@@ -42,6 +42,8 @@ class Recognition:
     has_other_joints: bool = False
     #: "A" where the torques are motor currents, by their words.
     torque_unit: str = ""
+    #: Whether the arm has told how the torques are written: without it no command does.
+    is_of_arm: bool = False
 
     @property
     def is_identity(self) -> bool:
@@ -56,6 +58,11 @@ class Recognition:
         if factor != 1.0:
             scale |= {k: factor for k in self.rename if group_of(k) == group}
         return replace(self, scale=scale, units={**self.units, group: unit})
+
+    def factors(self, group: str, n: int) -> list[float]:
+        """List the factors to SI of a group's n columns."""
+        whole = self.scale.get(group, 1.0)
+        return [self.scale.get(f"{group}{k}", whole) for k in range(1, n + 1)]
 
     def sentences(self) -> list[str]:
         """List what is said of units, and of what is not used."""

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
-from sdp_vs_penalty.data.hypotheses.renaming import parts_of
 from sdp_vs_penalty.data.log import Column, Log, Values
 from sdp_vs_penalty.data.words.names import quantity_of
-from sdp_vs_penalty.data.words.tokens import split_tokens
+from sdp_vs_penalty.data.words.tokens import parts_of, split_tokens
 from sdp_vs_penalty.errors import InputError
 
 #: Words of which the name of a column is made that says which joint a row is of.

@@ -8,11 +8,11 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import fetch_remedy
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
-from sdp_vs_penalty.data.hypotheses.renaming import parts_of, scale_words
+from sdp_vs_penalty.data.hypotheses.renaming import scale_words
 from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
 from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.words.names import is_no_measurement, quantity_of, read_name
-from sdp_vs_penalty.data.words.tokens import brief_names, families, group_of
+from sdp_vs_penalty.data.words.tokens import brief_names, families, group_of, parts_of
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
-from sdp_vs_penalty.data.hypotheses.renaming import by_group, parts_of, rename_words
+from sdp_vs_penalty.data.hypotheses.renaming import by_group, rename_words
 from sdp_vs_penalty.data.hypotheses.sets import SetChoice, choose_sets
 from sdp_vs_penalty.data.hypotheses.weighing import (
     ANGLE,
@@ -29,13 +29,7 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
 )
 from sdp_vs_penalty.data.log import Column
 from sdp_vs_penalty.data.words.joints import JointNames, in_order_of
-from sdp_vs_penalty.data.words.loggers import (
-    LOGGERS,
-    as_list,
-    columns_of_logger,
-    columns_of_pattern,
-    episode_of,
-)
+from sdp_vs_penalty.data.words.loggers import clock_of, episode_of, find_logger
 from sdp_vs_penalty.data.words.names import (
     AMPERES,
     Meaning,
@@ -114,21 +108,75 @@ def recognise(
     if not isinstance(columns, Mapping):
         columns = columns_called(columns)
     usable = [name for name, x in columns.items() if x.kind != "text"]
-    found = _by_logger(usable, columns, joints)
-    if found is None:
+    logger, said = find_logger(usable)
+    outputs = list[str]()
+    if logger:
+        choice = choose_sets(said, None)
+        clock = clock_of(logger, usable)
+    else:
         # What a controller puts out counts where it has no feedback beside it.
-        known = {*usable}
         outputs = [
             x
             for x in usable
             if _OUTPUT.search(x)
-            and any(_OUTPUT.sub(word, x) in known for word in _FEEDBACK)
+            and any(_OUTPUT.sub(word, x) in usable for word in _FEEDBACK)
         ]
-        found = _by_words([x for x in usable if x not in outputs], columns, joints)
-        if found is not None and outputs:
-            said = f"what the controller puts out as {_shortened(outputs)} is not used"
-            found = replace(found, said=(*found.said, said))
-    return None if found is None else _with_unit_of_clock(found, columns)
+        usable = [x for x in usable if x not in outputs]
+        said, choice = _read_and_choose(usable, columns, joints)
+        clock = find_clock({name: columns[name] for name in usable})
+    if choice is None:
+        return None
+    pairs = {} if clock is None else {"t": clock}
+    if choice.rivals:
+        for quantity, x in choice.sets.items():
+            for k, (key, name) in enumerate(x.columns.items(), start=1):
+                pairs[_our_name(quantity, key, k)] = name
+        sets = (choice.sets["q"], *choice.rivals)
+        shown = " or ".join(x.first_to_last for x in sets)
+        words = rename_words(pairs, list(pairs.values()))
+        raise AmbiguousColumnsError(f"q could be {shown}", words)
+    joint_names, keys, order, is_known = _joints_of_words(choice, columns, joints)
+
+    def by_our_names(quantity: str, names: Mapping[Hashable, str]) -> dict[str, str]:
+        return {
+            _our_name(quantity, key, k): names[key] for k, key in enumerate(keys, 1)
+        }
+
+    for quantity, column_set in choice.sets.items():
+        pairs |= by_our_names(quantity, column_set.columns)
+    torques = (
+        [choice.sets["tau"], *choice.other_torques] if choice.other_torques else []
+    )
+    said_of = [
+        f"{x} are the links' {_WORDS_OF_GROUPS[x]}, the motors' ({sets.first_to_last}) are not used"
+        for x, sets in choice.left_out.items()
+        if x in _WORDS_OF_GROUPS
+    ]
+    if outputs:
+        said_of.append(
+            f"what the controller puts out as {_shortened(outputs)} is not used"
+        )
+    found = Recognition(
+        pairs,
+        logger=str(logger["name"]) if logger else "by their words",
+        torques={x.first_to_last: by_our_names("tau", x.columns) for x in torques},
+        joints=joint_names,
+        order=order,
+        episode=episode_of(list(columns)),
+        has_other_joints=not is_known,
+        inferred={"q": ANGLE} if choice.sets["q"].is_bare else {},
+        said=tuple(said_of),
+    )
+    if not logger:
+        if (
+            clock in usable
+            and clock not in said
+            and (by_unit := read_time_by_unit(clock))
+        ):
+            said[clock] = by_unit
+        found = with_units_of_names(found, said)
+    found = _with_stated_units(found, logger, columns)
+    return _with_unit_of_clock(found, columns)
 
 
 def recognised(
@@ -185,23 +233,21 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         for name, x in said.items()
         if x is not None and x.quantity == "t" and x.number is None
     ]
+    weaker = (
+        [name for name in names if columns[name].kind == "stamp"],
+        [
+            x
+            for x in names
+            if x.lower() in _NAMES_OF_INDICES and _rises(columns[x], 1.0)
+        ][:1],
+        [
+            x
+            for x in names
+            if not said[x] and read_time_by_unit(x) and _rises(columns[x])
+        ],
+    )
     clock = min(clocks)[2] if clocks else None
-    if clock is None:
-        stamps = [name for name in names if columns[name].kind == "stamp"]
-        indices = [
-            name
-            for name in names
-            if name.lower() in _NAMES_OF_INDICES
-            and _rises(columns[name])
-            and np.any(columns[name].head % 1.0)
-        ]
-        by_unit = [
-            name
-            for name in names
-            if said[name] is None and read_time_by_unit(name) and _rises(columns[name])
-        ]
-        for found in (stamps, indices[:1], by_unit):
-            clock = found[0] if clock is None and len(found) == 1 else clock
+    clock = clock or next((found[0] for found in weaker if len(found) == 1), None)
     if clock is None or columns[clock].kind != "stamp":
         return clock
     is_whole = not any(map(has_fraction, columns[clock].cells))
@@ -211,10 +257,12 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
     return f"{clock}+{fraction}" if fraction is not None else clock
 
 
-def _rises(column: Column) -> bool:
-    """Return whether the first numbers of a column, three or more, rise."""
+def _rises(column: Column, unit: float = 0.0) -> bool:
+    """Return whether the first numbers of a column, three or more, rise, and not in
+    whole numbers of ``unit``."""
     head = column.head if column.kind == "number" else np.zeros(0)
-    return len(head) > 2 and bool(np.all(np.diff(head) > 0.0))
+    is_whole = unit > 0.0 and not np.any(head % unit)
+    return len(head) > 2 and bool(np.all(np.diff(head) > 0.0)) and not is_whole
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
@@ -223,152 +271,31 @@ def _our_name(group: str, key: Hashable, number: int) -> str:
     return group if key == "" else f"{group}{number}"
 
 
-def _by_logger(
-    usable: Sequence[str], columns: Columns, joints: Sequence[str] | None
-) -> Recognition | None:
-    """Recognise a file by the loggers that are known; None where none wrote it."""
-    found = [(logger, columns_of_logger(logger, usable)) for logger in LOGGERS]
-    # A logger whose torques are there goes before one of which only positions and
-    # their commands are: two loggers may differ in the name of the torques alone.
-    found.sort(key=lambda entry: "tau" not in entry[1])
-    for logger, groups in found:
-        clock = next(
-            (x for x in as_list(logger["t"]) if {*parts_of(x, usable)} <= {*usable}),
-            None,
-        )
-        if clock is None or not groups:
-            continue
-        keys = list(groups["q"])
-        texts = columns_of_pattern(logger.get("names"), list(columns))
-        if keys != [""] and all(isinstance(key, str) for key in keys):
-            in_file = [str(key) for key in keys]
-        elif texts.keys() >= {*keys}:
-            in_file = [next(iter(columns[texts[key]].cells), "") for key in keys]
-        else:
-            in_file = [x for name in groups["q"].values() for x in columns[name].joints]
-        order = None
-        is_named = len({*in_file}) == len(in_file) > 0
-        in_order, is_known = in_order_of(joints, in_file if is_named else [])
-        if is_named and keys == [""]:
-            order = tuple(in_file.index(x) for x in in_order)
-            order = None if order == tuple(range(len(order))) else order
-        elif is_named and len(in_file) == len(keys):
-            key_of = dict(zip(in_file, keys, strict=True))
-            keys = [key_of[name] for name in in_order]
-        rename = {"t": clock} | {
-            _our_name(group, key, k): names[key]
-            for group, names in groups.items()
-            for k, key in enumerate(keys, start=1)
-        }
-        return _with_units_of_logger(
-            Recognition(
-                rename,
-                logger=str(logger["name"]),
-                joints=tuple(in_order),
-                order=order,
-                episode=next(
-                    (x for x in as_list(logger.get("episode")) if x in columns), None
-                ),
-                has_other_joints=not is_known,
-            ),
-            logger,
-            columns,
-        )
-    return None
-
-
-def _with_units_of_logger(
+def _with_stated_units(
     found: Recognition, logger: Mapping[str, Any], columns: Columns
 ) -> Recognition:
-    """Add the units of a known logger's columns: those that the file's metadata say, else
-    the entry's; "angle", "servo" and "clock" show in the values."""
-    stated = _stated_units(found.rename, columns)
+    """Add the units of columns that the file's metadata say, else a known logger;
+    "angle", "servo" and "clock" show in the values."""
+    groups, stated = by_group(found.rename), dict[str, str]()
+    for group, pairs in groups.items():
+        units = {columns[x].unit.lower() for x in pairs.values() if x in columns}
+        if len(units) == 1 and (unit := units.pop()) in {*UNITS, *SHARES}:
+            stated[group] = unit
     for group, unit in {**logger.get("units", {}), **stated}.items():
-        if group not in by_group(found.rename):
+        if group not in groups:
             continue
         if unit in SHARES:
             found = replace(found, said=(*found.said, _share_sentence(group, unit)))
         elif unit in (ANGLE, CLOCK, SERVO):
             found = replace(found, inferred={**found.inferred, group: unit})
-        elif unit.lower() in UNITS:
-            why = (
-                "as the file's metadata say"
-                if group in stated
-                else f"as {logger['name']} writes it"
-            )
-            found = found.with_unit(
-                group, Hypothesis(f"unit of {group}", unit, 1.0, why)
-            )
+        else:
+            is_stated = group in stated
+            why = f"as {'the file' if is_stated else logger['name']}"
+            why += "'s metadata say" if is_stated else " writes it"
+            known = Hypothesis(f"unit of {group}", unit, 1.0, why)
+            found = found.with_unit(group, known)
             if group == "tau" and unit.lower() in AMPERES:
                 found = replace(found, torque_unit="A")
-    return found
-
-
-def _stated_units(rename: Mapping[str, str], columns: Columns) -> dict[str, str]:
-    """Return the units of channel groups that the file's metadata say."""
-    out = dict[str, str]()
-    for group, pairs in by_group(rename).items():
-        units = {columns[x].unit.lower() for x in pairs.values() if x in columns}
-        if len(units) == 1 and (unit := units.pop()) in {*UNITS, *SHARES}:
-            out[group] = unit
-    return out
-
-
-def _by_words(
-    usable: Sequence[str], columns: Columns, joints: Sequence[str] | None
-) -> Recognition | None:
-    """Recognise a file by the words in its columns' names; None where they say no
-    positions, or neither torques nor commands."""
-    said, choice = _read_and_choose(usable, columns, joints)
-    if choice is None:
-        return None
-    clock = find_clock({name: columns[name] for name in usable})
-    if clock is not None and clock in usable and clock not in said:
-        by_unit = read_time_by_unit(clock)
-        said = said if by_unit is None else {**said, clock: by_unit}
-    positions = choice.sets["q"]
-    if choice.rivals:
-        pairs = {} if clock is None else {"t": clock}
-        for quantity, x in choice.sets.items():
-            for k, (key, name) in enumerate(x.columns.items(), start=1):
-                pairs[_our_name(quantity, key, k)] = name
-        shown = " or ".join(x.first_to_last for x in (positions, *choice.rivals))
-        words = rename_words(pairs, list(pairs.values()))
-        raise AmbiguousColumnsError(f"q could be {shown}", words)
-    joint_names, keys, order, is_known = _joints_of_words(choice, columns, joints)
-
-    def by_our_names(quantity: str, names: Mapping[Hashable, str]) -> dict[str, str]:
-        return {
-            _our_name(quantity, key, k): names[key] for k, key in enumerate(keys, 1)
-        }
-
-    rename = {} if clock is None else {"t": clock}
-    for quantity, column_set in choice.sets.items():
-        rename |= by_our_names(quantity, column_set.columns)
-    torques = (
-        [choice.sets["tau"], *choice.other_torques] if choice.other_torques else []
-    )
-    found = Recognition(
-        rename,
-        torques={x.first_to_last: by_our_names("tau", x.columns) for x in torques},
-        joints=joint_names,
-        order=order,
-        episode=episode_of(list(columns)),
-        has_other_joints=not is_known,
-        inferred={"q": ANGLE} if positions.is_bare else {},
-        said=tuple(
-            f"{x} are the links' {_WORDS_OF_GROUPS[x]}, the motors' ({sets.first_to_last}) are not used"
-            for x, sets in choice.left_out.items()
-            if x in _WORDS_OF_GROUPS
-        ),
-    )
-    found = with_units_of_names(found, said)
-    for group, unit in _stated_units(rename, columns).items():
-        why = "as the file's metadata say"
-        if unit in UNITS:
-            found = found.with_unit(
-                group, Hypothesis(f"unit of {group}", unit, 1.0, why)
-            )
     return found
 
 
@@ -384,33 +311,26 @@ def _read_and_choose(
     """
     n_joints = len(joints) if joints else None
 
-    def meanings(read: Any, *more: Any) -> dict[str, Meaning]:
-        found = {name: read(name, *more) for name in usable}
-        return {name: x for name, x in found.items() if x is not None}
+    def choose(read: Any, *more: Any, **options: Any) -> Any:
+        said = {name: x for name in usable if (x := read(name, *more))}
+        return said, choose_sets(said, n_joints, **options)
 
-    plain = meanings(read_name)
-    without = choose_sets(plain, n_joints)
-    if without is None and (bare := meanings(read_bare_joint)):
-        plain |= bare
-        return plain, choose_sets(plain, n_joints)
+    plain, without = choose(read_name)
+    if without is None:
+        bare = choose(lambda name: read_bare_joint(name) or read_name(name))
+        if bare[1] is not None:
+            return bare
     if joints:
-        said = meanings(read_name, JointNames(joints))
-        choice = choose_sets(said, n_joints)
-        fits = [
-            x is not None and len(x.sets["q"].columns) == n_joints
-            for x in (choice, without)
-        ]
-        return (plain, without) if fits == [False, True] else (said, choice)
+        said, choice = choose(read_name, JointNames(joints))
+        sizes = [x and len(x.sets["q"].columns) for x in (choice, without)]
+        return (plain, without) if sizes[0] != n_joints == sizes[1] else (said, choice)
     # Of "A angle" to "F angle" the word "A" says nothing, so that "A angle" looks like a
     # block with all joints, but holds single numbers.
-    name = next(iter(without.sets["q"].columns.values())) if without else ""
-    if (
-        without
-        and without.sets["q"].style == "block"
-        and columns[name].kind == "number"
-    ):
-        other = choose_sets(plain, None, has_blocks=False)
-        if other is not None and name in other.sets["q"].columns.values():
+    if without and without.sets["q"].style == "block":
+        name = without.sets["q"].columns[""]
+        _, other = choose(read_name, has_blocks=False)
+        is_split = other is not None and name in other.sets["q"].columns.values()
+        if columns[name].kind == "number" and is_split:
             return plain, other
     return plain, without
 
@@ -436,7 +356,7 @@ def _joints_of_words(
     keys = list(positions.columns)
     if positions.style == "joint" and joints is not None:
         return tuple(joints[int(str(key))] for key in keys), keys, None, True
-    if positions.style == "name" and joints is not None:
+    if positions.style == "name":
         parts = [key if isinstance(key, tuple) else (key,) for key in keys]
         in_file = [" ".join(x for x in map(str, part) if x != "None") for part in parts]
     else:

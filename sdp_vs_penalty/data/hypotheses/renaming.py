@@ -15,14 +15,6 @@ from sdp_vs_penalty.data.words.units import UNITS, unit_of_factor
 from sdp_vs_penalty.errors import InputError, require_known
 
 
-def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
-    """List the columns that a name of ``--rename`` stands for: one, or those of a stamp,
-    "sec+nanosec" or "hour+minute+second"."""
-    if their_name in names or "+" not in their_name:
-        return (their_name,)
-    return tuple(part.strip() for part in their_name.split("+"))
-
-
 def by_group(pairs: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Collect pairs by the channel group of our name."""
     groups = dict[str, dict[str, Any]]()

@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.data.formats import open_log
 from sdp_vs_penalty.data.hypotheses.channels import has_our_names
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
-from sdp_vs_penalty.data.hypotheses.renaming import expanded, parts_of
+from sdp_vs_penalty.data.hypotheses.renaming import expanded
 from sdp_vs_penalty.data.hypotheses.weighing import CLOCK, unit_of_angles, unit_of_clock
 from sdp_vs_penalty.data.reading import (
     GROUPS,
@@ -17,7 +17,7 @@ from sdp_vs_penalty.data.reading import (
     recognised_in,
     repeating_command,
 )
-from sdp_vs_penalty.data.words.tokens import group_of
+from sdp_vs_penalty.data.words.tokens import group_of, parts_of
 from sdp_vs_penalty.data.words.units import unit_of_factor
 from sdp_vs_penalty.errors import InputError
 

@@ -6,11 +6,12 @@ there are several answers. Whoever knows the arm can weigh the same hypotheses b
 torques.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, Fit
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT, UNITS
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -45,6 +46,10 @@ _SHORTEST_STEP = 2e-5
 #: A measured torque carries noise; less than this share of its scatter is a model's, or
 #: the rounding of one, beside a torque with ten times as much.
 _LEAST_NOISE = 1e-3
+#: ... and with an arm: less than this share of the friction in another channel.
+_LEAST_FRICTION = 1.0 / 3.0
+#: Steps of a clock that differ by less than this factor from the unit's are in it.
+_NEAR = 1.5
 #: No robot measures a larger number, and its square would overflow.
 _LARGEST_SQUARABLE = 1e100
 
@@ -123,6 +128,18 @@ def unit_of_clock(stamps: Array, rate: float | None = None) -> Hypothesis:
     )
 
 
+def unit_by_velocities(stamps: Array, rate: float) -> Hypothesis | None:
+    """Return the unit, below a second, in which the usual step of stamps (N,) is that of
+    the rate [Hz] at which dq is the derivative of q; None for seconds, or none."""
+    steps = np.diff(stamps)
+    count = rate * float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    for unit in ("ms", "us", "ns"):
+        if 1.0 / _NEAR < count * UNITS[unit] < _NEAR:
+            why = f"dq is the derivative of q at {rate:g} Hz"
+            return Hypothesis("unit of t", unit, 1.0, why)
+    return None
+
+
 def unit_of_dates(stamps: Array) -> Hypothesis | None:
     """Return the unit of a clock whose stamps (N,) are dates in it, else None.
 
@@ -144,28 +161,41 @@ def unit_of_dates(stamps: Array) -> Hypothesis | None:
 
 
 def which_torque(
-    channels: dict[str, Array], priors: dict[str, float], torques: Collection[str]
+    channels: Mapping[str, Array],
+    priors: Mapping[str, float],
+    torques: Collection[str],
+    fits: Mapping[str, Fit],
 ) -> list[Hypothesis]:
     """Return the hypotheses that each of several channels (N, n) is the joints' torque.
 
-    A measured torque carries noise. Where one of ``torques``, the channels that are no
-    currents by their words, does and another channel does not, a model has made that
-    one. A channel that is another one times a constant is a conversion of it.
+    Where an arm was fitted to each, what it leaves of them is the evidence. A measured
+    torque carries noise, and the joints' friction. Where one of ``torques``, the
+    channels that are no currents by their words, does and another channel does not, a
+    model has made that one. A channel that is another one times a constant is a
+    conversion of it.
     """
-    stacked = np.hstack(list(channels.values()))
-    whole = np.isfinite(stacked).all(axis=1)
-    channels = {name: x[whole] for name, x in channels.items()}
     noise = {name: _noise(x) for name, x in channels.items()}
     largest = max((noise[x] for x in torques if noise[x] < np.inf), default=0.0)
+    friction = max((abs(x.friction) for x in fits.values()), default=0.0)
+    least = min((x.share for x in fits.values()), default=1.0)
     out = list[Hypothesis]()
     for name, values in channels.items():
-        is_model = noise[name] < _LEAST_NOISE < largest > 10.0 * noise[name]
-        why = "a model's: smooth" if is_model else ""
+        fit = fits.get(name)
+        is_model = 10.0 * noise[name] < largest and (
+            noise[name] < _LEAST_NOISE < largest
+            if fit is None
+            else _LEAST_FRICTION * friction > abs(fit.friction)
+        )
+        reasons = ["a model's: smooth"] if is_model else []
         for other, x in channels.items():
             ratio = _ratio(values, x)
             if other != name and ratio > 1.0:
-                why = f"{ratio:.3g} times {other.split(' to ')[0]}"
-        evidence = 1e-3 if is_model else 1.0
+                reasons = [f"{ratio:.3g} times {other.split(' to ')[0]}"]
+        evidence = 1e-6 if is_model else 1.0
+        if fit is not None:
+            reasons.append(f"the arm leaves {100.0 * fit.share:.2g} % of it")
+            evidence *= (least / fit.share) ** N_PARTS
+        why = "; ".join(reasons)
         out.append(Hypothesis("tau", name, priors[name], why, evidence))
     return out
 

@@ -5,6 +5,8 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 from sdp_vs_penalty.data.words import table
+from sdp_vs_penalty.data.words.names import Meaning
+from sdp_vs_penalty.data.words.tokens import parts_of
 
 #: One entry a logger.
 LOGGERS: list[dict[str, Any]] = table("loggers")["logger"]
@@ -14,21 +16,41 @@ _GROUPS = ("q", "dq", "tau", "temp", "qcmd")
 _NUMBER, _JOINT = r"[ _.\[(/-]*([0-9]+)[\])]*", "([^/]+)"
 
 
-def columns_of_logger(
-    logger: Mapping[str, Any], names: Sequence[str]
-) -> dict[str, dict[Hashable, str]]:
-    """Return a known logger's columns in a file, by channel group and joint.
+def find_logger(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Meaning]]:
+    """Find the known logger that wrote a file with these columns, and what their names
+    say; both empty where none did.
 
-    Groups that do not have the joints of q are left out. Empty where positions, or both
-    torques and commands, are missing: then the file is not of this logger.
+    Its clock, positions, and torques or commands are there. Groups that do not have the
+    joints of q are left out. A logger with torques goes before one with commands alone:
+    two may differ in the name of the torques.
     """
-    groups = {group: columns_of_pattern(logger.get(group), names) for group in _GROUPS}
-    found = {
-        group: columns
-        for group, columns in groups.items()
-        if columns and list(columns) == list(groups["q"])
-    }
-    return found if found.keys() & {"tau", "qcmd"} else {}
+    first = dict[str, Any](), dict[str, Meaning]()
+    for logger in LOGGERS:
+        groups = {x: columns_of_pattern(logger.get(x), names) for x in _GROUPS}
+        said = {
+            name: Meaning(
+                group,
+                rank=0,
+                number=key if isinstance(key, int) else None,
+                other_words=(key,) if key and isinstance(key, str) else (),
+            )
+            for group, columns in groups.items()
+            if list(columns) == list(groups["q"])
+            for key, name in columns.items()
+        }
+        quantities = {x.quantity for x in said.values()}
+        if not clock_of(logger, names) or not quantities & {"tau", "qcmd"}:
+            continue
+        if "tau" in quantities:
+            return logger, said
+        first = first if first[0] else (logger, said)
+    return first
+
+
+def clock_of(logger: Mapping[str, Any], names: Sequence[str]) -> str | None:
+    """Return the clock of a logger in a file, one column or parts; None without it."""
+    clocks = as_list(logger.get("t"))
+    return next((x for x in clocks if {*parts_of(x, names)} <= {*names}), None)
 
 
 def columns_of_pattern(patterns: Any, names: Sequence[str]) -> dict[Hashable, str]:

@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from collections.abc import Sequence
 
 
 def split_tokens(name: str) -> list[str]:
@@ -25,6 +26,14 @@ def split_tokens(name: str) -> list[str]:
 def group_of(our_name: str) -> str:
     """Return the channel group of a name of RUN.csv: "tau" for "tau3"."""
     return our_name.rstrip("0123456789")
+
+
+def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
+    """List the columns that a name of ``--rename`` stands for: one, or those of a stamp,
+    "sec+nanosec" or "hour+minute+second"."""
+    if their_name in names or "+" not in their_name:
+        return (their_name,)
+    return tuple(part.strip() for part in their_name.split("+"))
 
 
 def starred(name: str) -> str:

@@ -15,13 +15,9 @@ from itertools import product
 import numpy as np
 import scipy
 
-from sdp_vs_penalty.diagnosis.constants import (
-    EVIDENCE_TO_DISTINGUISH,
-    LAW_TOLERANCE,
-    MAX_CANDIDATES_REFINED,
-)
+from sdp_vs_penalty.diagnosis.constants import MAX_CANDIDATES_REFINED
 from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, CurveColumns, SplineFit
-from sdp_vs_penalty.diagnosis.linear_fit import DEPENDENT
+from sdp_vs_penalty.diagnosis.linear_fit import DEPENDENT, margin
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
@@ -124,180 +120,103 @@ def dictionary(axes: Sequence[Axis]) -> list[CurveLaw]:
     """List the laws (formulas with free amplitudes) that a curve over one or two
     variables may follow; an axis is a variable with its range.
     """
-    return (
-        _laws_of_one_variable(axes[0])
-        if len(axes) == 1
-        else _laws_of_two_variables(*axes)
-    )
+    return _laws_of_one(*axes) if len(axes) == 1 else _laws_of_two(*axes)
 
 
-def _laws_of_one_variable(axis: Axis) -> list[CurveLaw]:
-    """List the candidate laws (formulas with free amplitudes) of a curve over one
-    variable x.
+def _laws_of_one(axis: Axis) -> list[CurveLaw]:
+    """List the candidate laws of a curve over one variable x.
 
     They are each function of _FUNCTIONS (powers, sign, root), x + x^2, x + x^2 + x^3,
-    saturations and exponentials of x / b, waves sin(b x + phase), and bumps. Widths b
-    begin at 1 % to three times the largest |x|.
+    saturations and exponentials of x / b, waves sin(b x + phase), and bumps exp(-((x -
+    b) / c)^2). Widths b begin at 1 % to three times the largest |x|; places b over the
+    range, and widths c of 3 to 50 % of it.
     """
     if axis.is_sign:
-        return [_power_law("{x}")]
+        return [_sum_law("{x}")]
     largest = max(abs(axis.low), abs(axis.high))
     widths = np.geomspace(0.01, 3.0, 20) * largest
-    laws = [_power_law(reads) for reads in _FUNCTIONS]
-    laws.append(_power_law("{x}", "{x}^2"))
-    laws.append(_power_law("{x}", "{x}^2", "{x}^3"))
+    laws = [_sum_law(reads) for reads in _FUNCTIONS]
+    laws += [_sum_law("{x}", "{x}^2"), _sum_law("{x}", "{x}^2", "{x}^3")]
     laws += [_scaled_law(g, reads, widths) for reads, g in _SCALED_FUNCTIONS.items()]
     # exp(x / b) overflows for narrow widths b; it may rise or fall.
     wide = widths[widths > 0.05 * largest]
     laws.append(_scaled_law(np.exp, "exp({x} / {b})", np.concatenate([wide, -wide])))
     frequencies = [(float(b),) for b in _waves(axis, _SCAN_STEPS)]
     laws.append(_wave(lambda p, b: b[0] * p[0], "{b} {x}", frequencies))
-    laws.append(_bump_law(axis))
-    return laws
+    places = np.linspace(axis.low, axis.high, _SCAN_STEPS // 2)
+    spans = np.geomspace(0.03, 0.5, 8) * (axis.high - axis.low)
+    bump = CurveLaw(
+        lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
+        ("exp(-(({x} - {b}) / {c})^2)",),
+        [(float(b), float(c)) for b, c in product(places, spans)],
+    )
+    return [*laws, bump]
 
 
-def _power_law(*reads: str) -> CurveLaw:
+def _sum_law(*reads: str) -> CurveLaw:
     """Make the law a1 g1(x) + a2 g2(x) + ..., without other constants than its
-    amplitudes.
-
-    ``reads`` are the functions g as keys of _FUNCTIONS, such as "{x}" and "{x}^2".
+    amplitudes; ``reads`` are the functions g as keys of _FUNCTIONS.
     """
-
-    def terms(variables: Array, _: Array) -> list[Array]:
-        """Return each function at the points."""
-        return [_FUNCTIONS[r](variables[0]) for r in reads]
-
-    return CurveLaw(terms, reads)
+    return CurveLaw(lambda p, _: [_FUNCTIONS[g](p[0]) for g in reads], reads)
 
 
 def _scaled_law(g: Function, reads: str, widths: Array) -> CurveLaw:
-    """Make the law a g(x / b), such as a tanh(x / b), with amplitude a and width b.
-
-    Parameters
-    ----------
-    g
-        The function of the scaled variable.
-    reads
-        Its text, such as "tanh({x} / {b})".
-    widths
-        Values of b with which fits begin, in the variable's unit.
-    """
-
-    def terms(variables: Array, constants: Array) -> list[Array]:
-        """Return g(x / b) at the points."""
-        return [g(variables[0] / constants[0])]
-
-    return CurveLaw(terms, (reads,), [(float(b),) for b in widths])
+    """Make the law a g(x / b), such as a tanh(x / b), which reads as ``reads``, with
+    the widths b with which fits begin, in the variable's unit."""
+    starts = [(float(b),) for b in widths]
+    return CurveLaw(lambda p, b: [g(p[0] / b[0])], (reads,), starts)
 
 
-def _bump_law(axis: Axis) -> CurveLaw:
-    """Make the law of a bump, a exp(-((x - b) / c)^2), with amplitude a, place b and
-    width c.
-
-    Fits begin with places over the range of the variable, and widths of 3 to 50 % of
-    it.
-    """
-
-    def terms(variables: Array, constants: Array) -> list[Array]:
-        """Return the bump at the points."""
-        place, width = constants
-        return [np.exp(-(((variables[0] - place) / width) ** 2))]
-
-    places = np.linspace(axis.low, axis.high, _SCAN_STEPS // 2)
-    widths = np.geomspace(0.03, 0.5, 8) * (axis.high - axis.low)
-    starts = [(float(b), float(c)) for b, c in product(places, widths)]
-    return CurveLaw(terms, ("exp(-(({x} - {b}) / {c})^2)",), starts)
-
-
-def _laws_of_two_variables(first: Axis, second: Axis) -> list[CurveLaw]:
+def _laws_of_two(first: Axis, second: Axis) -> list[CurveLaw]:
     """List the candidate laws of two variables x and y.
 
     They are products f(x) g(y), a wave of one variable times a function of the other,
-    and a wave whose phase is b x + c y. A sign of a velocity has no wave.
+    and a wave whose phase is b x + c y, with b > 0: (-b, -c) with another phase is the
+    same wave. A sign of a velocity has no wave.
     """
-    laws = [
-        _product_law(of_first, of_second)
-        for of_first in _factors(first)
-        for of_second in _factors(second)
-    ]
-    if not first.is_sign:
-        laws += [_wave_of_first(first, factor) for factor in _factors(second)]
-    if not second.is_sign:
-        laws += [_wave_of_second(second, factor) for factor in _factors(first)]
+    axes = first, second
+    # A sign of a velocity has itself only: its powers are the same two values.
+    factors = [_OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR for axis in axes]
+    laws = [_product_law(f, g) for f, g in product(*factors)]
+    for k, axis in enumerate(axes):
+        if not axis.is_sign:
+            laws += [_wave_times(k, axis, g) for g in factors[1 - k]]
     if not (first.is_sign or second.is_sign):
-        laws.append(_wave_of_both(first, second))
+        fastest = _fastest(second)
+        of_first = np.linspace(0.0, _fastest(first), _SCAN_STEPS // 4)[1:]
+        of_second = np.linspace(-fastest, fastest, _SCAN_STEPS // 2)
+        wave = _wave(
+            lambda p, b: b[0] * p[0] + b[1] * p[1],
+            "{b} {x} + {c} {y}",
+            [(float(b), float(c)) for b, c in product(of_first, of_second)],
+        )
+        laws.append(wave)
     return laws
 
 
-def _factors(axis: Axis) -> Sequence[str]:
-    """Return the functions of a variable that may multiply a function of the other one,
-    as keys of _FUNCTIONS.
+def _product_law(f: str, g: str) -> CurveLaw:
+    """Make the law a f(x) g(y) of two functions, keys of _FUNCTIONS."""
 
-    A sign of a velocity has itself only, since its powers are the same two values.
-    """
-    return _OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR
-
-
-def _product_law(of_first: str, of_second: str) -> CurveLaw:
-    """Make the law a f(x) g(y) with two functions of _FUNCTIONS, given by their keys
-    such as "{x}^2".
-    """
-
-    def terms(variables: Array, _: Array) -> list[Array]:
+    def terms(p: Array, _: Array) -> list[Array]:
         """Return the product at the points."""
-        return [
-            _FUNCTIONS[of_first](variables[0]) * _FUNCTIONS[of_second](variables[1])
-        ]
+        return [_FUNCTIONS[f](p[0]) * _FUNCTIONS[g](p[1])]
 
-    return CurveLaw(terms, (f"{of_first} {_other(of_second)}",))
+    return CurveLaw(terms, (f"{f} {_of_second(g)}",))
 
 
-def _wave_of_first(axis: Axis, factor: str) -> CurveLaw:
-    """Make the law a g(y) sin(b x + phase): a wave of the first variable x times a
-    function g of the second, y.
-
-    ``axis`` is the range of x; ``factor`` is the key of g in _FUNCTIONS.
-    """
+def _wave_times(k: int, axis: Axis, g: str) -> CurveLaw:
+    """Make the law of a wave of variable k (from 0) of two, whose range is ``axis``,
+    times a function g of the other one, a key of _FUNCTIONS."""
     return _wave(
-        lambda p, b: b[0] * p[0],
-        "{b} {x}",
+        lambda p, b: b[0] * p[k],
+        "{b} {y}" if k else "{b} {x}",
         [(float(b),) for b in _waves(axis, _SCAN_STEPS // 2)],
-        factor=lambda p: _FUNCTIONS[factor](p[1]),
-        other_factor=f" {_other(factor)}",
+        lambda p: _FUNCTIONS[g](p[1 - k]),
+        f" {g if k else _of_second(g)}",
     )
 
 
-def _wave_of_second(axis: Axis, factor: str) -> CurveLaw:
-    """Make the law a g(x) sin(b y + phase): a wave of the second variable y times a
-    function g of the first, x.
-
-    ``axis`` is the range of y; ``factor`` is the key of g in _FUNCTIONS.
-    """
-    return _wave(
-        lambda p, b: b[0] * p[1],
-        "{b} {y}",
-        [(float(b),) for b in _waves(axis, _SCAN_STEPS // 2)],
-        factor=lambda p: _FUNCTIONS[factor](p[0]),
-        other_factor=f" {factor}",
-    )
-
-
-def _wave_of_both(first: Axis, second: Axis) -> CurveLaw:
-    """Make the law a sin(b x + c y + phase) of two variables.
-
-    Fits begin with b > 0 only: (-b, -c) with another phase is the same wave.
-    """
-    fastest_second = _fastest(second)
-    of_first = np.linspace(0.0, _fastest(first), _SCAN_STEPS // 4)[1:]
-    of_second = np.linspace(-fastest_second, fastest_second, _SCAN_STEPS // 2)
-    return _wave(
-        lambda p, b: b[0] * p[0] + b[1] * p[1],
-        "{b} {x} + {c} {y}",
-        [(float(b), float(c)) for b, c in product(of_first, of_second)],
-    )
-
-
-def _other(reads: str) -> str:
+def _of_second(reads: str) -> str:
     """Replace the variable {x} in the text of a factor by the second variable {y}."""
     return reads.replace("{x}", "{y}")
 
@@ -320,12 +239,11 @@ def _wave(
     factor
         Function of the variables that multiplies the wave; default: 1.
     """
-
-    def terms(p: Array, b: Array) -> list[Array]:
-        """Return sine and cosine at variables p (v, P) for constants b (c,)."""
-        return [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)]
-
-    return CurveLaw(terms, (f"sin({reads} + {{phase}}){other_factor}",), starts)
+    return CurveLaw(
+        lambda p, b: [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)],
+        (f"sin({reads} + {{phase}}){other_factor}",),
+        starts,
+    )
 
 
 def _fastest(axis: Axis) -> float:
@@ -437,8 +355,7 @@ def recognise_law(
         )
         scored.append((evidence_of(exact), exact))
     top = max([f.J, *(J for J, _ in scored)])
-    threshold = top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top
-    equivalent = [(J, law) for J, law in scored if threshold < J]
+    equivalent = [(J, law) for J, law in scored if top - margin(top) < J]
     # The fewest numbers first, then the highest evidence.
     return min(
         equivalent, key=lambda pair: (pair[1].size, -pair[0]), default=(f.J, None)

@@ -4,16 +4,15 @@ evidence J as effects, and may replace effects.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_ADD,
-    EVIDENCE_TO_DISTINGUISH,
-    LAW_TOLERANCE,
     MAX_CANDIDATES_REFINED,
+    MINOR,
     THIRDS,
 )
 from sdp_vs_penalty.diagnosis.curves.bases import (
@@ -32,7 +31,8 @@ from sdp_vs_penalty.diagnosis.curves.laws import (
     law_in_words,
     recognise_law,
 )
-from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData, harm, lowers
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, margin
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
 from sdp_vs_penalty.effects.effect import Effect, JointEffect, follows_alone
@@ -41,6 +41,7 @@ from sdp_vs_penalty.effects.measured_curve import (
     table_effect,
     table_variables,
 )
+from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The score of a curve, the curve, and the law that it is.
@@ -225,12 +226,11 @@ def is_curve_preferred(
     J_to_replace = max(worth, 0.0)
     if beside_terms is not None:
         J_to_replace += beside_terms[0]
-    margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * J_to_replace
     n_numbers = sum(t.form.n_coefficients + t.form.n_constants for t in own_terms)
     is_simpler = law is not None and law.size < n_numbers
     if beside_terms is not None or is_simpler:
-        return J_to_replace - margin < J
-    return J_to_replace + margin < J
+        return J_to_replace - margin(J_to_replace) < J
+    return J_to_replace + margin(J_to_replace) < J
 
 
 def _best_curve(
@@ -364,8 +364,7 @@ class _Measuring:
             splines = self.variables.filtered_splines(basis)
             exact.append(self._fit_spline(basis, splines, robust=True))
         highest = max((f.J for f in exact), default=0.0)
-        nearly_highest = (1.0 - LAW_TOLERANCE) * highest - EVIDENCE_TO_DISTINGUISH
-        threshold = max(nearly_highest, EVIDENCE_TO_ADD)
+        threshold = max(highest - margin(highest), EVIDENCE_TO_ADD)
         equivalent = [f for f in exact if threshold < f.J]
         return min(equivalent, key=lambda f: (len(f.basis.axes), -f.J), default=None)
 
@@ -523,3 +522,60 @@ def unmeasured(basis: Basis, points: Array) -> Array:
     have = {tuple(p) for p in points.tolist()}
     missing = [p for p in basis.points.tolist() if tuple(p) not in have]
     return np.reshape(missing, (-1, points.shape[1]))
+
+
+def accept_curves(
+    search: Search, curves: Sequence[Measured], judge: HeldOutData
+) -> tuple[Measured, ...]:
+    """Accept the measured curves that data left out confirm, one after the other.
+
+    Three conditions: the curve lowers its joint's RMS error on data left out by 1 %,
+    the sum of the joints' log errors does not rise by 1 %, and most of the data left
+    out lie where the curve was measured (elsewhere, the table is held constant). Each
+    curve is judged together with those accepted before it.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    judge
+        The data left out: a test run, or folds. On a fold, a curve has the values that
+        the other folds' rows give.
+
+    Returns
+    -------
+    tuple of Measured
+        The accepted curves, with the errors before and after each.
+    """
+    if not curves:
+        return ()
+    # Effects are chosen by number: the findings first, then the curves.
+    terms = search.terms
+    effects = [t.form.effect for t in terms]
+    effects += [c.table for c in curves]
+    curve_by_number = dict(enumerate(curves, start=len(terms)))
+    held_out = judge.held_out_errors(
+        search.data.rows,
+        effects,
+        search.data.estimate,
+        by_fold={k: c.by_fold for k, c in curve_by_number.items()},
+    )
+    before = held_out.errors(range(len(terms)))
+    accepted = dict[int, Measured]()
+    for number, curve in curve_by_number.items():
+        replaced = set(curve.replaced)
+        for other in accepted.values():
+            replaced.update(other.replaced)
+        findings = [i for i, t in enumerate(terms) if t not in replaced]
+        # (n,) errors with the findings, the curves accepted so far, and this one.
+        after = held_out.errors([*findings, *accepted, number])
+        joint = curve.joint
+        lowers_its_joint = lowers(before[[joint]], after[[joint]])
+        helps = lowers_its_joint and harm(before, after) < MINOR
+        if not helps:
+            continue
+        share_outside = judge.outside(search.data.rows, curve.table, curve.by_fold)
+        if share_outside <= MOSTLY_NEW:
+            accepted[number] = replace(curve, before=float(before[joint]), errors=after)
+            before = after
+    return tuple(accepted.values())

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.files import SPAN_MARGIN
+from sdp_vs_penalty.data.files import without_spans as leave_out
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.records import JsonRecord
 
 #: Share of the samples that has to be left without the spans in which something acts.
 ENOUGH = 1.0 / 3.0
-#: Time on either side of a span that is left out with it: an edge is known to so much
-#: [s].
-_MARGIN = 0.25
 #: The kind of a torque that wanders slowly with time. It acts all the time, and is only
 #: a rival of causes.
 WANDERING = "wandering"
@@ -27,6 +24,7 @@ _IN_WORDS = {
     "force": ("a constant force", "link"),
     "torque": ("a constant torque", "joint"),
     "friction": ("a change of dry friction", "joint"),
+    "gain": ("a change of the torque channel's gain", "joint"),
     WANDERING: ("a torque that wanders slowly with time", "joint"),
 }
 
@@ -48,11 +46,11 @@ class PassingCause(JsonRecord):
     """What acts for a part of the runs only."""
 
     #: "load" (carried by the last link), "force" (constant in the world), "torque"
-    #: (constant, on one joint) or "friction" (a change of dry friction on one joint).
+    #: (constant, on one joint), "friction" or "gain" (a change of it, on one joint).
     kind: str
     #: Number of the link or joint, from 1.
     place: int
-    #: Mass [kg], force [N], or torque [N m or N], in ``unit``; a negative mass is that
+    #: Mass [kg], force [N], torque [N m or N], or gain [-], in ``unit``; a negative mass is that
     #: of a load that is missing.
     size: float
     #: Standard deviation of the size, in ``unit``.
@@ -79,7 +77,8 @@ class PassingCause(JsonRecord):
         what, part = _IN_WORDS[self.kind]
         unit = formatting.plain_unit(self.unit)
         size = abs(self.size) if self.kind == "load" else self.size
-        amount = f" of {size:.3g} ± {NORMAL_95 * self.std:.2g} {unit} (95 %)"
+        amount = f" of {size:.3g} ± {NORMAL_95 * self.std:.2g} {unit}".rstrip()
+        amount += " (95 %)"
         text = f"{what}{amount} on {part} {self.place}"
         if self.is_lack:
             text = f"{what}{amount} is missing on {part} {self.place}"
@@ -142,9 +141,9 @@ def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
     windows = []
     begin = start
     for span in sorted(spans, key=lambda span: span.t_start):
-        if span.t_start - _MARGIN > begin:
-            windows.append((begin, span.t_start - _MARGIN))
-        begin = max(begin, span.t_end + _MARGIN)
+        if span.t_start - SPAN_MARGIN > begin:
+            windows.append((begin, span.t_start - SPAN_MARGIN))
+        begin = max(begin, span.t_end + SPAN_MARGIN)
     if begin < end:
         windows.append((begin, end))
     return ",".join(f"{a - start:.4g}:{b - start:.4g}" for a, b in windows)
@@ -185,12 +184,8 @@ def without_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:
     """
     kept = []
     for run in runs.runs():
-        acts = np.zeros(run.samples, bool)
-        for span in spans:
-            if span.run in ("", run.names[0]):
-                acts |= (run.t >= span.t_start - _MARGIN) & (
-                    run.t <= span.t_end + _MARGIN
-                )
-        if not acts.all():
-            kept.append(run.rows(~acts) if acts.any() else run)
+        of_run = [s for s in spans if s.run in ("", run.names[0])]
+        rest = leave_out(run, [(s.t_start, s.t_end) for s in of_run])
+        if rest.samples:
+            kept.append(rest)
     return concatenate(kept) if kept else runs.rows(slice(0, 0))

@@ -4,10 +4,8 @@ Such a cause makes the torque
 
     x(t) Z(q, dq, ddq) theta,    x(t) = 1 in some spans of time, 0 elsewhere,
 
-with columns Z and constant parameters theta. Four laws are compared on the rows that
-the diagnosis judges by, after the model and its effects: a load on the last link, a force
-that is constant in the world, a constant torque on one joint, and a change of one joint's
-dry friction.
+with columns Z and constant parameters theta. The laws are compared on the rows that the
+diagnosis judges by, after the model and its effects.
 """
 
 from __future__ import annotations
@@ -74,7 +72,9 @@ class PassingSearch:
         """Take a finished search, and the effects in it that are certain."""
         self.data, self.score, self.terms = _without_repetition(search, terms)
         self.base = self.score.fit(self.terms)
-        self.cells = Cells.of(self.data.clusters[0], self.data.rows.run)
+        run = self.data.rows.run
+        self.cells = Cells.of(self.data.clusters[0], run)
+        self.runs = Cells.of(np.unique(run, return_inverse=True)[1], run)
 
     def best(self) -> tuple[Trial, tuple[Trial, ...]] | None:
         """Return the law that explains most, and its rivals; None if none stands out.
@@ -82,15 +82,18 @@ class PassingSearch:
         All are tried, suspected or not: noise that is measured from repetitions takes
         in what differs between them. Forces take most of the time, and are tried only
         if another law stands out. A torque that wanders slowly with time is their
-        rival.
+        rival. A channel's gain differs between runs, and not within one.
         """
         robot = self.data.estimate.robot
-        n_laws = 1 + 2 * robot.n + robot.links
-        laws = [load_law(self.data), *joint_laws(self.data)]
-        trials = self._trials(laws, n_laws)
+        n_laws = 1 + 3 * robot.n + robot.links
+        laws = [load_law(self.data), *joint_laws(self.data, "torque", "friction")]
+        trials = self._trials(laws, n_laws, self.cells)
+        if len(self.runs.run) > 1:
+            gains = joint_laws(self.data, "gain")
+            trials += self._trials(gains, n_laws, self.runs)
         if not any(t.stands_out for t in trials):
             return None
-        trials += self._trials(force_laws(self.data), n_laws)
+        trials += self._trials(force_laws(self.data), n_laws, self.cells)
         most = max(t.drop for t in trials)
         finer = [
             self.with_finer_edges(t, n_laws)
@@ -99,9 +102,9 @@ class PassingSearch:
         ]
         return best_of([*finer, *self._wandering(n_laws)]) if finer else None
 
-    def _trials(self, laws: Sequence[Law], n_laws: int) -> list[Trial]:
+    def _trials(self, laws: Sequence[Law], n_laws: int, cells: Cells) -> list[Trial]:
         """Try laws, of ``n_laws`` in all; return the trials of those with spans."""
-        trials = [self.trial(law, n_laws) for law in laws]
+        trials = [self.trial(law, n_laws, cells) for law in laws]
         return [t for t in trials if t is not None]
 
     def _wandering(self, n_laws: int) -> list[Trial]:
@@ -111,27 +114,31 @@ class PassingSearch:
         trials = [self._judged(law, self.cells, always, n_laws) for law in laws]
         return [t for t in trials if t is not None]
 
-    def trial(self, law: Law, n_laws: int) -> Trial | None:
-        """Search the spans of a law, and judge it; None if it explains nothing."""
+    def trial(self, law: Law, n_laws: int, cells: Cells) -> Trial | None:
+        """Search the spans of a law, made of cells, and judge it; None if it explains
+        nothing."""
         level = self.base.level
-        x = np.zeros(len(self.cells.run))
+        x = np.zeros(len(cells.run))
         white = self._white(law, np.ones(len(self.data.y[0])))
         fit = self.base
         for _ in range(_MAX_ROUNDS):
             products = CellProducts.of(
-                self.score.at_level(self.base, level), white, self.cells
+                self.score.at_level(self.base, level), white, cells
             )
-            x = find_spans(products, self.cells, np.zeros(len(x)), self._price)
+            x = find_spans(products, cells, np.zeros(len(x)), self._price)
             if not x.any() or x.all():
                 return None
-            fit = self._fit(law, x, self.cells)
+            fit = self._fit(law, x, cells)
             if np.all(np.abs(fit.level - level) < _SETTLED * level):
                 break
             level = fit.level
-        return self._judged(law, self.cells, x, n_laws)
+        return self._judged(law, cells, x, n_laws)
 
     def with_finer_edges(self, trial: Trial, n_laws: int) -> Trial:
-        """Return a trial with its edges moved among cells that are finer."""
+        """Return a trial with its edges moved among cells that are finer; the same one
+        if it acts in whole runs."""
+        if not trial.cells.count_edges(trial.x):
+            return trial
         cells = self.cells.divided(_FINER)
         x = np.zeros(len(cells.run))
         x[cells.label] = trial.x[self.cells.label]
@@ -313,15 +320,12 @@ def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> Passin
         x, beta = _simpler_of_both(trial)
     # Of the other spans a load or a torque has the opposite sign.
     size = trial.size if trial.law.kind == "force" else float(beta[0])
-    unit = {"load": "kg", "force": "N"}.get(trial.law.kind)
-    if unit is None:
-        unit = data.estimate.robot.torque_units[trial.law.place - 1]
     return PassingCause(
         kind=trial.law.kind,
         place=trial.law.place,
         size=size,
         std=trial.std,
-        unit=unit,
+        unit=trial.law.effect.parameters[0].unit,
         parameters=tuple(float(b) for b in beta),
         point=tuple(float(p) for p in trial.point),
         spans=_spans(data, trial.cells, x),

@@ -9,13 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import (
-    EVIDENCE_TO_ADD,
-    EVIDENCE_TO_DISTINGUISH,
-    LAW_TOLERANCE,
-    UNCERTAIN,
-)
-from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
+from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD, UNCERTAIN
+from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit, margin
 from sdp_vs_penalty.diagnosis.passing.laws import Law
 from sdp_vs_penalty.diagnosis.passing.spans import Cells
 from sdp_vs_penalty.robot.arrays import Array
@@ -137,8 +132,7 @@ def best_of(trials: Sequence[Trial]) -> tuple[Trial, tuple[Trial, ...]]:
     closest = max(trials, key=lambda t: t.drop)
     J = {t: t.evidence_with_worth_of(closest) for t in trials}
     best = max(J.values())
-    margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * best
-    tied = [t for t in trials if best - J[t] < margin]
+    tied = [t for t in trials if best - J[t] < margin(best)]
     chosen = min(tied, key=lambda t: (t.law.freedom, -J[t]))
     return chosen, tuple(t for t in tied if t is not chosen)
 

@@ -72,7 +72,7 @@ def findings(view: View) -> None:
     _cards(view, diagnosis, words)
     _constants(session, diagnosis, words)
     _curves(view, diagnosis, words)
-    _others(words)
+    _others(session, diagnosis, words)
 
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
@@ -221,12 +221,17 @@ def _by_hand(view: View) -> None:
         )
 
 
-def _others(words: DiagnosisWords) -> None:
-    """Draw disturbances at single instants, the error that is left, effects that these
-    runs cannot show, and remarks.
+def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
+    """Draw disturbances at single instants, each with a button that leaves it out, the
+    error that is left, effects that these runs cannot show, and remarks.
     """
     for line in words.events:
         draw.tag("p", f"{formatting.sentence(line)}.", "finding")
+    cuts = (x.change for x in diagnosis.remedies if x.change.verb == "cut")
+    with draw.tag("div", style="row"):
+        for k, cut in enumerate(cuts):
+            leave = partial(session.start, session.apply, cut.to_dict())
+            draw.button(formatting.sentence(cut.words), leave, f"cut-{k}")
     if words.all_events != words.events:
         with draw.details("Every event", "events"), draw.tag("ul"):
             for line in words.all_events:
@@ -266,5 +271,5 @@ def _diagnosed(session: Session) -> StageVerdict | None:
 
 
 DIAGNOSE = Stage(
-    "diagnose", "Diagnose", "Identify a model first.", (models, findings), _diagnosed
+    "diagnose", "Diagnose", "Identify a model first.", (findings, models), _diagnosed
 )

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures
+from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, SHARES, Failures
 from sdp_vs_penalty.effects import (
     DEFAULT_EFFECTS,
     EXAMPLES,
@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
-from sdp_vs_penalty.page.model_step import SHOWN_BY, ModelStep
+from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import (
     PagePart,
@@ -207,7 +207,7 @@ def fit(view: View) -> None:
 
 class _Fit:
     """What the part shows of the joint, the run and the span that are chosen: bars,
-    torques with the arm, words, causes, and the error against a signal."""
+    torques with the arm, words, causes, and the error against a cause."""
 
     def __init__(self, view: View) -> None:
         """Draw the elements of the part, still without data: bars, chart, arm and
@@ -240,10 +240,9 @@ class _Fit:
             failures = Failures.from_dict({"units": (), "joints": joints})
             _heat(view, failures, view.session.findings_of_current)
         with draw.tag("div", style="pick"):
-            look = lambda name: view.select(signal=name)  # noqa: E731
-            signals = charts.SIGNALS.items()
-            draw.choice("Error against", signals, view.signal, look, "signal")
-        self.against = draw.chart({}, "Error of the joint against a signal")
+            look = lambda name: view.select(cause=name)  # noqa: E731
+            draw.choice("Error against", CAUSES, view.cause, look, "cause")
+        self.against = draw.chart({}, "Error of the joint against a cause")
 
     def zoom(self, event: Any) -> None:
         """Select the time span that was dragged in the chart.
@@ -265,17 +264,10 @@ class _Fit:
         units = session.robot["units"]
         steps = session.first_and_current
         recordings = [session.recording(step, view.run) for step in steps]
-        floors = model.comparison["noise_floor"]
         self._draw_bars(j, units)
         self._draw_torques(j, units, recordings)
-        drawn = charts.residual_chart(
-            recordings,
-            joint=j,
-            signal=view.signal,
-            unit=units[j],
-            floor=floors and floors[j],
-            span=view.span,
-        )
+        reads = [charts.rows_of_span(read, view.span) for read in recordings]
+        drawn = charts.cause_chart(session, model, reads, j + 1, view.cause)
         self.against.update_figure(drawn)
         self.words.text = _words(model, j, units[j])
         last = recordings[-1]
@@ -352,7 +344,7 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
         floor = facts["joint_noise"].of_joint(number)
         text += f", {times} times the noise floor of {floor} {plain}"
     sentences = model.failures[j]["sentences"] if model.failures else ()
-    return " ".join([f"{text}.", *sentences])
+    return " ".join([f"{text}.", *map(spoken, sentences)])
 
 
 def _heat(view: View, failures: Failures, diagnosis: Diagnosis | None) -> None:
@@ -364,24 +356,24 @@ def _heat(view: View, failures: Failures, diagnosis: Diagnosis | None) -> None:
     draw.note(f"{SHARES} In per cent. Click a cell to see the joint.")
     rows = pieces.heat_rows(failures, pieces.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
-    drawn = pieces.heat_map(title, rows, len(failures), SHOWN_BY)
+    drawn = pieces.heat_map(title, rows, len(failures), has_buttons=True)
     drawn = pieces.piece("framed.html", inner=drawn, caption=title)
     ui.html(drawn, sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
 
 
 def _show(view: View, event: Any) -> None:
-    """Select the joint that was clicked, and the signal that shows the clicked cause.
-
-    The event's arguments are the joint and a signal; a cell without a signal of its own
-    leaves the selected signal as it is.
+    """Select the joint that was clicked, and the clicked cause; by a bar the cause that
+    shows the joint's error.
     """
-    joint, signal = event.args
-    view.select_joint(joint, signal if signal in charts.SIGNALS else view.signal)
+    joint, cause = event.args
+    if cause not in CAUSES:
+        cause = view.session.cause_of(int(joint))
+    view.select_joint(joint, cause)
 
 
 #: What a click on a button of a joint sends.
 _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
-  if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
+  if (cell) emit([cell.dataset.joint, cell.dataset.cause]); }"""
 
 
 @requires_model("parameters", "Parameters")
@@ -472,6 +464,9 @@ def methods(view: View) -> None:
     if (answer := session.answer("methods")) is None:
         return
     draw.table(Table.from_dict(answer["table"]), "Methods compared")
+    with draw.tag("ul"):
+        for name, reason in answer["reasons"].items():
+            draw.tag("li", f"{name}: {spoken(reason)}")
     draw.note(
         "On the runs that the model is judged on. The thinnest link is zero or less"
         " where it cannot exist; distance to best fit: how far the loss can be above"

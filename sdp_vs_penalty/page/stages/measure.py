@@ -35,21 +35,25 @@ def robot(view: View) -> None:
     if not robot:
         _choose(view)
         return
+    with draw.tag("div", style="pair"):
+        with draw.tag("div", style="body"):
+            _chosen(view)
+        if robot["drawn"]["bodies"]:
+            caption = "nominal links; the joint that moves lights up, in their order"
+            arm = ArmScene(view, robot["drawn"], caption, 1, None)
+            read = session.arrays(robot["sweep"])
+            arm.load(robot["sweep"], read, read["moves"])
+
+
+def _chosen(view: View) -> None:
+    """Draw what is known of the chosen robot, its gravity and joints that are held."""
+    session = view.session
+    robot = view.session.robot
     file = f"{robot['file']}: " if robot["file"] else ""
     draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
-    joints = (
-        f"{name} [{unit}]"
-        for name, unit in zip(robot["joints"], robot["units"], strict=True)
-    )
-    draw.note(
-        f"Joints in order, with the units of torque: {', '.join(joints)}."
-        f" {robot['known']}"
-    )
-    if robot["drawn"]["bodies"]:
-        caption = "nominal links; the joint that moves lights up, in their order"
-        arm = ArmScene(view, robot["drawn"], caption, 1, None)
-        read = session.arrays(robot["sweep"])
-        arm.load(robot["sweep"], read, read["moves"])
+    units = ", ".join(dict.fromkeys(robot["units"]))
+    draw.note(f"Joints in order: {', '.join(robot['joints'])}. Torques in {units}.")
+    draw.note(robot["known"])
     gravity, hold = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"])
     fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
@@ -145,38 +149,66 @@ _USES = (
         s.robot["source"],
         [[run[name] for name in ("name", "use", "split")] for run in s.runs],
         s.refusals,
-        [m["path"] for m in s.mappings],
+        [(m["path"], m["run"]) for m in s.mappings],
     ),
 )
 def runs(view: View) -> None:
     """Draw the ways to get measurements, and the runs that are loaded."""
     ways = {"Your runs": _your_runs, "Simulated, with a hidden effect": _simulated}
+    if view.session.robot["data"]:
+        ways["Measured, by others"] = _measured_by_others
     with draw.tag("div", style="ways"):
         for title, fill in ways.items():
             with draw.tag("section", style="way"):
                 draw.tag("h4", title)
                 fill(view)
-    shown: list[Any] = []
-    for mapping in view.session.mappings:
-        if mapping["columns"] not in shown:
-            shown.append(mapping["columns"])
-            _mapping(view.session, mapping)
+    for mapping in _of_each_kind(view.session.refused):
+        draw.tag("h4", _title_of_columns(view.session, mapping))
+        _mapping(view.session, mapping)
     if view.session.runs:
         _list(view)
+    for mapping in _of_each_kind(view.session.guessed):
+        _guessed(view.session, mapping)
+
+
+def _of_each_kind(mappings: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the first of all files with the same columns, for each kind of file."""
+    return list({str(m["columns"]): m for m in mappings[::-1]}.values())[::-1]
+
+
+def _title_of_columns(session: Session, mapping: dict[str, Any]) -> str:
+    """Name all files with the same columns in a question."""
+    same = [m["name"] for m in session.mappings if m["columns"] == mapping["columns"]]
+    return f"Which column of {formatting.words(same)} is what?"
+
+
+def _guessed(session: Session, mapping: dict[str, Any]) -> None:
+    """Draw what was guessed of files that were read: a button for each other set of
+    torques, and the form, folded."""
+    for k, name in enumerate(mapping["torques"]):
+        take = partial(session.start, session.read_mapped, mapping["columns"], name)
+        draw.button(f"Take {name} as the torque", take, f"torque-{k}")
+    k = session.mappings.index(mapping)
+    with draw.details(_title_of_columns(session, mapping), f"columns-{k}"):
+        _mapping(session, mapping)
 
 
 def _mapping(session: Session, mapping: dict[str, Any]) -> None:
-    """Draw the form that assigns the columns of refused files, prefilled with what is
+    """Draw the form that assigns the columns of files, prefilled with what is
     recognised or guessed; one form for all files with these columns.
 
     mapping : a file's path, name, columns with first cells, and the column chosen for
     each name that a run needs.
     """
     columns = mapping["columns"]
-    files = [m["name"] for m in session.mappings if m["columns"] == columns]
     k = session.mappings.index(mapping)
-    draw.tag("h4", f"Which column of {formatting.words(files)} is what?")
-    draw.note("Filled in with what is recognised, or by their order: look at it.")
+    draw.note(
+        "Filled in with what is recognised, or by their order: look at it. Drag a column"
+        " to its place, or choose it there."
+    )
+    with draw.tag("div", style="row"):
+        for name in columns:
+            draw.tag("span", name, "of-file", draggable="true")
     described = zip(columns, mapping["cells"], strict=True)
     options = [("", "not there")]
     options += [(name, f"{name}: {cells} ...") for name, cells in described]
@@ -221,6 +253,18 @@ def _your_runs(view: View) -> None:
         for k, name in enumerate(files):
             draw.check(name, False, partial(ticked.__setitem__, name), f"folder-{k}")
         draw.button("Read the selected files", read, "read-folder")
+
+
+def _measured_by_others(view: View) -> None:
+    """Draw the button that loads the public measurements of a built-in robot."""
+    data = view.session.robot["data"]
+    fetch = partial(view.session.start, view.session.fetch_measured)
+    draw.note(f"{data['title']}. Licence: {data['licence']}.")
+    draw.button("Load the measurements", fetch, "fetch")
+    draw.note(
+        f"Once from github.com/{data['source']}, which needs the network; later from this"
+        " computer."
+    )
 
 
 def _simulated(view: View) -> None:
@@ -333,36 +377,7 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
         )
 
 
-def _kept_of(run: dict[str, Any]) -> str:
-    """Return what part of a run is kept for testing: its name, "20 % of" its name, or
-    "" for nothing.
-    """
-    if run["use"] == "test":
-        return str(run["name"])
-    if run["use"] == "split":
-        share = formatting.percent(run["split"]["judged_share"], 2)
-        return f"{share} of {run['name']}"
-    return ""
-
-
-def _measured(session: Session) -> StageVerdict | None:
-    """Say which robot is chosen, how many runs it has, and whether any are for
-    testing.
-    """
-    robot = session.robot
-    if not robot:
-        return None
-    sentence = (
-        f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
-    )
-    if session.runs:
-        kept = ", ".join(filter(None, map(_kept_of, session.runs))) or "nothing"
-        count = formatting.count(len(session.runs), "run")
-        sentence += f"; {count}, {kept} kept for testing"
-    return StageVerdict("", f"{sentence}.")
-
-
-MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
+MEASURE = Stage("measure", "Measure", "", (robot, runs))
 
 
 @partial(
@@ -445,13 +460,8 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         draw.button(label, partial(session.start, session.apply, filled), key)
     else:
         draw.button(label, partial(session.start, session.apply, change), key)
-    refused = [
-        x["refused"]
-        for x in session.remedies
-        if x["change"] == change and "refused" in x
-    ]
-    for text in refused:
-        draw.tag("p", f"Not done: {spoken(text)}", "soft")
+    if outcome := session.outcome_of(change):
+        draw.note(outcome)
 
 
 def _issues_with_runs(

@@ -355,7 +355,7 @@ def first_order(x: Array, step: float, lag: float) -> Array:
     inputs = np.concatenate([x[:1], half * (x[1:] + x[:-1])])
     # A system with ones on its diagonal, and -decay below it.
     diagonals = np.repeat([[1.0], [-decay]], len(x), axis=1)
-    return np.asarray(scipy.linalg.solve_banded((1, 0), diagonals, inputs))
+    return scipy.linalg.solve_banded((1, 0), diagonals, inputs)
 
 
 def _unit(world: World, joint: int) -> float:
@@ -364,6 +364,14 @@ def _unit(world: World, joint: int) -> float:
     Constants of friction are drawn in units of it.
     """
     return float(world.arm.unit_speed[joint])
+
+
+def _require_two_joints(world: World, effect: str) -> None:
+    """Raise InputError for a robot of a single joint, which has no neighbour."""
+    if world.arm.n < 2:
+        raise InputError(
+            f"effect {effect} needs a robot with two joints or more", "leave it out"
+        )
 
 
 def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
@@ -423,7 +431,7 @@ def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
     def law(world: World, motion: TrueMotion) -> Array:
         """Return the torque (N,) [N m, N] at size 1."""
         slow = np.tanh(motion.dq[:, joint] / v0)
-        return np.asarray(slow - sign(world, joint, motion))
+        return slow - sign(world, joint, motion)
 
     return at_joint(joint, law, v0=v0)
 
@@ -438,7 +446,7 @@ def _power(world: World, joint: int, rng: Generator) -> Hidden:
     def law(world: World, motion: TrueMotion) -> Array:
         """Return the torque (N,) [N m, N] at size 1."""
         speed = motion.dq[:, joint]
-        return np.asarray(np.sign(speed) * np.abs(speed) ** alpha)
+        return np.sign(speed) * np.abs(speed) ** alpha
 
     return at_joint(joint, law, alpha=alpha)
 
@@ -451,11 +459,7 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
     tanh(v / width) with v = dq_i (2), dq + dq_i (3) or dq - dq_i (4). Janot et al.,
     IEEE TCST 2014.
     """
-    if world.arm.n < 2:
-        raise InputError(
-            "effect joint_coupling needs a robot with two joints or more",
-            "leave it out",
-        )
+    _require_two_joints(world, "joint_coupling")
     i = joint - 1 if joint > 0 else 1
     form = int(rng.integers(1, 5))
     side = float(rng.choice([-1.0, 1.0]))
@@ -468,8 +472,8 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
         by_form = {3: velocity + of_neighbour, 4: velocity - of_neighbour}
         speed = by_form.get(form, of_neighbour)
         if form == 1:
-            return np.asarray(side * speed)
-        return np.asarray(side * np.tanh(speed / width))
+            return side * speed
+        return side * np.tanh(speed / width)
 
     return at_joint(joint, law, side, i=float(i + 1), form=float(form))
 
@@ -479,11 +483,7 @@ def _belt(world: World, joint: int, rng: Generator) -> Hidden:
 
     It stores size (q_j - r q_i)^2 / 2 with a ratio r that is drawn.
     """
-    if world.arm.n < 2:
-        raise InputError(
-            "effect elastic_coupling needs a robot with two joints or more",
-            "leave it out",
-        )
+    _require_two_joints(world, "elastic_coupling")
     first = min(joint, world.arm.n - 2)
     ratio = float(rng.uniform(0.5, 1.5))
     pull = np.zeros(world.arm.n)
@@ -532,8 +532,8 @@ def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
         # Relative to 20 degrees Celsius; falls to 1/e over ``warm`` degrees.
         thickness = np.exp((20.0 - world.temperature(motion.t)[:, joint]) / warm)
         if viscous:
-            return np.asarray(thickness * motion.dq[:, joint])
-        return np.asarray(thickness * sign(world, joint, motion))
+            return thickness * motion.dq[:, joint]
+        return thickness * sign(world, joint, motion)
 
     return at_joint(joint, law, law=1.0 + viscous, by=1.0, warm=warm)
 
@@ -637,7 +637,7 @@ def _position(world: World, joint: int, rng: Generator) -> Hidden:
     def law(world: World, motion: TrueMotion) -> Array:
         """Return the torque (N,) [N m, N] at size 1."""
         wave = np.cos(k * motion.q[:, joint] + phase)
-        return np.asarray(wave * sign(world, joint, motion))
+        return wave * sign(world, joint, motion)
 
     return at_joint(joint, law, None, k=k)
 
@@ -681,21 +681,28 @@ def _drift(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, lambda _, motion: np.exp(-motion.t / T), None, form=2.0, T=T)
 
 
+def _waves(world: World, joint: int, rng: Generator, most: int) -> tuple[float, float]:
+    """Draw a phase [rad], and how many waves in 2 pi of its position a joint (from 0)
+    has: 2 to ``most``, or those of a prismatic joint's screw."""
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
+    k = float(rng.integers(2, most + 1))
+    if not world.arm.rotary[joint]:
+        k = 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
+    return phase, k
+
+
 def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
     """Make torque ripple of gear teeth or motor poles on a joint (from 0): tau = size
     cos(k q + phase).
 
     k is 2 to 40 waves per turn; a prismatic joint's screw has a lead of 8 to 70 mm.
     """
-    phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    k = float(rng.integers(2, 41))
-    if not world.arm.rotary[joint]:
-        k = 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
+    phase, k = _waves(world, joint, rng, most=40)
 
     def law(world: World, motion: TrueMotion) -> Array:
         """Return the torque (N,) [N m, N] at size 1."""
         angle = k * motion.q[:, joint] + phase
-        return np.asarray(np.cos(angle))
+        return np.cos(angle)
 
     return at_joint(joint, law, k=k)
 
@@ -739,11 +746,7 @@ def _gain(world: World, joint: int, rng: Generator) -> Hidden:
 def _crosstalk(world: World, joint: int, rng: Generator) -> Hidden:
     """Make a torque channel of a joint (from 0) that holds +-size times the torque of
     a neighbour of the joint."""
-    if world.arm.n < 2:
-        raise InputError(
-            "effect torque_crosstalk needs a robot with two joints or more",
-            "leave it out",
-        )
+    _require_two_joints(world, "torque_crosstalk")
     neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < world.arm.n]
     partner = int(rng.choice(neighbours))
 
@@ -852,7 +855,7 @@ def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
                 )
                 for step in (-small, small)
             ]
-            return np.asarray((ends[1] - ends[0])[:, joint] / (2.0 * small))
+            return (ends[1] - ends[0])[:, joint] / (2.0 * small)
 
         mass = slope("ddq")
         random = np.random.default_rng(0).uniform(-1.5, 1.5, (16, len(unit)))
@@ -881,10 +884,7 @@ def _gear_error(world: World, joint: int, rng: Generator) -> Hidden:
     k is 2 to 100 waves per turn; a prismatic joint's screw has a lead of 8 to 70 mm. No
     power is lost: the motor carries (1 + dx/dq) times its link's torque.
     """
-    phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    k = float(rng.integers(2, 101))
-    if not world.arm.rotary[joint]:
-        k = 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
+    phase, k = _waves(world, joint, rng, most=100)
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size [rad, m]."""
@@ -945,7 +945,7 @@ def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
     def shift(world: World, motion: TrueMotion, b: float) -> Array:
         """Return the displacement (N,) [rad, m] of the joint's link at this size."""
         tau = world.rigid(motion)[:, joint]
-        return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
+        return -b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9))
 
     return shifted(joint, shift, 1.0, 1e-4, rates=False)
 

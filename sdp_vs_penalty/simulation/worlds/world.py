@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.robot.arrays import Mask
 
 Array = NDArray[np.float64]
 
@@ -26,7 +25,7 @@ class Arm:
     #: Pinocchio's model.
     model: Any
     #: (n,) whether each joint turns.
-    rotary: Mask
+    rotary: NDArray[np.bool_]
     #: The model's joint that bears the last link.
     last: int
     #: (L, n) motion of the model's joints per motion of those that move by themselves.
@@ -68,7 +67,7 @@ class Arm:
         """
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
         J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
-        return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
+        return np.reshape(J, (6, -1)) @ self.follows
 
 
 def misplaced(
@@ -281,7 +280,7 @@ class World:
         motion : TrueMotion
             N samples of the joints' motion.
         """
-        return np.asarray(
+        return (
             self.coulomb * self.share(motion) + self.viscous * motion.dq + self.offset
         )
 

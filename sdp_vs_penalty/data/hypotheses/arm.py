@@ -1,0 +1,115 @@
+"""What an arm says of the channels of a log: which share of a torque its dynamics leave
+unexplained, whatever its masses, its friction and the torque's unit are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.robot import Robot
+
+#: Rows that are differentiated, and of these the rows that are fitted.
+_ROWS, _ROWS_FITTED = 30_000, 2_000
+#: Parts of a log that are left out in turn; the rows of one part err together.
+N_PARTS = 10
+#: Share of its spread by which the joint that moves most moves within the window of the
+#: derivatives: a twentieth of a period of a swing.
+_MOVED = 0.4
+#: Registers have more bits than this.
+_LEAST_BIT = 6
+#: Rows of the narrowest window, and of the shortest log that is judged.
+_NARROWEST, _SHORTEST = 5, 100
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What the arm leaves of the torques of a log, in parts that it was not fitted to."""
+
+    #: Root mean square of what is left over that of the torque around its mean [-].
+    share: float
+    #: The same without friction: rigid bodies and zeros alone [-].
+    share_without_friction: float
+    #: Power that friction takes, over the torques' spread: negative where torques count
+    #: the other way.
+    friction: float
+
+
+def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
+    """Fit an arm's ten parameters a link, friction and zeros to the torques of a log.
+
+    Rows are ``step`` seconds apart. Masses and frictions are of any size, so that the
+    unit of the torques (N, n) does not matter. None for a log that is too short, or in
+    which nothing moves.
+
+    Parameters
+    ----------
+    q : (N, n) array
+        Positions [rad or m].
+    """
+    whole = np.isfinite(np.hstack([q, tau])).all(axis=1)
+    q, tau = q[whole][:_ROWS], tau[whole][:_ROWS]
+    moving = int(np.argmax(np.std(q, axis=0))) if len(q) else 0
+    spread = float(np.std(q[:, moving])) if len(q) else 0.0
+    if len(q) < _SHORTEST or not spread > 0.0 or not tau.std(axis=0).all():
+        return None
+    from scipy.signal import savgol_filter
+
+    width = _NARROWEST
+    while width < len(q) // 8:
+        moved = q[width - 1 :, moving] - q[: 1 - width, moving]
+        if np.quantile(np.abs(moved), 0.9) >= _MOVED * spread:
+            break
+        width += 2
+    smooth = [
+        savgol_filter(q, width, 3, k, step, axis=0)[width:-width] for k in range(3)
+    ]
+    tau = savgol_filter(tau, width, 3, axis=0)[width:-width]
+    every = slice(None, None, 1 + len(tau) // _ROWS_FITTED)
+    q, dq, ddq = (x[every] for x in smooth)
+    tau = tau[every]
+    usual_speed = nonzero_or_one(np.std(dq, axis=0))
+    spreads = nonzero_or_one(np.std(tau, axis=0))
+    count, n = tau.shape
+    rigid = np.asarray(robot.regressor(q, dq, ddq)).reshape(count, n, -1)
+    own = np.zeros((count, n, 4 * n))
+    for j in range(n):
+        laws = (
+            ddq[:, j],
+            np.ones(count),
+            dq[:, j],
+            np.tanh(10.0 * dq[:, j] / usual_speed[j]),
+        )
+        for k, law in enumerate(laws):
+            own[:, j, k * n + j] = law
+    part = np.arange(count) * N_PARTS // count
+    shares = []
+    for n_own in (4 * n, 2 * n):
+        columns = np.concatenate([rigid, own[:, :, :n_own]], axis=2) / spreads[:, None]
+        left = np.zeros_like(tau)
+        for k in range(N_PARTS):
+            train, test = part != k, part == k
+            A, b = columns[train].reshape(-1, columns.shape[2]), (tau / spreads)[train]
+            scale = nonzero_or_one(np.linalg.norm(A, axis=0))
+            theta = np.linalg.lstsq(A / scale, b.ravel(), rcond=1e-6)[0] / scale
+            left[test] = (tau / spreads)[test] - columns[test] @ theta
+        shares.append(float(np.sqrt(np.mean(left**2))))
+        if n_own == 4 * n:
+            coefficients = theta[-2 * n :]
+            power = own[:, :, -2 * n :] @ coefficients * dq
+            friction = float(np.mean(power / spreads / usual_speed))
+    return Fit(shares[0], shares[1], friction)
+
+
+def signed_register(values: Array) -> tuple[Array, int]:
+    """Read columns (N, n) that are never negative as registers of a servo: whole numbers
+    of a step, whose highest bit is the sign; and the place of that bit, 0 for others."""
+    steps = np.diff(np.unique(values))
+    if not len(steps) or not values.min() >= 0.0:
+        return values, 0
+    # Numbers of 32 bits are rounded: three digits of a step are known.
+    step = float(f"{np.median(steps[steps < 1.5 * steps.min()]):.3g}")
+    counts = np.round(values / step)
+    bit = int(np.log2(counts.max()))
+    is_lattice = np.abs(values / step - counts).max() < 0.01 and bit > _LEAST_BIT
+    magnitudes = np.where(counts >= 2**bit, counts - 2**bit, -counts)
+    return (step * magnitudes, bit) if is_lattice else (values, 0)

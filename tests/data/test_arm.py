@@ -1,0 +1,117 @@
+"""What names leave open the arm tells: which channel is the torque, whether a register
+has a sign bit; and velocities the unit of a clock."""
+
+import re
+import shlex
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import run_cli
+from small_runs import small_run
+
+from sdp_vs_penalty import Problem, load_measurements
+from sdp_vs_penalty.data import read_run
+from sdp_vs_penalty.errors import ColumnsRemark
+
+
+@pytest.fixture(scope="module")
+def run(two_link: Problem):
+    return small_run(two_link, seconds=8.0)
+
+
+def read(path: Path, robot=None):
+    """A file's run, and what is said of its columns."""
+    names = None if robot is None else robot.joint_names
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        read_ = read_run(path, 2, names)
+    (said,) = [str(x.message) for x in heard if issubclass(x.category, ColumnsRemark)]
+    return read_, said
+
+
+def table(path: Path, **blocks: np.ndarray) -> Path:
+    head, columns = [], []
+    for name, block in blocks.items():
+        block = np.reshape(block, (len(block), -1))
+        wide = block.shape[1] > 1
+        head += [f"{name}_{k + 1}" if wide else name for k in range(block.shape[1])]
+        columns.append(block)
+    text = "\n".join(",".join(map(repr, x)) for x in np.hstack(columns).tolist())
+    path.write_text(f"{','.join(head)}\n{text}\n")
+    return path
+
+
+def register(tau: np.ndarray) -> np.ndarray:
+    """Thousandths of the largest torque in ten bits, and a bit that says that it is
+    positive."""
+    counts = np.round(1000.0 * np.abs(tau) / np.abs(tau).max())
+    return np.where(tau > 0.0, counts + 1024, counts) / 100.0
+
+
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+def test_a_register_with_a_sign_bit_is_read_by_the_arm(turned, run, two_link, tmp_path):
+    """Friction takes power: so is known which value of the bit is which sign."""
+    written = register(turned * run.tau)
+    path = table(tmp_path / "run.csv", time=run.t, pos=run.q, trq=written)
+    got, said = read(path, two_link.robot)
+    np.testing.assert_allclose(
+        got.tau, 10.0 * run.tau / np.abs(run.tau).max(), atol=0.006
+    )
+    assert "tau is a register whose bit 10 is its sign" in said
+    assert "the same by" not in said  # by columns alone it is not
+
+
+def test_without_an_arm_a_register_stays_as_it_is_written(run, tmp_path):
+    path = table(tmp_path / "run.csv", time=run.t, pos=run.q, trq=register(run.tau))
+    np.testing.assert_array_equal(read(path)[0].tau, register(run.tau))
+
+
+def test_a_torque_that_is_positive_is_no_register(run, two_link, tmp_path):
+    tau = np.round(run.tau - run.tau.min(), 2)
+    path = table(tmp_path / "run.csv", time=run.t, pos=run.q, trq=tau)
+    np.testing.assert_allclose(read(path, two_link.robot)[0].tau, tau)
+
+
+def test_the_command_that_is_printed_reads_the_register_again(
+    run, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    table(Path("log.csv"), time=run.t, pos=run.q, trq=register(run.tau))
+    assert run_cli("convert", "log.csv", "--problem", "two_link", "--out", "a.csv") == 0
+    printed = capsys.readouterr()
+    (command,) = re.findall("the same by `sdp-vs-penalty (.*?)`", printed.err)
+    assert "written: a_columns.txt" in printed.out
+    assert "bit 10 is its sign" in Path("a_columns.txt").read_text()
+    assert run_cli(*shlex.split(command)) == 0
+    assert (
+        load_measurements("run.csv").data_hash == load_measurements("a.csv").data_hash
+    )
+
+
+def test_the_arm_tells_which_channel_is_the_torque(run, two_link, tmp_path):
+    """By names alone the better word wins; of both it is said what the arm leaves."""
+    other = np.random.default_rng(1).normal(size=run.tau.shape)
+    path = table(
+        tmp_path / "run.csv", time=run.t, pos=run.q, torque=other, effort=run.tau
+    )
+    np.testing.assert_array_equal(read(path)[0].tau, other)
+    got, said = read(path, two_link.robot)
+    np.testing.assert_array_equal(got.tau, run.tau)
+    assert re.search(r"torque_1 to torque_2 \(the arm leaves [\d.e+]+ % of it\)", said)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6)])
+def test_velocities_tell_the_unit_of_a_clock_without_one(unit, factor, run, tmp_path):
+    stamps = factor * run.t
+    path = table(tmp_path / "run.csv", time=stamps, pos=run.q, vel=run.dq, trq=run.tau)
+    got, said = read(path)
+    np.testing.assert_allclose(got.t, run.t, atol=1e-9)
+    assert f"t in {unit}, dq is the derivative of q at " in said
+
+
+def test_velocities_in_another_unit_tell_nothing_of_the_clock(run, tmp_path):
+    degrees = np.degrees(run.dq)
+    path = table(tmp_path / "run.csv", time=run.t, pos=run.q, vel=degrees, trq=run.tau)
+    np.testing.assert_allclose(read(path)[0].t, run.t)
