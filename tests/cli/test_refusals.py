@@ -71,27 +71,24 @@ LONG_COMMANDS = (
 )
 
 
-@pytest.mark.parametrize("line", LONG_COMMANDS)
+@pytest.mark.parametrize(
+    ("line", "out", "words"),
+    [
+        *((x, "kept.json/a.html", "written (Not a directory)") for x in LONG_COMMANDS),
+        *((x, ".", "it is a folder") for x in LONG_COMMANDS if "runs" not in x),
+    ],
+)
 def test_an_output_that_cannot_be_written_is_found_before_the_work(
-    line, folder, monkeypatch, capsys
+    line, out, words, folder, monkeypatch, capsys
 ):
-    """The place lies within a file. No verb is started, so nothing is in vain."""
+    """The place lies within a file, or is a folder. No verb is started, so nothing is in
+    vain."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr(main, "_transcribed", lambda *_: pytest.fail("work began"))
-    assert run_cli(*shlex.split(line.format(out="kept.json/a.html"))) == 2
+    assert run_cli(*shlex.split(line.format(out=out))) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "cannot be written (Not a directory)" in said
-
-
-@pytest.mark.parametrize("line", [x for x in LONG_COMMANDS if "runs" not in x])
-def test_a_folder_in_place_of_a_file_is_found_before_the_work(
-    line, folder, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(folder)
-    monkeypatch.setattr(main, "_transcribed", lambda *_: pytest.fail("work began"))
-    assert run_cli(*shlex.split(line.format(out=tmp_path))) == 2
-    assert "it is a folder" in capsys.readouterr().err
+    assert words in said
 
 
 def test_a_folder_that_is_missing_is_made(folder, tmp_path, monkeypatch):

@@ -139,20 +139,22 @@ def test_each_file_makes_the_torque_of_the_model_that_is_judged(
     check_that_file_is_what_is_judged(estimate, tmp_path / f"out{ending}")
 
 
+def with_every_effect():
+    """A model of two joints with every effect that acts without a servo."""
+    more = [name for name in NAMES if name not in FULL.split(",")]
+    robot = load_problem("two_link").robot
+    return estimate_of(robot, ",".join([FULL, *more]), 5)
+
+
 @pytest.mark.parametrize("ending", READERS)
 def test_a_model_with_every_effect_is_what_its_file_holds(ending, tmp_path):
-    robot = load_problem("two_link").robot
-    more = [name for name in NAMES if name not in FULL.split(",")]
-    estimate = estimate_of(robot, ",".join([FULL, *more]), 5)
-    estimate = with_payload_that_exists(estimate)
+    estimate = with_payload_that_exists(with_every_effect())
     check_that_file_is_what_is_judged(estimate, tmp_path / f"out{ending}")
 
 
 def test_plain_json_holds_every_effect_with_its_values(tmp_path):
     """A model built anew from the JSON's words makes the same torque."""
-    robot = load_problem("two_link").robot
-    more = [name for name in NAMES if name not in FULL.split(",")]
-    estimate = estimate_of(robot, ",".join([FULL, *more]), 5)
+    estimate = with_every_effect()
     assert export(estimate, tmp_path / "effects.json") == ()
     content = json.loads((tmp_path / "effects.json").read_text())
     values = [p["value"] for e in content["effects"] for p in e["parameters"]]

@@ -44,13 +44,15 @@ def test_a_body_holds_its_points_and_little_else(seed):
     np.testing.assert_array_equal(back.quadric, body.quadric)
 
 
+PENDULUM = Robot(
+    "pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),)
+)
+
+
 def test_a_body_is_as_large_as_what_it_is_known_from_says():
     """Of one link: a metre where nothing is known, twice the ellipsoid of the inertial,
     1.2 times the least ellipsoid of a box and a layer of 3 cm, a decimetre about an
     exact centre of mass."""
-    robot = Robot(
-        "pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),)
-    )
     nothing = np.zeros((1, 10))
     nowhere = np.tile([-np.inf, np.inf], (1, 3, 1))
     half = np.array([0.4, 0.3, 0.2])
@@ -72,7 +74,7 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
         ),
         (np.full(3, 0.1), "bounds", exact, nothing),
     ):
-        (body,) = link_bodies(robot, *given_ones)
+        (body,) = link_bodies(PENDULUM, *given_ones)
         assert body.source == source
         np.testing.assert_allclose(
             np.sort(body.half_axes), np.sort(expected), rtol=1e-6
@@ -82,16 +84,15 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
 def test_the_body_of_a_cylinder_is_not_for_rounding_to_choose():
     """Its two equal moments have no axes of their own, but where rounding sets them
     apart."""
-    robot = Robot(
-        "pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),)
-    )
     lifted = np.array([0.4, 0.1, 0.0, 1.0])
     nowhere = np.tile([-np.inf, np.inf], (1, 3, 1))
     second = np.pad(np.diag([0.02, 4e-4, 4e-4]), (0, 1)) + np.outer(lifted, lifted)
     quadrics = []
     for share in (-1e-12, 0.0, 1e-12):
         second[1, 2] = second[2, 1] = 4e-4 * share
-        (body,) = link_bodies(robot, nowhere, inertia.from_pseudo_inertia(second)[None])
+        (body,) = link_bodies(
+            PENDULUM, nowhere, inertia.from_pseudo_inertia(second)[None]
+        )
         quadrics.append(body.quadric)
     np.testing.assert_allclose(
         quadrics, quadrics[1:2] * 3, atol=1e-6 * np.abs(quadrics).max()

@@ -90,15 +90,21 @@ def weights(axes):
     return 9.81 * np.array([axis.mass for axis in axes]) * lengths
 
 
+def identified(stated, axes):
+    """The model of an arm of these axes, whose file states others, and its comparison
+    on another run."""
+    with TemporaryDirectory() as folder:
+        path = write_urdf(Path(folder) / "arm.urdf", "arm", stated)
+        estimate = sdp.identify(path, run_of(axes, 1), check=False)
+        return estimate, sdp.compare(estimate, run_of(axes, 2))[0]
+
+
 @cache
 def judged(length):
     """The verdict on another run, its relative error, and masses over the true ones."""
-    with TemporaryDirectory() as folder:
-        axes = [scaled(axis, length) for axis in BASE]
-        problem = sdp.load_problem(write_urdf(Path(folder) / "arm.urdf", "arm", axes))
-        estimate = sdp.identify(problem, run_of(axes, 1), check=False)
-        comparison = sdp.compare(estimate, run_of(axes, 2))[0]
-    masses = estimate.links[:, 0] / problem.nominal_links[:, 0]
+    axes = [scaled(axis, length) for axis in BASE]
+    estimate, comparison = identified(axes, axes)
+    masses = estimate.links[:, 0] / estimate.problem.nominal_links[:, 0]
     verdict = str(comparison.verdict).partition(".")[0]
     return verdict, comparison.relative_error_percent, masses
 
@@ -149,10 +155,7 @@ def small_arm():
         replace(axis, mass=axis.mass * x)
         for axis, x in zip(axes, (1.25, 0.8, 1.15, 0.9), strict=True)
     ]
-    with TemporaryDirectory() as folder:
-        problem = sdp.load_problem(write_urdf(Path(folder) / "arm.urdf", "arm", wrong))
-        estimate = sdp.identify(problem, run_of(axes, 1), check=False)
-        comparison = sdp.compare(estimate, run_of(axes, 2))[0]
+    estimate, comparison = identified(wrong, axes)
     return str(comparison.verdict).partition(".")[0], estimate.links[:, 0]
 
 

@@ -40,19 +40,20 @@ def urdf(tmp_path):
     return path
 
 
-def states(n):
-    return np.random.default_rng(3).normal(size=(3, 20, n))
+def states(n, value):
+    """Of n joints, and of these beside one that is held at a value."""
+    moving = np.random.default_rng(3).normal(size=(3, 20, n))
+    still = np.zeros((3, 20, 1))
+    still[0] = value
+    return moving, np.concatenate([moving, still], axis=2)
 
 
 def test_a_held_arm_makes_the_torque_of_the_whole_one(urdf):
     whole, links = load_urdf(urdf)
     held, fewer = load_urdf(urdf, held={"finger_joint": 0.3})
-    q, dq, ddq = states(3)
-    zeros = np.zeros((20, 1))
-    still = np.full((20, 1), 0.3)
-    full = (np.hstack([q, still]), np.hstack([dq, zeros]), np.hstack([ddq, zeros]))
+    moving, full = states(3, 0.3)
     expected = whole.inverse_dynamics(links, *full)[:, :3]
-    np.testing.assert_allclose(held.inverse_dynamics(fewer, q, dq, ddq), expected)
+    np.testing.assert_allclose(held.inverse_dynamics(fewer, *moving), expected)
 
 
 def test_held_links_belong_to_their_parents(urdf):
@@ -85,12 +86,9 @@ def test_a_problem_says_what_is_held(urdf):
 def test_a_joint_of_a_table_is_held_too():
     whole = load_problem("panda")
     held = load_problem("panda", held={"joint7": 0.4})
-    q, dq, ddq = states(6)
-    zeros = np.zeros((20, 1))
-    still = np.full((20, 1), 0.4)
-    full = (np.hstack([q, still]), np.hstack([dq, zeros]), np.hstack([ddq, zeros]))
+    moving, full = states(6, 0.4)
     expected = whole.robot.inverse_dynamics(whole.nominal_links, *full)[:, :6]
-    torque = held.robot.inverse_dynamics(whole.nominal_links, q, dq, ddq)
+    torque = held.robot.inverse_dynamics(whole.nominal_links, *moving)
     np.testing.assert_allclose(torque, expected)
 
 

@@ -100,16 +100,21 @@ def test_the_floor_from_the_spectrum_is_that_of_the_filtered_noise(ar):
     np.testing.assert_allclose(floor, loud * true_floor(ar), rtol=0.05)
 
 
+def behind_a_filter(order, corner):
+    """A run, white noise (N, JOINTS) behind a drive's filter, and its true floor."""
+    b, a = signal.butter(order, corner, fs=1.0 / DT)
+    run = run_of(3, 500.0, 40.0)
+    white = np.random.default_rng(9).normal(size=(len(run.t) + 1000, JOINTS))
+    passed = signal.lfilter(b, a, np.eye(1, 400)[0])
+    true = np.linalg.norm(np.convolve(Kernel(CUTOFF, DT).value, passed))
+    return run, signal.lfilter(b, a, white, axis=0)[1000:], true
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_noise_behind_a_drives_filter_is_not_taken_for_more(order):
     """It is flat below the corner of 60 Hz, and falls above, where it is fitted."""
-    b, a = signal.butter(order, 60.0, fs=1.0 / DT)
-    run = run_of(3, 500.0, 40.0)
-    white = np.random.default_rng(9).normal(size=(len(run.t) + 1000, JOINTS))
-    noise = signal.lfilter(b, a, white, axis=0)[1000:]
+    run, noise, true = behind_a_filter(order, 60.0)
     filtered = replace(run, tau=20.0 * np.tanh(run.q) + noise)
-    passed = signal.lfilter(b, a, np.eye(1, 400)[0])
-    true = np.linalg.norm(np.convolve(Kernel(CUTOFF, DT).value, passed))
     floor = noise_of(without_model(filtered)).floor
     assert floor == pytest.approx(np.full(JOINTS, true), rel=0.25)
 
@@ -119,13 +124,8 @@ def test_noise_behind_a_drives_filter_is_not_taken_for_more(order):
 def test_coarse_noise_behind_a_drives_filter_is_unknown_or_known(corner, step):
     """Above the motion little is left of it, and the steps of the log hide that: no
     floor is stated that is below half the true one."""
-    b, a = signal.butter(2, corner, fs=1.0 / DT)
-    run = run_of(3, 500.0, 40.0)
-    white = np.random.default_rng(9).normal(size=(len(run.t) + 1000, JOINTS))
-    noise = signal.lfilter(b, a, white, axis=0)[1000:]
+    run, noise, true = behind_a_filter(2, corner)
     in_steps = step * np.round((20.0 * np.tanh(run.q) + noise) / step)
-    passed = signal.lfilter(b, a, np.eye(1, 400)[0])
-    true = np.linalg.norm(np.convolve(Kernel(CUTOFF, DT).value, passed))
     floor = spectral_floor(segmented(replace(run, tau=in_steps), SETTINGS))
     assert floor is None or floor.min() > 0.5 * true
 
