@@ -53,7 +53,7 @@ def corruption_names(arms: Sequence[str]) -> list[str]:
 
 
 def make_corruption(name: str, folder: Path) -> None:
-    """Write a corrupted log of a simulated arm, and unseen motion by the same chain."""
+    """Write a corrupted log of a simulated arm, and a clean one to judge with."""
     arm_name, number = name.split("-")
     source = _arm(arm_name)
     corruption = source.corruptions()[int(number)]
@@ -65,9 +65,7 @@ def make_corruption(name: str, folder: Path) -> None:
         tuple(j + 1 for j in corruption.joints),
         besides=OF_THE_ARM,
     )
-    # The same chain logs what is judged on, but for what happened in one run only.
-    fresh = source.test if corruption.beside else corruption.spoil(source.test)
-    runs = [*map(columns, spoiled.runs()), columns(fresh)]
+    runs = [*map(columns, spoiled.runs()), columns(source.test)]
     write_log(folder, urdf(arm_name, axes), runs, truth, corruption.name)
 
 

@@ -23,7 +23,7 @@ REASONS: Mapping[str, str] = {
     "implausible": "its size is not plausible",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "looks_like": "another cause makes a similar torque",
-    "no_torque": "the torque that it makes is not told from zero",
+    "no_torque": "its torque is not told from zero, even if its constants are exact",
     "stand_in": "its law may stand in for another one, which other motion follows",
     "both_ways": "a swing that also runs ahead of its cause fits as well, which no gear"
     " does: errors of the positions make it",

@@ -246,7 +246,6 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "of_its_kind": 2,
         "stand_in": False,
         "laws": 1,
-        "torque_std": 0.49,
     }
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
@@ -292,10 +291,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "sdp_vs_penalty.diagnosis.confidence.size_of", lambda *_: (1.0, case.std)
     )
     size: Any = SimpleNamespace(
-        beta=np.array([beta]),
-        covariance=None,
-        covariance_given_constants=None,
-        torque=SimpleNamespace(rms=1.0, std=case.torque_std),
+        beta=np.array([beta]), covariance=None, covariance_given_constants=None
     )
     judged = Judged(search, left, own, size, errors, curves)
     assert {doubt.reason for doubt in reasons_for_doubt(judged)} == doubts
