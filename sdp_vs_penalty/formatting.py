@@ -235,12 +235,12 @@ def given_options(options: Mapping[str, object]) -> list[str]:
     >>> given_options({"--hold": None, "--gravity": "-9.8,0,0", "--topic": "/joints"})
     ['--gravity=-9.8,0,0', '--topic', '/joints']
     """
-    words = []
+    out = []
     for name, value in options.items():
         if value is not None and (text := str(value)):
             # A value that begins with a minus would be read as an option.
-            words += [f"{name}={text}"] if text.startswith("-") else [name, text]
-    return words
+            out += [f"{name}={text}"] if text.startswith("-") else [name, text]
+    return out
 
 
 def convert_command(path: object, *words: object) -> str:
@@ -283,14 +283,14 @@ def left_out_still(still: float) -> str:
     return f"{number(still, 2)} s of standstill left out" if still else ""
 
 
-def count(number: int, noun: str) -> str:
+def count(n: int, noun: str) -> str:
     """Write a number with its noun: "1 problem", "2 problems"."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
-def times(number: int) -> str:
+def times(n: int) -> str:
     """Say how often something happens: "once", "2 times"."""
-    return "once" if number == 1 else f"{number} times"
+    return "once" if n == 1 else f"{n} times"
 
 
 def change_of(before: float, after: float) -> str:
@@ -308,5 +308,5 @@ def change_of(before: float, after: float) -> str:
     """
     if before <= 0.0:
         return "-"
-    percent = 100.0 * (after / before - 1.0)
-    return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
+    change = 100.0 * (after / before - 1.0)
+    return f"{change:+.0f} %" if abs(change) >= 0.5 else "0 %"

@@ -196,10 +196,10 @@ def _servo_gains(estimate: Estimate) -> tuple[Array | None, float]:
     value_by_name = {
         p.name: value for p, value in zip(model.parameters, estimate.theta, strict=True)
     }
-    numbers = range(1, estimate.robot.n + 1)
+    joints = range(1, estimate.robot.n + 1)
     gains = np.array(
         [
-            [value_by_name.get(f"{gain}{number}", np.nan) for number in numbers]
+            [value_by_name.get(f"{gain}{joint}", np.nan) for joint in joints]
             for gain in ("kp", "kd")
         ]
     )
@@ -269,8 +269,8 @@ def about_joints(robot: Robot, links: Array) -> Array:
         inertia.transform(joint.link_frame) @ link
         for joint, link in zip(carriers, links, strict=True)
     ]
-    for number, (joint, link) in enumerate(zip(carriers, moved, strict=True), start=1):
-        require_consistent(link, f"link {number} (on joint {joint.name!r})")
+    for k, (joint, link) in enumerate(zip(carriers, moved, strict=True), start=1):
+        require_consistent(link, f"link {k} (on joint {joint.name!r})")
     return np.stack(moved)
 
 

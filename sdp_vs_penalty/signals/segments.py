@@ -83,13 +83,13 @@ class SegmentColumns:
             sign_width = motion.sign_width
         key = type(effect), effect.joints, *effect.shape.items(), sign_width
         # Columns that depend on a model's torque have a cache of their own.
-        cache = self.cache[depends(effect)]
-        cached_effect, blocks = cache.get(key, (None, None))
+        kept = self.cache[depends(effect)]
+        cached_effect, blocks = kept.get(key, (None, None))
         is_same = cached_effect is not None and cached_effect.same_columns(effect)
         if blocks is None or not is_same:
             blocks = self._make_columns(effect)
             if keep:
-                cache[key] = effect, blocks
+                kept[key] = effect, blocks
         return blocks
 
     def _make_columns(self, effect: Effect) -> list[Block]:

@@ -336,9 +336,9 @@ def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
     return out
 
 
-def _gram(factor: NDArray[np.floating]) -> list[str]:
+def _gram(V: NDArray[np.floating]) -> list[str]:
     """Return the entries of V V^T (d^2 texts), without rounding, row by row."""
-    rows = [[Fraction(x) for x in row] for row in factor.tolist()]
+    rows = [[Fraction(x) for x in row] for row in V.tolist()]
     return [_text(verify_proof.dot(a, b)) for a in rows for b in rows]
 
 

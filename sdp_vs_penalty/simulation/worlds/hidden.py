@@ -847,11 +847,11 @@ def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
         unit = np.eye(motion.q.shape[1])[joint]
         small = 1e-5
 
-        def slope(field: str) -> Array:
+        def slope(state: str) -> Array:
             """Return the derivative (N,) of the joint's torque by one of its states."""
             ends = [
                 world.rigid(
-                    replace(motion, **{field: getattr(motion, field) + step * unit})
+                    replace(motion, **{state: getattr(motion, state) + step * unit})
                 )
                 for step in (-small, small)
             ]
