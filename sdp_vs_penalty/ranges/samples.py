@@ -7,18 +7,19 @@ s^2 the variance that an interval takes for a row (c at one standard deviation).
 the divergence from the nominal links with the weight k of the default method's pull.
 
 Hit-and-run (Smith, Operations Research 1984): along a random direction the density is a
-Gaussian on an interval, whose ends are eigenvalues of small matrices. A direction moves a few
-parameters, such as those of two neighbouring links, so that few constraints shorten the interval;
-some move all. They have the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean,
-fixed after the warm-up. An entropic prior enters by a Metropolis step. Many chains run as one
-array, from dispersed starts. They are judged by
+Gaussian on an interval, whose ends are eigenvalues of small matrices. A direction in which all
+parameters move at random meets some constraint at once. Directions are therefore of two kinds, in
+turn: a column of the covariance, which moves one parameter and the others as they follow it, with
+the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean, fixed after the warm-up;
+and a parameter that the fewest others counter, so that no torque shows it. An entropic prior enters
+by a Metropolis step. Many chains run as one array. They are judged by
 the split R^ of Gelman and Rubin (Bayesian Data Analysis, 3rd ed., 11.4) and the effective sample
 size of Geyer's initial positive sequence.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,11 +40,10 @@ from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
 PRIORS = ("flat", "entropic")
 #: Chains that run as one array.
-_CHAINS = 16
-#: Sweeps of the warm-up, and between two samples of a chain. A sweep has a step of all
-#: parameters for each parameter, and so many of each subspace.
-_WARM_UP, _BETWEEN = 16, 1
-_SMALL = 10
+_CHAINS = 8
+#: Sweeps of the warm-up, and between two samples of a chain; a sweep has as many steps as
+#: there are directions.
+_WARM_UP, _BETWEEN = 20, 2
 #: Largest R^ of chains that have forgotten where they began.
 STATIONARY = 1.1
 
@@ -155,21 +155,13 @@ def sample_models(
         allowed.optimiser(allowed.first_c).centre,
         np.random.default_rng(seed),
         _divergence(allowed.task) if prior == "entropic" else None,
-        _subspaces(allowed),
+        allowed.unseen[:, allowed.unseen.any(axis=0)],
     )
     drawn = chains.draw(max(-(-n // _CHAINS), 4))
     flat = drawn.reshape(-1, drawn.shape[2])
     chosen = chains.rng.permutation(len(flat))[:n]
     r_hat, effective = diagnose_chains(drawn)
     return Samples(flat[chosen], prior, effective * (n / len(flat)), r_hat, seed)
-
-
-def _subspaces(allowed: AllowedSet) -> list[Array]:
-    """Return bases (p, m) of moves that no torque shows, one for each link that has
-    any: only its cones and those of what counters it shorten them."""
-    by_link = [allowed.unseen[:, link] for link in allowed.task.links]
-    bases = [basis[:, basis.any(axis=0)] for basis in by_link]
-    return [basis for basis in bases if basis.shape[1]]
 
 
 def _divergence(task: Task) -> Penalty:
@@ -197,7 +189,7 @@ class Chains:
         start: Array,
         rng: np.random.Generator,
         penalty: Penalty | None = None,
-        bases: Sequence[Array] = (),
+        unseen: Array | None = None,
     ) -> None:
         """Begin all chains at a start (p,) strictly inside of the cones.
 
@@ -207,16 +199,15 @@ class Chains:
             Rows in units of their standard deviation; a : (r,) what they observe.
         penalty : callable, optional
             -2 log of a prior that is not flat.
-        bases : sequence of (p, m) arrays
-            Subspaces of further moves, besides those of all parameters.
+        unseen : (p, u) array, optional
+            Directions that no torque shows.
         """
         self.cones = cones
         self.A = A
         self.a = a
         self.rng = rng
         self.penalty = penalty
-        self.bases = [np.eye(len(start)), *bases]
-        self.weights = np.array([len(start), *[_SMALL] * len(bases)])
+        self.unseen = np.zeros((len(start), 0)) if unseen is None else unseen
         self.theta = np.tile(start, (_CHAINS, 1))
         self._refresh()
         self._aim()
@@ -229,12 +220,16 @@ class Chains:
         return np.array([self._run(_BETWEEN) for _ in range(count)])
 
     def _aim(self) -> None:
-        """Set the directions' covariances by the data, and by the barrier at the chains'
-        mean."""
+        """Set the directions by the data, and by the barrier at the chains' mean: columns
+        of the covariance, and unseen ones."""
         barrier = barrier_hessian(self.cones, self.theta.mean(axis=0))
         precision = self.A.T @ self.A + barrier
+        unit = np.sqrt(np.diagonal(precision))
+        covariance = np.linalg.pinv(precision / np.outer(unit, unit), hermitian=True)
         self.moves = [
-            _Move.within(basis, self.cones, self.A, precision) for basis in self.bases
+            _Move.along(directions / unit[:, None], self.cones, self.A)
+            for directions in (covariance, self.unseen * unit[:, None])
+            if directions.size
         ]
 
     def _refresh(self) -> None:
@@ -244,22 +239,21 @@ class Chains:
         self.residual = self.theta @ self.A.T - self.a
 
     def _run(self, sweeps: int) -> Array:
-        """Make sweeps, their steps in random order; return the states (chains, p) after
-        them."""
-        order = np.repeat(np.arange(len(self.moves)), self.weights * sweeps)
-        for k in self.rng.permutation(order).tolist():
-            self._step(self.moves[k])
+        """Make sweeps; return the states (chains, p) after them."""
+        p = self.theta.shape[1]
+        for k in range(sweeps * p):
+            self._step(self.moves[k % len(self.moves)])
         self._refresh()
         return self.theta.copy()
 
     def _step(self, move: _Move) -> None:
-        """Move each chain along a random direction."""
-        z = self.rng.standard_normal((_CHAINS, move.directions.shape[1]))
-        d = z @ move.directions.T
-        slacks = z @ move.slacks.T
+        """Move each chain along a direction of its own."""
+        chosen = self.rng.integers(move.directions.shape[0], size=_CHAINS)
+        d = move.directions[chosen]
+        slacks = move.slacks[chosen]
         rows, mats = slacks[:, : len(move.rows)], slacks[:, len(move.rows) :]
         mats = mats.reshape(_CHAINS, -1, ORDER, ORDER)
-        torque = z @ move.torques.T
+        torque = move.torques[chosen]
         low, high = _chord(self.rows[:, move.rows], rows, self.mats[:, move.mats], mats)
         square = np.maximum(np.sum(torque**2, axis=1), 1e-300)
         mean = -np.sum(torque * self.residual, axis=1) / square
@@ -275,36 +269,28 @@ class Chains:
 
 @dataclass(frozen=True)
 class _Move:
-    """Random directions in a subspace, and what they change."""
+    """Directions, and what they change."""
 
-    #: (p, m) directions = this times (m,) standard normal numbers.
+    #: (k, p) directions of theta.
     directions: Array
-    #: Rows and blocks of the cones that move.
+    #: Rows and blocks of the cones that any of them moves.
     rows: Indices
     mats: Indices
-    #: (rows + 16 blocks, m) changes of their slacks.
+    #: (k, rows + 16 blocks) changes of their slacks.
     slacks: Array
-    #: (r, m) changes of the data's rows.
+    #: (k, r) changes of the data's rows.
     torques: Array
 
     @classmethod
-    def within(
-        cls, basis: Array, cones: SmallCones, A: Array, precision: Array
-    ) -> _Move:
-        """Return the move in the span of a basis (p, m), in the precision (p, p)."""
-        part = basis.T @ precision @ basis
-        size = 1.0 / np.sqrt(np.diagonal(part))
-        values, vectors = np.linalg.eigh(part * np.outer(size, size))
-        root = size[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12))
-        directions = basis @ root
-        changes = cones.slack_map @ basis
-        row_sizes, mat_sizes = split(cones, np.abs(changes).sum(axis=1))
-        rows = np.flatnonzero(row_sizes)
-        mats = np.flatnonzero(mat_sizes.any(axis=(1, 2)))
-        row_map, mat_map = split(cones, (changes @ root).T)
-        kept = mat_map[:, mats].reshape(len(root), -1)
-        slacks = np.hstack([row_map[:, rows], kept]).T
-        return cls(directions, rows, mats, slacks, A @ directions)
+    def along(cls, directions: Array, cones: SmallCones, A: Array) -> _Move:
+        """Return the move along directions, columns (p, k)."""
+        changes = (cones.slack_map @ directions).T
+        row_map, mat_map = split(cones, changes)
+        rows = np.flatnonzero(row_map.any(axis=0))
+        mats = np.flatnonzero(mat_map.any(axis=(0, 2, 3)))
+        kept = mat_map[:, mats].reshape(len(changes), -1)
+        slacks = np.hstack([row_map[:, rows], kept])
+        return cls(directions.T.copy(), rows, mats, slacks, (A @ directions).T.copy())
 
 
 def _chord(
