@@ -231,19 +231,19 @@ def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
     failures = Failures.from_dict({"units": (), "joints": step.failures})
     cause = shown_cause(finding, failures, joint)
     waves = shown_waves(failures[joint - 1], finding)
-    return cause_chart(session, step, reads, joint, cause, waves, 270)
+    return cause_chart(session, step, reads, joint - 1, cause, waves, 270)
 
 
 def cause_chart(
     session: Session,
     step: ModelStep,
     reads: Sequence[Mapping[str, Any]],
-    joint: int,
+    j: int,
     cause: str,
     waves: float = 1.0,
     height: int = 320,
 ) -> dict[str, Any]:
-    """Draw the torque error of one joint (from 1) against a cause.
+    """Draw the torque error of one joint j (from 0) against a cause.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def cause_chart(
     plot = plots.cause_figure(
         before,
         after if len(reads) > 1 else None,
-        joint=joint,
+        joint=j + 1,
         cause=cause,
         waves=waves,
         units=units,

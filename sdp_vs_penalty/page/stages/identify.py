@@ -267,7 +267,7 @@ class _Fit:
         self._draw_bars(j, units)
         self._draw_torques(j, units, recordings)
         reads = [charts.rows_of_span(read, view.span) for read in recordings]
-        drawn = charts.cause_chart(session, model, reads, j + 1, view.cause)
+        drawn = charts.cause_chart(session, model, reads, j, view.cause)
         self.against.update_figure(drawn)
         self.words.text = _words(model, j, units[j])
         last = recordings[-1]
