@@ -636,14 +636,12 @@ def _as_the_arm_says(
 
     robot = getattr(choice.joints, "robot", None)
     q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
-    step = float(np.median(np.diff(t))) * (
-        found.scale.get("t", 1.0) if choice.rate is None else 1.0
-    )
+    stamps = t * (found.scale.get("t", 1.0) if choice.rate is None else 1.0)
 
     def fit(tau: Array) -> Fit | None:
-        if robot is None or robot.n != q.shape[1] or not step > 0.0:
+        if robot is None or robot.n != q.shape[1]:
             return None
-        return fit_arm(robot, step, q, tau)
+        return fit_arm(robot, stamps, q, tau)
 
     channels = {x: blocks[x] for x in found.torques if x in blocks}
     if len(channels) > 1:

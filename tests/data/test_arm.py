@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import run_cli
 from small_runs import small_run
@@ -102,12 +103,41 @@ def test_the_arm_tells_which_channel_is_the_torque(run, two_link, tmp_path):
     assert re.search(r"torque_1 to torque_2 \(the arm leaves [\d.e+]+ % of it\)", said)
 
 
+def test_a_model_s_torque_is_not_taken_although_the_arm_explains_it_best(
+    run, two_link, tmp_path
+):
+    """Rigid bodies alone make it, beside a torque with friction and noise."""
+    dq = np.gradient(run.q, run.t, axis=0)
+    ddq = np.gradient(dq, run.t, axis=0)
+    links = np.ravel(two_link.nominal_links)
+    model = two_link.robot.regressor(run.q, dq, ddq) @ links
+    noise = 0.01 * np.random.default_rng(2).normal(size=model.shape)
+    measured = model + np.ptp(model, axis=0) * (0.1 * np.tanh(9.0 * dq) + noise)
+    path = table(
+        tmp_path / "run.csv", time=run.t, pos=run.q, torque=model, effort=measured
+    )
+    got, said = read(path, two_link.robot)
+    np.testing.assert_array_equal(got.tau, measured)
+    assert "torque_1 to torque_2 (a model's: smooth; the arm leaves" in said
+
+
+def test_a_pause_tells_the_arm_nothing(run, two_link, tmp_path):
+    """Derivatives do not reach over it: by them any channel would look as bad."""
+    late = run.t + 3.0 * (run.t > 4.0)
+    other = np.random.default_rng(1).normal(size=run.tau.shape)
+    path = table(
+        tmp_path / "run.csv", time=late, pos=run.q, torque=other, effort=run.tau
+    )
+    np.testing.assert_array_equal(read(path, two_link.robot)[0].tau, run.tau)
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6)])
 def test_velocities_tell_the_unit_of_a_clock_without_one(unit, factor, run, tmp_path):
-    stamps = factor * run.t
-    path = table(tmp_path / "run.csv", time=stamps, pos=run.q, vel=run.dq, trq=run.tau)
+    stamps = run.t + 3.0 * (run.t > 4.0)  # a pause does not matter
+    path = tmp_path / "run.csv"
+    table(path, time=factor * stamps, pos=run.q, vel=run.dq, trq=run.tau)
     got, said = read(path)
-    np.testing.assert_allclose(got.t, run.t, atol=1e-9)
+    np.testing.assert_allclose(got.t, stamps, atol=1e-9)
     assert f"t in {unit}, dq is the derivative of q at " in said
 
 
@@ -115,3 +145,29 @@ def test_velocities_in_another_unit_tell_nothing_of_the_clock(run, tmp_path):
     degrees = np.degrees(run.dq)
     path = table(tmp_path / "run.csv", time=run.t, pos=run.q, vel=degrees, trq=run.tau)
     np.testing.assert_allclose(read(path)[0].t, run.t)
+
+
+@pytest.mark.parametrize("form", ["jsonl", "json", "parquet"])
+def test_texts_of_times_and_empty_cells_are_read_alike_in_every_form(
+    form, run, tmp_path
+):
+    """As in a CSV: the clock goes on past midnight; rows without a torque are left out."""
+    stamps = pd.Timestamp("2026-01-01T23:59:58") + pd.to_timedelta(run.t, unit="s")
+    columns = {"time": [str(x) for x in stamps]}
+    columns |= {f"pos_{k + 1}": x for k, x in enumerate(run.q.T)}
+    columns |= {f"trq_{k + 1}": x for k, x in enumerate(run.tau.T)}
+    frame = pd.DataFrame(columns)
+    path = tmp_path / f"run.{form}"
+    n_lost = 0
+    if form == "parquet":
+        frame.loc[[7, 30], "trq_2"] = np.nan
+        n_lost = 2
+        frame.to_parquet(path)
+    else:
+        lines = {"orient": "records", "lines": True} if form == "jsonl" else {}
+        frame.to_json(path, double_precision=12, **lines)
+    with warnings.catch_warnings(action="ignore"):
+        got = read_run(path, 2)
+    keep = np.delete(np.arange(run.samples), [7, 30][:n_lost])
+    np.testing.assert_allclose(got.t - got.t[0], run.t[keep] - run.t[0], atol=1e-5)
+    np.testing.assert_allclose(got.tau, run.tau[keep], atol=1e-9)

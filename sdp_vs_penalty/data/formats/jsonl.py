@@ -15,6 +15,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.formats.text_file import iter_rows
 from sdp_vs_penalty.data.log import Log, log_of_arrays, real_numbers
+from sdp_vs_penalty.data.words.stamps import is_stamp, past_midnight, seconds_of
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -75,6 +76,9 @@ def _log_of_content(path: Path, content: Any) -> Log | None:
         content = dict(zip(content["columns"], rows, strict=True))
     columns, joints = dict[str, Array](), list[str]()
     for name, values in _lists(content):
+        if _are(str, values) and all(map(is_stamp, values)):
+            columns[name] = past_midnight(seconds_of(values))
+            continue
         if _are(str, values):
             joints = (
                 joints or list(values)
@@ -160,6 +164,11 @@ def log_of_samples(
     items = dict[str, list[str]]()
     for name, first in samples[0].items() if samples else ():
         values = [sample.get(name) for sample in samples]
+        if isinstance(first, str):
+            cells = [x for x in values if isinstance(x, str) and is_stamp(x)]
+            if len(cells) == len(values):
+                columns[name] = past_midnight(seconds_of(cells))
+            continue
         if not _are(str, first):
             if not any(x is None or _are(str, x) for x in values):
                 columns[name] = _block(path, name, values)
@@ -236,6 +245,7 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
                     yield from leaves(item, f"{prefix}{key}[{label}].")
         elif (
             _is_number(value)
+            or (isinstance(value, str) and is_stamp(value))
             or _are(str, value)
             or (isinstance(value, list) and value and all(map(_is_number, value)))
         ):

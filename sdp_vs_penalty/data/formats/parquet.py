@@ -39,7 +39,7 @@ def read(path: Path) -> Log:
         }
 
     def read_columns(names: Sequence[str]) -> Values:
-        joined = {name: AppendableArray() for name in names}
+        joined, empty_cells = ({x: AppendableArray() for x in names} for _ in range(2))
         with _opened(path) as file:
             for name in names:
                 empty = file.schema_arrow.empty_table().column(name)
@@ -49,8 +49,18 @@ def read(path: Path) -> Log:
             options = {"columns": list(names), "use_threads": False}
             for batch in file.iter_batches(batch_size=PART, **options):
                 for name, array in joined.items():
-                    array.append(numbers_of(path, name, batch.column(name)))
-        return Values({name: x.array() for name, x in joined.items()})
+                    column = batch.column(name)
+                    array.append(numbers_of(path, name, column))
+                    is_empty = np.zeros(len(column), bool)
+                    if column.null_count:
+                        is_empty = np.array([x is None for x in column.to_pylist()])
+                    empty_cells[name].append(is_empty)
+        gaps = {
+            name: gap for name, x in empty_cells.items() if (gap := x.array()).any()
+        }
+        values = {name: x.array() for name, x in joined.items()}
+        n_rows = max(map(len, values.values()), default=0)
+        return Values(values, np.arange(1, n_rows + 1) if gaps else None, gaps)
 
     def texts(names: Sequence[str]) -> list[list[str]]:
         with _opened(path) as file:

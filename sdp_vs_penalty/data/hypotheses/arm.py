@@ -34,12 +34,12 @@ class Fit:
     friction: float
 
 
-def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
+def fit_arm(robot: Robot, t: Array, q: Array, tau: Array) -> Fit | None:
     """Fit an arm's ten parameters a link, friction and zeros to the torques of a log.
 
-    Rows are ``step`` seconds apart. Masses and frictions are of any size, so that the
-    unit of the torques (N, n) does not matter. None for a log that is too short, or in
-    which nothing moves.
+    Masses and frictions are of any size, so that the unit of the torques (N, n) does not
+    matter. Rows beside a gap of the clock t (N,) [s] are left out, for derivatives reach
+    over it. None for a log that is too short, or in which nothing moves.
 
     Parameters
     ----------
@@ -47,10 +47,12 @@ def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
         Positions [rad or m].
     """
     whole = np.isfinite(np.hstack([q, tau])).all(axis=1)
-    q, tau = q[whole][:_ROWS], tau[whole][:_ROWS]
+    t, q, tau = (x[whole][:_ROWS] for x in (t, q, tau))
+    steps = np.diff(t)
+    step = float(np.median(steps)) if len(steps) else 0.0
     moving = int(np.argmax(np.std(q, axis=0))) if len(q) else 0
     spread = float(np.std(q[:, moving])) if len(q) else 0.0
-    if len(q) < _SHORTEST or not spread > 0.0 or not tau.std(axis=0).all():
+    if len(q) < _SHORTEST or not spread * step > 0.0 or not tau.std(axis=0).all():
         return None
     from scipy.signal import savgol_filter
 
@@ -60,13 +62,14 @@ def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
         if np.quantile(np.abs(moved), 0.9) >= _MOVED * spread:
             break
         width += 2
-    smooth = [
-        savgol_filter(q, width, 3, k, step, axis=0)[width:-width] for k in range(3)
-    ]
-    tau = savgol_filter(tau, width, 3, axis=0)[width:-width]
-    every = slice(None, None, 1 + len(tau) // _ROWS_FITTED)
-    q, dq, ddq = (x[every] for x in smooth)
-    tau = tau[every]
+    is_even = np.abs(steps - step) < 0.5 * step
+    near = np.convolve(~is_even, np.ones(2 * width), "same") > 0.5  # of a gap
+    rows = width + np.flatnonzero(~near[width - 1 : -width])
+    rows = rows[:: 1 + len(rows) // _ROWS_FITTED]
+    if len(rows) < _SHORTEST:
+        return None
+    q, dq, ddq = (savgol_filter(q, width, 3, k, step, axis=0)[rows] for k in range(3))
+    tau = savgol_filter(tau, width, 3, axis=0)[rows]
     usual_speed = nonzero_or_one(np.std(dq, axis=0))
     spreads = nonzero_or_one(np.std(tau, axis=0))
     count, n = tau.shape
@@ -92,7 +95,7 @@ def fit_arm(robot: Robot, step: float, q: Array, tau: Array) -> Fit | None:
             scale = nonzero_or_one(np.linalg.norm(A, axis=0))
             theta = np.linalg.lstsq(A / scale, b.ravel(), rcond=1e-6)[0] / scale
             left[test] = (tau / spreads)[test] - columns[test] @ theta
-        shares.append(float(np.sqrt(np.mean(left**2))))
+        shares.append(min(float(np.sqrt(np.mean(left**2))), 1.0))
         if n_own == 4 * n:
             coefficients = theta[-2 * n :]
             power = own[:, :, -2 * n :] @ coefficients * dq

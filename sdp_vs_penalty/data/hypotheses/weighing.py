@@ -169,32 +169,37 @@ def which_torque(
     """Return the hypotheses that each of several channels (N, n) is the joints' torque.
 
     Where an arm was fitted to each, what it leaves of them is the evidence. A measured
-    torque carries noise, and the joints' friction. Where one of ``torques``, the
+    torque carries noise, and mostly the joints' friction. Where one of ``torques``, the
     channels that are no currents by their words, does and another channel does not, a
-    model has made that one. A channel that is another one times a constant is a
-    conversion of it.
+    model has made that one: without friction the arm leaves nothing of it. A channel that
+    is another one times a constant is a conversion of it.
     """
     noise = {name: _noise(x) for name, x in channels.items()}
     largest = max((noise[x] for x in torques if noise[x] < np.inf), default=0.0)
-    friction = max((abs(x.friction) for x in fits.values()), default=0.0)
-    least = min((x.share for x in fits.values()), default=1.0)
+    friction = max((abs(fits[x].friction) for x in torques if x in fits), default=0.0)
+    most = max((fits[x].share for x in torques if x in fits), default=0.0)
+
+    def is_model(name: str) -> bool:
+        fit, is_quiet = fits.get(name), 10.0 * noise[name] < largest
+        if fit is None:
+            return is_quiet and noise[name] < _LEAST_NOISE < largest
+        is_quiet = is_quiet or 3.0 * fit.share < most
+        return is_quiet and abs(fit.friction) < _LEAST_FRICTION * friction
+
+    models = [x for x in channels if is_model(x)]
+    shares = {x: fit.share for x, fit in fits.items() if x not in models}
     out = list[Hypothesis]()
     for name, values in channels.items():
-        fit = fits.get(name)
-        is_model = 10.0 * noise[name] < largest and (
-            noise[name] < _LEAST_NOISE < largest
-            if fit is None
-            else _LEAST_FRICTION * friction > abs(fit.friction)
-        )
-        reasons = ["a model's: smooth"] if is_model else []
+        reasons = ["a model's: smooth"] if name in models else []
         for other, x in channels.items():
             ratio = _ratio(values, x)
             if other != name and ratio > 1.0:
                 reasons = [f"{ratio:.3g} times {other.split(' to ')[0]}"]
-        evidence = 1e-6 if is_model else 1.0
-        if fit is not None:
-            reasons.append(f"the arm leaves {100.0 * fit.share:.2g} % of it")
-            evidence *= (least / fit.share) ** N_PARTS
+        evidence = 1e-30 if name in models else 1.0
+        if name in fits:
+            reasons.append(f"the arm leaves {100.0 * fits[name].share:.2g} % of it")
+        if name in shares:
+            evidence = (min(shares.values()) / shares[name]) ** N_PARTS
         why = "; ".join(reasons)
         out.append(Hypothesis("tau", name, priors[name], why, evidence))
     return out
@@ -239,6 +244,10 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
     largest = max(np.abs(x).max(initial=0.0) for x in (steps, velocities))
     if largest > _LARGEST_SQUARABLE:
         return None
+    sizes = np.max(np.abs(steps), axis=1)
+    usual = sizes <= 10.0 * np.median(sizes) if len(sizes) else sizes > 0.0
+    if usual.sum() > 2:  # without the step over a pause
+        steps, velocities = steps[usual], velocities[usual]
     for _ in range(2):  # the second time without steps over lost rows
         vv, ss = float(np.sum(velocities**2)), float(np.sum(steps**2))
         sv = float(np.sum(steps * velocities))
