@@ -91,10 +91,12 @@ def rounded(cell: str) -> str:
 
 
 def interval(cell: str) -> str:
-    """The ends of an interval to two decimals, of a narrow one to two digits."""
+    """The ends of an interval to two decimals, of a narrow one to two digits, of a wide one
+    to three."""
     ends = [float(end) for end in cell.split(" to ")] if cell else []
-    is_narrow = max(map(abs, ends), default=1.0) < 0.1
-    return " to ".join(f"{end:+.2g}" if is_narrow else f"{end:+.2f}" for end in ends)
+    size = max(map(abs, ends), default=1.0)
+    form = "+.2g" if size < 0.1 else "+.2f" if size < 100.0 else "+.3g"
+    return " to ".join(f"{end:{form}}" for end in ends)
 
 
 def shown_cell(column: str, cell: str) -> str:

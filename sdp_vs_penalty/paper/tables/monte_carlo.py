@@ -353,7 +353,8 @@ def _all_draws(
         for number in range(count)
         for setting in SETTINGS
     ]
-    draws.sort(key=lambda draw: len(draw.methods) > 1)  # annealing first: it is long
+    # Annealing first: it is long. Draw by draw, so that what was stopped has whole draws.
+    draws.sort(key=lambda draw: (len(draw.methods) > 1, draw.number))
     study.progress(f"{len(draws)} draws")
     found: dict[str, dict[str, Draws]] = {setting.name: {} for setting in SETTINGS}
     for draw, results in zip(draws, study.workers.map(drawn, draws), strict=True):
