@@ -81,14 +81,16 @@ def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
 
 
 def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
-    """Rank the contestants: those that are right most often first.
+    """Rank the contestants by the lower end of the 95 % interval of their share right, which
+    is fair to those to whom fewer problems can be posed.
 
     Ties are ranked by fewer silently wrong answers, then by shorter time.
 
     Returns
     -------
     DataFrame
-        One row for each contestant: "right" of "run" problems; "wrong", silently;
+        One row for each contestant: "right" of "run" problems; "low", the lower end;
+        "wrong", silently;
         "proved", by its own multipliers; medians of "seconds", of their "spread", of
         "file_seconds" and "form_seconds" where it is right; and what
         :func:`~statistics.beside` says of it and the row above.
@@ -106,8 +108,10 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
     how |= {name: (name, "sum") for name in ("right", "wrong", "proved")}
     how |= {name: (name, "median") for name in by_right}
     table = rows.groupby("solver").agg(**how).reset_index()
+    pairs_right = zip(table["right"], table["run"], strict=True)
+    table["low"] = [wilson(right, n)[0] for right, n in pairs_right]
     table = table.sort_values(
-        by=["right", "wrong", "seconds"],
+        by=["low", "wrong", "seconds"],
         ascending=[False, True, True],
         kind="stable",
         ignore_index=True,
@@ -170,7 +174,7 @@ def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
         f"{name} ({table.loc[name, 'right']} of {table.loc[name, 'run']})"
         for name in good
     ]
-    said = f"Right to {accuracy:.0e} on {where}: most often {first}"
+    said = f"Right to {accuracy:.0e} on {where}: most surely {first}"
     if same:
         said += f", from which no test tells {words(same)}"
     known = contestants()

@@ -1,10 +1,13 @@
 """The penalised objective's certified optimum: the slack is the penalty, bounds hold,
 and the figures of the real run."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
+import pandas
 import pytest
+from committed import RESULTS
 from random_robots import posed_task
 
 from sdp_vs_penalty import Problem, load_problem
@@ -185,3 +188,25 @@ def test_every_run_of_a_search_lies_above_the_bound(small_study):
     above = runs["above_bound_percent"].astype(float).dropna()
     assert above.min() >= -1e-6
     assert set(runs["search"]) == {"annealing", "local search"}
+
+
+@pytest.mark.skipif(not RESULTS.is_dir(), reason="not a checkout: no results/")
+def test_results_name_one_certified_optimum():
+    """The opponent's is that of the table over weights, and every kept run lies as far above
+    that table's bound as it says."""
+    optima = pandas.read_csv(RESULTS / "global" / "table_global.csv")
+    optima = optima.set_index(["data", "problem", "xi"])
+    note = (RESULTS / "tables" / "table_opponent.md").read_text()
+    match = re.search(r"consistent optimum, (\S+) \(gap (\S+)\)", note)
+    assert match is not None
+    optimum, gap = map(float, match.groups())
+    assert gap <= 1e-5
+    exact = optima.loc["measured", "two-step", 40.0]
+    assert optimum == pytest.approx(exact["optimum"], rel=1e-4)
+    runs = pandas.read_csv(RESULTS / "global" / "annealing_runs.csv")
+    runs = runs.dropna(subset="above_bound_percent")
+    bounds = optima["lower_bound"].loc[
+        [*zip(runs.data, runs.problem, runs.xi, strict=True)]
+    ]
+    above = 100.0 * (runs["objective"].to_numpy() / bounds.to_numpy() - 1.0)
+    np.testing.assert_allclose(runs["above_bound_percent"], above, atol=1e-3)

@@ -612,10 +612,17 @@ def test_sentences_begin_with_who_is_right_most_often_and_name_who_is_wrong():
     assert alike == ["good", "liar", "near"]
     (said,) = summary.sentences(runs[runs["accuracy"] == 1e-6])[1:2]
     assert said == (
-        "Right to 1e-06 on 10 drawn problems: most often good (10 of 10), from which no test"
+        "Right to 1e-06 on 10 drawn problems: most surely good (10 of 10), from which no test"
         " tells liar (9 of 10) and near (8 of 10); good takes 200 ms (median). Silently wrong:"
         " liar on 1 of 10."
     )
+
+
+def test_a_contestant_is_ranked_by_its_share_of_the_problems_posed_to_it():
+    """9 of 9 come before 8 of 10, and behind 10 of 10."""
+    rows = [*many("all", 10), *many("most", 8, **FAILED), *many("few", 10)[:-1]]
+    cells = summary.best_answers(pandas.DataFrame(rows), 1e-6)
+    assert summary.ranking(cells)["solver"].tolist() == ["all", "few", "most"]
 
 
 def test_two_problems_rank_nobody():
