@@ -10,8 +10,8 @@ import pytest
 from committed import RESULTS
 from random_robots import posed_task
 
-from sdp_vs_penalty import Problem, load_problem
-from sdp_vs_penalty.estimators import Penalty, Task
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.estimators import Penalty
 from sdp_vs_penalty.paper import memo, penalised_optimum
 from sdp_vs_penalty.paper.penalised_box import BoxedProblem
 from sdp_vs_penalty.paper.penalised_optimum import PenalisedProblem
@@ -26,7 +26,7 @@ WEIGHTS = (0.0, 10.0, 40.0, 1000.0)
 
 
 @pytest.fixture(scope="module")
-def small_study() -> Study:
+def small_study():
     """Of the 2R, whose optima are worked out once, beside short searches."""
     made = Study(load_problem("two_link"))
     made.effort = replace(made.effort, annealing_runs=2, evaluations=200)
@@ -34,12 +34,12 @@ def small_study() -> Study:
 
 
 @pytest.fixture(scope="module")
-def task(panda: Problem) -> Task:
+def task(panda):
     return posed_task(panda, experiment(panda).training_run(seed=0))
 
 
 @pytest.fixture(scope="module")
-def one_step(task: Task) -> PenalisedProblem:
+def one_step(task):
     return PenalisedProblem(task, two_step=False)
 
 

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -29,7 +28,6 @@ from sdp_vs_penalty.robot import Constraint
 from sdp_vs_penalty.shootout import (
     Answer,
     Chart,
-    Instance,
     Reference,
     catalogue,
     everything,
@@ -41,7 +39,7 @@ from sdp_vs_penalty.shootout import (
     summary,
 )
 from sdp_vs_penalty.shootout import judge as judging
-from sdp_vs_penalty.shootout.catalogue import CHANGES, FORMS, ROBOTS, Entry, selected
+from sdp_vs_penalty.shootout.catalogue import CHANGES, FORMS, ROBOTS, selected
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instances import principal_rows
 from sdp_vs_penalty.shootout.judge import CLASSES, JUDGED_TO, Judgement, classes, judge
@@ -56,17 +54,17 @@ SMALL = (
 
 
 @pytest.fixture(scope="module")
-def two_link() -> Instance:
+def two_link():
     return instance(SMALL[0])
 
 
 @pytest.fixture(scope="module")
-def proved(two_link: Instance) -> Reference:
+def proved(two_link):
     return reference(two_link)
 
 
 @pytest.fixture(scope="module")
-def best(two_link: Instance) -> Answer:
+def best(two_link):
     return CONTESTANTS["lmi-sdp"].solve(two_link, 1e-8)
 
 
@@ -97,7 +95,7 @@ def test_no_robot_has_more_than_a_quarter_of_a_declared_set():
     assert all(e.set in ("drawn", "conic form") for e in everything() if is_quick(e))
 
 
-def is_quick(e: Entry) -> bool:
+def is_quick(e):
     return "quick" in e.tags
 
 
@@ -223,7 +221,7 @@ def test_planted_wrong_answers_are_found(two_link, proved, best):
         assert kind(verdict) == admitted
 
 
-def kind(verdict: Judgement, accuracy: float = 1e-8) -> str:
+def kind(verdict, accuracy=1e-8):
     """The class of an answer at an accuracy."""
     runs = pandas.DataFrame([{"outcome": verdict.outcome, "error": verdict.error}])
     return str(classes(runs, accuracy)[0])
@@ -385,7 +383,7 @@ def test_violations_are_in_units_of_their_own_cones():
     assert relative_violation([rows, cone, matrix], np.zeros(2), inside, bound) == 0.0
 
 
-def _spin() -> bytes:
+def _spin():
     while True:
         pass
 
@@ -432,7 +430,7 @@ def test_a_run_that_spins_is_stopped_at_its_processor_time():
     assert _seconds_of_children() - before < 0.6  # limits of the system: whole seconds
 
 
-def _seconds_of_children() -> float:
+def _seconds_of_children():
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
@@ -442,8 +440,8 @@ def test_seconds_are_processor_time(two_link, proved, best):
     computes."""
     busy = "import time\nwhile time.process_time() < 0.25: pass"
 
-    def seconds(wait: Callable[[], object]) -> float:
-        def solve(made: Instance, accuracy: float) -> Answer:
+    def seconds(wait):
+        def solve(made, accuracy):
             wait()
             return best
 
@@ -467,7 +465,7 @@ def test_a_short_run_is_repeated_and_its_files_are_no_time_of_the_solver(
 ):
     """Five repetitions: the median counts, least and largest stand beside it."""
 
-    def solve(made: Instance, accuracy: float) -> Answer:
+    def solve(made, accuracy):
         end = time.process_time() + 0.05
         while time.process_time() < end:
             pass
@@ -481,8 +479,8 @@ def test_a_short_run_is_repeated_and_its_files_are_no_time_of_the_solver(
     assert 0.019 <= row["seconds_least"] <= row["seconds"] <= row["seconds_most"] < 0.2
 
 
-def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
-    row: dict[str, object] = {
+def _run(problem, solver, **changes):
+    row = {
         "problem": problem,
         "set": "drawn",
         "robot": "panda",
@@ -589,7 +587,7 @@ def test_wilson_intervals_and_sign_tests():
     assert statistics.sign_test(9, 6) == pytest.approx(0.6072, abs=5e-5)
 
 
-def many(solver_name: str, n_right: int, seconds: float = 0.1, **lie: object):
+def many(solver_name, n_right, seconds=0.1, **lie):
     return [
         _run(f"p{k}", solver_name, seconds=seconds, **({} if k < n_right else lie))
         for k in range(10)
@@ -639,8 +637,8 @@ def test_two_problems_rank_nobody():
     assert said.endswith("good on 2 of 2.")
 
 
-def setup(out: Path, **changes: object) -> runner.Shootout:
-    chosen: dict[str, object] = {
+def setup(out, **changes):
+    chosen = {
         "solvers": ["clarabel", "lmi-sdp"],
         "problems": [SMALL[0]],
         "accuracies": (1e-4, 1e-6),
@@ -670,7 +668,7 @@ def test_runs_resume(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def one_run(tmp_path_factory) -> Path:
+def one_run(tmp_path_factory):
     """The folder of a shootout of one run."""
     out = tmp_path_factory.mktemp("one") / "shootout"
     runner.run(setup(out, solvers=["clarabel"], accuracies=(1e-6,)))
