@@ -91,6 +91,8 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 Answer = dict[str, Any]
 #: Rows of which the pictures of a diagnosis are drawn.
 CARD_ROWS = 20_000
+#: Rows of the judged runs in which it is looked where a model fails: a minute at 1 kHz.
+MOST_LOOKED_AT = 60_000
 #: Poses of the arm over a run, between which the page's 3D view interpolates.
 POSES_OF_A_RUN = 160
 
@@ -1203,15 +1205,30 @@ def _failures_of(
 ) -> list[Answer]:
     """Return for each joint where and why the model fails, with sentences for the page.
 
-    The list is empty if the judged runs are too short to tell.
+    The list is empty if the judged runs are too short to tell. Of long ones the first
+    MOST_LOOKED_AT rows are looked at.
     """
+    remark = []
+    if judge.samples > MOST_LOOKED_AT:
+        share = MOST_LOOKED_AT / judge.samples
+        remark = [f"Looked at in the first {share:.0%} of what is judged."]
+        left = MOST_LOOKED_AT
+        begin = list[Measurements]()
+        for run in judge.runs():
+            if left > 0:
+                begin.append(run.rows(slice(0, left)))
+                left -= run.samples
+        judge = concatenate(begin)
     try:
         failures = where_it_fails(estimate, judge, noise=comparison.noise)
     except InputError:
         return []
     units = estimate.torque_units
     return [
-        {**failure.to_dict(), "sentences": sentences(failure, units[failure.joint - 1])}
+        {
+            **failure.to_dict(),
+            "sentences": [*sentences(failure, units[failure.joint - 1]), *remark],
+        }
         for failure in failures
     ]
 
