@@ -273,8 +273,10 @@ def band(given: argparse.Namespace) -> Rows:
         model = identify("panda", train, noise_from=whole, check=False)
         effects = diagnose(model, train, check=False).sure
         if effects:
-            model = add(model, list(effects), train)
-        found = torque_band(model, unseen, train)
+            laws = add(model, list(effects), train).model.effects
+            how = {"effects": laws, "noise_from": whole, "check": False}
+            model = identify("panda", train, **how)
+        found = torque_band(model, unseen)
         rms = np.sqrt(np.mean(found.measured**2, axis=0))
         halves = found.half_width, found.half_width_with_error
         narrow, wide = (np.sqrt(np.mean(x**2, axis=0)) for x in halves)

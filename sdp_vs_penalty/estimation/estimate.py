@@ -396,7 +396,8 @@ class Estimate(Record):
         source = sources[undetermined[0]]  # one method has one source
         explanation = (
             f"the data do not determine the mass of link{plural} {numbers}, only sums"
-            f" with others; the value comes from the {source}"
+            f" with others; the value comes from the {source} (`ranges` says what else it"
+            " can be)"
         )
         if np.any(self.problem.guessed_links[undetermined]):
             explanation += (

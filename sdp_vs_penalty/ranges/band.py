@@ -18,6 +18,7 @@ import scipy
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.estimation.build_problem import filter_runs
+from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
 from sdp_vs_penalty.ranges.ends import EndSearch
@@ -90,7 +91,23 @@ class Band(Record, JsonRecord):
             [str(j + 1), *(float(column[j]) for column in columns)]
             for j in range(self.centre.shape[1])
         ]
-        return Table(headings, rows, digits=3)
+        return Table(headings, rows, digits=3, notes=self.notes())
+
+    def notes(self) -> list[str]:
+        """Return a sentence on noise that is not known, and on joints whose torque the
+        wider band does not hold."""
+        short = [j for j, x in enumerate(self.inside().tolist(), start=1) if x < LEVEL]
+        unknown = "The noise is not known: the model's own error may widen the band."
+        out = [] if self.noise.any() else [unknown]
+        if not short:
+            return out
+        joints = ", ".join(map(str, short))
+        return [
+            *out,
+            f"The band with model error holds the measured torque in less than"
+            f" {100 * LEVEL:g} % of samples of joint {joints}: the model lacks something"
+            " there.",
+        ]
 
 
 def torque_band(

@@ -32,6 +32,7 @@ from sdp_vs_penalty.robot.arrays import Array
 SCALES = 0.01
 #: Share of each interval that very much more motion would leave [-].
 _PERFECT = 1e-2
+_ANY_MOTION = "any motion, as long as you like"
 
 
 @dataclass(frozen=True)
@@ -72,10 +73,10 @@ def what_to_measure(
     if chosen.g is None:
         what = f"{function} is not linear in the parameters"
         raise InputError(what, "name a standard parameter, such as m4 or mx4")
-    before = _length(allowed, chosen.g)[2]
+    before = _ends(allowed, chosen.g)
     middle = allowed.optimiser(allowed.first_c).centre
     after = {
-        "any motion, as long as you like": _moved(allowed, middle),
+        _ANY_MOTION: _moved(allowed, middle),
         "the same motion with a known load": _loaded(allowed, posed, estimate.theta),
     }
     for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
@@ -84,15 +85,18 @@ def what_to_measure(
             after[f"weigh {what}"] = _weighed(allowed, middle, scale.g)
     out = []
     for measurement, smaller in after.items():
-        least, greatest, length = _length(smaller, chosen.g)
-        out.append(Worth(measurement, least, greatest, length / before))
+        # What is known already stays known.
+        low, high = _ends(smaller, chosen.g)
+        low, high = max(low, before[0]), min(high, before[1])
+        length = (high - low) / (before[1] - before[0])
+        out.append(Worth(measurement, low, high, length))
     return tuple(sorted(out, key=lambda worth: worth.length))
 
 
-def _length(allowed: AllowedSet, g: Array) -> tuple[float, float, float]:
-    """Return the least and the greatest value of g^T theta, and their distance."""
+def _ends(allowed: AllowedSet, g: Array) -> tuple[float, float]:
+    """Return the least and the greatest value of g^T theta."""
     ((low, high),) = EndSearch(allowed).both([g])
-    return low.value, high.value, high.value - low.value
+    return low.value, high.value
 
 
 def _moved(allowed: AllowedSet, middle: Array) -> AllowedSet:
@@ -124,11 +128,11 @@ def _weighed(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:
 
 def worth_sentence(found: Sequence[Worth]) -> str:
     """Return what would tell most of a function, and what motion cannot tell."""
-    best = found[0]
-    motion = next(x for x in found if x.measurement.startswith("any motion"))
+    motion = next(x for x in found if x.measurement == _ANY_MOTION)
+    best = next(x for x in found if x is not motion)
     return (
         f"Most would tell: {best.measurement} (leaves {100.0 * best.length:.0f} % of this"
-        f" length); any motion leaves {100.0 * motion.length:.0f} % at least."
+        f" length); motion, however long, leaves {100.0 * motion.length:.0f} %."
     )
 
 

@@ -1,5 +1,7 @@
 """Samples of consistent models, bands of torque, and what further measurements buy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -83,6 +85,8 @@ def test_the_band_holds_the_torque_of_unseen_motion(hidden, model):
     assert band.inside().min() > 0.9
     assert np.all(band.half_width <= band.half_width_with_error)
     assert np.all(band.peaks[:, 0] < band.peaks[:, 1])
+    far = replace(band, measured=band.measured + np.array([0.0, 1e3]))
+    assert "of joint 2:" in far.table().notes[-1]
 
 
 def test_a_measurement_leaves_a_shorter_range(model):
