@@ -68,7 +68,7 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
     range."""
     joint = robot.joints[j]
     q = run.q[:, j]
-    worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
+    worst = int(np.argmax(_beyond_range(joint, q)))
     is_angle = joint.kind == "revolute"
     unit = "rad" if is_angle else "m"
     limits = f"{joint.lower:.4g} to {joint.upper:.4g} {unit}"
@@ -78,6 +78,8 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
     )
     robot_of_file = "or choose the problem that belongs to this file"
     if not is_angle:
+        if np.all(_beyond_range(joint, 1e-3 * q) <= 0.0):
+            what = f"{what}, and inside it as millimetres"
         remedy = f"convert millimetres to metres, {robot_of_file}"
         return InputError(what, remedy)
     if radians_per_percent(robot, run.q) is not None:
@@ -86,6 +88,12 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
         return RepairableError(what, remedy, is_known=False)
     remedy = f"convert degrees to radians{_MOTORS}, {robot_of_file}"
     return RepairableError(what, remedy)
+
+
+def _beyond_range(joint: Joint, q: np.ndarray) -> np.ndarray:
+    """Return by how much positions q (N,) are outside a joint's range [rad, m]; negative
+    inside."""
+    return np.maximum(joint.lower - q, q - joint.upper)
 
 
 def _swings_too_far(joint: Joint, q: Array, travel: float) -> bool:

@@ -176,6 +176,20 @@ def test_degrees_are_refused_by_the_joints_ranges_and_one_turn_outside_is_not(pa
         refusal(call, *words)
 
 
+@pytest.mark.parametrize(("factor", "is_named"), [(1e3, True), (1e5, False)])
+def test_millimetres_of_a_straight_axis_are_named(factor, is_named):
+    """A thousandth of the positions lies inside the range; of others it does not."""
+    robot = sdp.load_problem("emps").robot
+    (joint,) = robot.joints
+    q = factor * np.linspace(joint.lower, joint.upper, 100)[:, None]
+    run = sdp.Measurements(np.arange(100.0), q, np.ones((100, 1)))
+    words = ("far outside the range of joint 1", "millimetres to metres")
+    refusal(lambda: check_plausible(robot, run), *words)
+    with pytest.raises(sdp.InputError) as error:
+        check_plausible(robot, run)
+    assert ("inside it as millimetres" in str(error.value)) == is_named
+
+
 def test_degrees_are_refused_by_the_derivative_and_a_turning_shaft_is_not(two_link):
     run = small_run(two_link)
     for name in ("q", "dq"):
