@@ -25,10 +25,16 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
     from sdp_vs_penalty.diagnosis.where_it_fails import Failures
     from sdp_vs_penalty.problem.check_command import CheckCommand
+    from sdp_vs_penalty.ranges.table import Ranges
     from sdp_vs_penalty.render.words import DiagnosisWords
 
 
-def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
+def estimate(
+    result: Estimate,
+    fit: Comparison | None,
+    seconds: float,
+    ranges: Ranges | None = None,
+) -> None:
     """Print what was identified, how well it fits, and what the certificate says.
 
     Parameters
@@ -37,6 +43,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         With the measurements that it came from; None for a black box's answers.
     seconds : float
         How long the identification took [s].
+    ranges : Ranges, optional
+        Between which values the masses can lie.
     """
     runs = formatting.count(len(result.provenance["runs"]), "run")
     error = ""
@@ -50,9 +58,12 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     )
     if fit is not None:
         verdict(fit.verdict)
+    if ranges is not None:
+        allowed(ranges)
     certificate(result)
     gains(result)
-    links = tables.link_table(result, centres=False)
+    range_texts = None if ranges is None else {r.name: r.text for r in ranges.ranges}
+    links = tables.link_table(result, centres=False, ranges=range_texts)
     if links is not None:
         console.table(links)
     if fit is not None:
@@ -61,6 +72,13 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
             result.torque_units,
             "Error (RMS) of the modelled torque on these measurements",
         )
+
+
+def allowed(ranges: Ranges) -> None:
+    """Print what data and physics allow: the table, and what it rests on."""
+    console.table(ranges.table())
+    for note in ranges.notes():
+        paragraph(note)
 
 
 def gains(result: Estimate) -> None:

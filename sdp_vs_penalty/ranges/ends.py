@@ -20,6 +20,7 @@ import numpy as np
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.ranges.allowed import FAR, AllowedSet, kind_of
 from sdp_vs_penalty.ranges.interior_point import Points
+from sdp_vs_penalty.ranges.rays import certified_ray
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
@@ -141,6 +142,14 @@ class End:
         if by_others <= CHANGES * size:
             return "data"
         return "data and consistency" if by_data > CHANGES * size else "consistency"
+
+    @cached_property
+    def ray(self) -> Array | None:
+        """(p,) direction along which the function goes beyond the end by 1, and on
+        without end; None for an end that is not open, or that no ray was found for."""
+        if self.decided_by != "open":
+            return None
+        return certified_ray(self.allowed, self.g, self.c)
 
     def proof(self, name: str) -> Proof:
         """Return a proof in exact arithmetic that nothing allowed lies beyond the end.

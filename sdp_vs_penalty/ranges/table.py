@@ -21,7 +21,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.ranges.allowed import KINDS, AllowedSet, allowed_set
 from sdp_vs_penalty.ranges.centres import NonlinearEnd, inertias, ratios
 from sdp_vs_penalty.ranges.ends import End, EndSearch
-from sdp_vs_penalty.ranges.functions import Function, functions_by_name
+from sdp_vs_penalty.ranges.functions import TOTAL, Function, functions_by_name
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -48,10 +48,16 @@ class RangeEnd(JsonRecord):
     is_outer: bool = False
     #: Value of a consistent model that fits, on the inner side.
     attained: float = np.nan
+    #: Of an open end a change of parameters, by name: any multiple of it leaves models
+    #: consistent and shows no torque, and the function goes on by 1 each time. Empty
+    #: where the end is open up to the far limits and no ray was found.
+    ray: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def reason(self) -> str:
         """What decides the end; a bound by the name of the first one."""
+        if self.ray:
+            return "open, certified"
         if self.decided_by != "bound":
             return self.decided_by
         first, *others = self.limited_by
@@ -65,7 +71,12 @@ class RangeEnd(JsonRecord):
         if end.decided_by == "open" and isinstance(end, End):
             value = -np.inf if end.sign > 0.0 else np.inf
         is_outer = getattr(end, "is_outer", False)
-        return cls(value, end.decided_by, end.limited_by, is_outer, end.attained)
+        d = end.ray if isinstance(end, End) else None
+        ray = {}
+        if d is not None:
+            names = [q.name for q in end.allowed.task.model.parameters]
+            ray = {names[k]: float(d[k]) for k in np.flatnonzero(d).tolist()}
+        return cls(value, end.decided_by, end.limited_by, is_outer, end.attained, ray)
 
 
 @dataclass(frozen=True)
@@ -90,6 +101,17 @@ class Range(JsonRecord):
     #: Least and greatest value under fewer kinds of constraints, by the last kind:
     #: "consistency" alone, then with "bodies", with "bounds", and with "total".
     under: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def relative_length(self) -> float:
+        """Greatest minus least value, over the size of the model's value."""
+        size = max(abs(self.value), np.finfo(float).tiny)
+        return (self.greatest.value - self.least.value) / size
+
+    @property
+    def text(self) -> str:
+        """Least and greatest value as one text."""
+        return f"{_end_text(self.least)} to {_end_text(self.greatest)}"
 
     @property
     def sentence(self) -> str:
@@ -119,12 +141,16 @@ class Ranges(Record, JsonRecord):
         """Return the range of a name."""
         return {r.name: r for r in self.ranges}[name]
 
+    @property
+    def widest(self) -> Range | None:
+        """The range of a mass whose length is largest beside its value, the total's not
+        among them; None without one."""
+        masses = [r for r in self.ranges if r.unit == "kg" and r.name != TOTAL]
+        return max(masses, key=lambda r: r.relative_length, default=None)
+
     def _summary(self) -> Summary:
         """Return the title and the (label, text) lines of the printed summary."""
-        lines = [
-            (r.name, f"{_text(r.least.value)} to {_text(r.greatest.value)} {r.unit}")
-            for r in self.ranges
-        ]
+        lines = [(r.name, f"{r.text} {r.unit}") for r in self.ranges]
         return f"Ranges: {self.problem}, {100 * self.level:g} %", lines
 
     def _table(self) -> Table:
@@ -145,7 +171,11 @@ class Ranges(Record, JsonRecord):
             rows.append([*row, r.least.reason, r.greatest.reason])
         width = len(headings)
         return Table(
-            headings, rows, words=(0, 1, width - 2, width - 1), notes=self.notes()
+            headings,
+            rows,
+            words=(0, 1, width - 2, width - 1),
+            title="Least and greatest value that these data allow, whatever the prior",
+            notes=self.notes(),
         )
 
     def table(self) -> Table:
@@ -158,10 +188,14 @@ class Ranges(Record, JsonRecord):
         out = [
             f"Every consistent model that fits these data has a value in its range, with"
             f" {100 * self.level:g} % probability for each range by itself. Each end is"
-            " certified by a proof; a model that fits attains it, but where it is marked.",
-            f"Open: nothing limits the end up to links of {mass:g} kg within"
-            f" {distance:.3g} m of their frames.",
+            " certified by a proof; a model that fits attains it, but where it is marked."
         ]
+        if self._has_open_end:
+            out.append(
+                f"Open: nothing limits the end up to links of {mass:g} kg within"
+                f" {distance:.3g} m of their frames. Certified: a change of the links that"
+                " no torque shows keeps them consistent however often it is made."
+            )
         if any(e.is_outer for r in self.ranges for e in (r.least, r.greatest)):
             out.append(
                 "An end behind ~ is an outer bound: the true end may lie inside."
@@ -178,6 +212,20 @@ class Ranges(Record, JsonRecord):
                 " it does where one sees it. That is a definition, not a probability."
             )
         return out
+
+    @property
+    def _has_open_end(self) -> bool:
+        """Whether the table has an end that is open."""
+        shown = [
+            ends
+            for r in self.ranges
+            for ends in (
+                (r.least.value, r.greatest.value),
+                r.with_model_error or (),
+                *r.under.values(),
+            )
+        ]
+        return any(np.isinf(value) for ends in shown for value in ends)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a DataFrame with one row a function."""

@@ -107,11 +107,23 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
     )
 
 
-def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
+#: What determines a parameter: the data, or without them what else there is.
+_SOURCES = {
+    "data": "data",
+    "given": "given",
+    "prior": "prior alone",
+    "bounds": "bounds alone",
+}
+
+
+def link_table(
+    estimate: Estimate, centres: bool = True, ranges: Mapping[str, str] | None = None
+) -> Table | None:
     """Table of the links' inertial parameters, identified and nominal, a row for each;
     None for a model without links.
 
     ``centres``: whether to show centres of mass, which are too wide for a terminal.
+    ``ranges``: by the name of a mass, between which values it can lie.
     """
     link_indices = estimate.model.rigid_indices
     if not len(link_indices):
@@ -119,7 +131,7 @@ def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
     links = estimate.links
     nominal = estimate.nominal[link_indices].reshape(-1, 10)
     robot = estimate.robot
-    sources = [estimate.sources[k] for k in link_indices[::10]]  # the masses'
+    masses = link_indices[::10].tolist()
     # A link without mass has no centre of mass: NaN is shown as unknown.
     com = np.where(
         links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan
@@ -129,7 +141,10 @@ def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
         "link": [f"{k} ({name})" for k, name in enumerate(names, start=1)],
         "mass [kg]": [number(x, 4) for x in links[:, 0]],
         "nominal": [number(x, 4) for x in nominal[:, 0]],
-        "from": sources,
+        "from": [_SOURCES[estimate.sources[k]] for k in masses],
+        "can be [kg]": [
+            (ranges or {}).get(estimate.model.parameters[k].name, "") for k in masses
+        ],
         "centre of mass [m]": [
             ", ".join(number(zero_if_rounding(x)) for x in point) for point in com
         ],
@@ -139,6 +154,8 @@ def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
     }
     if not centres:
         del columns["centre of mass [m]"]
+    if ranges is None:
+        del columns["can be [kg]"]
     return Table(
         list(columns),
         list(zip(*columns.values(), strict=True)),

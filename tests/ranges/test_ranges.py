@@ -1,15 +1,23 @@
 """Ranges: certified ends of what data and consistency allow."""
 
 import json
+import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import run_cli
 
 from sdp_vs_penalty import InputError, find_ranges, identify, load_estimate, simulate
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.estimation.proofs import verify_proof_file
 from sdp_vs_penalty.ranges import EndSearch, Ranges, allowed_set, find_end
 from sdp_vs_penalty.ranges.allowed import FAR, KINDS, kind_of
 from sdp_vs_penalty.ranges.functions import functions_by_name
+from sdp_vs_penalty.ranges.rays import is_ray
+from sdp_vs_penalty.ranges.table import RangeEnd
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.proof import write_proof
 
@@ -130,3 +138,59 @@ def test_a_model_from_a_file_needs_data(model, hidden, tmp_path):
     assert again.least.value == pytest.approx(
         model.range("m2").least.value, rel=1e-3, abs=1e-6
     )
+
+
+def test_identify_shows_ranges_after_its_verdict(hidden, tmp_path, capsys):
+    save(hidden.train[0], tmp_path / "run.csv")
+    words = ("--data", tmp_path / "run.csv", "--no-check", "--out", tmp_path / "m.json")
+    assert run_cli("identify", "two_link", *words, "--ranges") == 0
+    printed = capsys.readouterr().out
+    verdict, after = printed.split("Least and greatest value", 1)
+    assert "missing (" in verdict
+    assert "optimality gap" not in verdict
+    name = re.search(r"ranges \S+ --data \S+ --next (m\d)", after)[1]
+    assert f"What would shorten the range of {name}" in after
+    links = after.split("Links, identified and nominal")[1]
+    assert "can be" in links
+    ends = re.search(rf"^{name} +kg +\S+ +\S+ +(\S+) +(\S+)", after, re.M)
+    assert f"{ends[1]} to {ends[2]}" in links
+
+
+@pytest.fixture(scope="module", params=["m1", "m2"])
+def open_end(request, model, allowed):
+    """The greatest mass: link 1 turns about a fixed axis, and link 2's axis meets it."""
+    (mass,) = functions_by_name(model.problem, model.model, [request.param])
+    return EndSearch(allowed.with_kinds(["consistency"])).both([mass.g])[0][1]
+
+
+def test_an_open_end_has_a_ray_that_no_torque_shows(open_end):
+    assert RangeEnd.of(open_end).reason == "open, certified"
+    assert open_end.g @ open_end.ray == pytest.approx(-1.0)
+    assert np.allclose(open_end.allowed.ball.A @ open_end.ray, 0.0, atol=1e-9)
+    far = open_end.allowed.fit + 1e4 * open_end.ray
+    assert inertia.consistency_margin(far[:20].reshape(2, 10)).min() > 0.0
+
+
+@pytest.mark.parametrize(
+    "change", [{0: -1.0, 10: -1.0}, {1: 1.0}, {14: 1.0}, {"known": 1.0}], ids=str
+)
+def test_a_direction_that_data_or_constraints_refuse_is_no_ray(open_end, change):
+    """Masses that fall, a centre off the axis, inertia that torque shows, a known
+    mass."""
+    allowed = open_end.allowed
+    d = open_end.ray.copy()
+    for place, value in change.items():
+        if place == "known":
+            model = SimpleNamespace(known_values={0: 1.0, 10: 1.0})
+            allowed = replace(allowed, task=SimpleNamespace(model=model))
+        else:
+            d[place] += value
+    assert is_ray(open_end.allowed, open_end.g, open_end.ray, open_end.c)
+    assert not is_ray(allowed, open_end.g, d, open_end.c)
+
+
+def test_bounds_close_a_ray(allowed, model):
+    (mass,) = functions_by_name(model.problem, model.model, ["m1"])
+    ((_, end),) = EndSearch(allowed).both([mass.g])
+    assert end.decided_by != "open"
+    assert end.ray is None

@@ -2,7 +2,7 @@ import time
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.errors import Infeasible
+from sdp_vs_penalty.errors import Infeasible, command_line
 
 
 def verb(
@@ -91,11 +91,18 @@ def verb(
         given_words = runs.words(data, window)
         estimate.provenance.update(data=given_words, judged_data=given_words)
         estimate.save(out)
-    printing.estimate(estimate, fit, seconds)
+    found = None
     if ranges:
         from sdp_vs_penalty.ranges.table import find_ranges
 
-        console.table(find_ranges(estimate).table())
+        with console.progress("ranges") as progress:
+            found = find_ranges(estimate, progress=progress)
+    printing.estimate(estimate, fit, seconds, found)
+    if found is not None and found.widest is not None:
+        name = found.widest.name
+        more = ["ranges", str(out), "--data", *given_words, "--next", name]
+        line = command_line(["sdp-vs-penalty", *more])
+        console.say(f"What would shorten the range of {name}: {line}")
     for path in filter(None, (out, proof)):
         console.written(path)
     if fit is not None:

@@ -31,6 +31,7 @@ def verb(
     --band RUN.csv: Between which values the torque of another run can lie, joint by joint.
     --next NAME: What a weighed link, or more motion, would leave of this range.
     """
+    from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.errors import InputError
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -67,7 +68,10 @@ def verb(
         worth = what_to_measure(estimate, next_, measurements, level=level)
         console.paragraph(found[next_].sentence)
         console.paragraph(worth_sentence(worth))
-    console.table(found.table())
+    printing.allowed(found)
+    if worth is None and found.widest is not None:
+        name = found.widest.name
+        console.paragraph(f"What would shorten the range of {name}: add --next {name}.")
     console.save_json(json_, found.to_dict())
     if band is not None:
         console.table(torque_band(estimate, band, measurements).table())
