@@ -71,11 +71,11 @@ class RangeEnd(JsonRecord):
         if end.decided_by == "open" and isinstance(end, End):
             value = -np.inf if end.sign > 0.0 else np.inf
         is_outer = getattr(end, "is_outer", False)
-        d = end.ray if isinstance(end, End) else None
         ray = {}
-        if d is not None:
-            names = [q.name for q in end.allowed.task.model.parameters]
-            ray = {names[k]: float(d[k]) for k in np.flatnonzero(d).tolist()}
+        if isinstance(end, End) and end.ray is not None:
+            parameters = end.allowed.task.model.parameters
+            change = zip(parameters, end.ray.tolist(), strict=True)
+            ray = {parameter.name: x for parameter, x in change if x}
         return cls(value, end.decided_by, end.limited_by, is_outer, end.attained, ray)
 
 
@@ -193,8 +193,12 @@ class Ranges(Record, JsonRecord):
         if self._has_open_end:
             out.append(
                 f"Open: nothing limits the end up to links of {mass:g} kg within"
-                f" {distance:.3g} m of their frames. Certified: a change of the links that"
-                " no torque shows keeps them consistent however often it is made."
+                f" {distance:.3g} m of their frames."
+            )
+        if any(e.ray for r in self.ranges for e in (r.least, r.greatest)):
+            out.append(
+                "Open, certified: a change of the links that no torque shows keeps them"
+                " consistent however often it is made."
             )
         if any(e.is_outer for r in self.ranges for e in (r.least, r.greatest)):
             out.append(
