@@ -72,6 +72,7 @@ from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.ranges.table import find_ranges
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render import tables, words
 from sdp_vs_penalty.render.arms import binary_stl, drawn_arm, simplified
@@ -1124,6 +1125,14 @@ def forward(job: JobRequest) -> Answer:
         },
         "table": following.table().to_dict(),
     }
+
+
+def ranges(job: JobRequest) -> Answer:
+    """Find between which values the masses of the current model can lie, by the training
+    runs. Returns {"table": ..., "notes": sentences}."""
+    train = job.windowed(job.runs.train)
+    found = find_ranges(job.model, train, progress=job.progress)
+    return {"table": found.table().to_dict(), "notes": found.notes()}
 
 
 def about(estimate: Estimate) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from page_sessions import Here, Screen, numbers, saved
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
-from sdp_vs_penalty import compare, load_estimate, load_measurements
+from sdp_vs_penalty import compare, find_ranges, load_estimate, load_measurements
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.diagnosis import Curve, Retune
@@ -84,7 +84,7 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     step("added", "add-0")
     step("undone", "undo")
     step("redone", "redo")
-    step("compared", "compare", "forward")
+    step("compared", "compare", "forward", "ranges")
     screen.hear(screen.at("parameters").parent_slot.parent, "toggle")
     for key, value in ANOTHER.items():
         screen.set(key, value)
@@ -161,6 +161,17 @@ def test_fit_is_that_of_the_models(story):
         keep = np.unique(np.linspace(0, len(t) - 1, 400).astype(int))
         np.testing.assert_allclose(numbers(shown["x"]), x.q[keep, 1], atol=1e-5)
         np.testing.assert_allclose(numbers(shown["y"]), x.residual[keep, 1], atol=1e-4)
+
+
+def test_between_which_values_the_masses_lie(story):
+    """As `ranges` says of the training runs."""
+    model = story.models[-1]
+    found = find_ranges(model, story.runs)
+    answer = story.session.answer("ranges")
+    assert answer["table"] == found.table().to_dict()
+    shown = story.said["compared"]["identify"]
+    assert all(note in shown for note in found.notes())
+    assert found["m1"].greatest.reason in shown
 
 
 def test_what_was_answered_is_of_the_model_that_was_asked(story):

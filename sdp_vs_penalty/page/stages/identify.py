@@ -376,11 +376,20 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.cause]); }"""
 
 
-@requires_model("parameters", "Parameters")
+@requires_model("parameters", "Parameters", lambda s: s.answer("ranges"))
 def parameters(view: View) -> None:
-    """Draw links, friction, certificate and all parameters, folded at first."""
-    for words in view.session.current.about["words"]:
+    """Draw between which values the masses can lie, once asked for; links, friction,
+    certificate and all parameters, folded at first."""
+    session = view.session
+    for words in session.current.about["words"]:
         draw.tag("p", words, "words")
+    if session.current.about["links"]:
+        find = partial(session.start, session.ask, "Finding the ranges", "ranges")
+        draw.button("Between which values?", find, "ranges")
+    if (answer := session.answer("ranges")) is not None:
+        draw.table(Table.from_dict(answer["table"]), "Ranges of the masses")
+        for note in answer["notes"]:
+            draw.note(note)
     box = draw.details("Links, friction, certificate and every parameter", "parameters")
 
     def fill() -> None:
