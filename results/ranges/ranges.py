@@ -9,7 +9,9 @@ Sections, one CSV file each:
 - coverage: how often 95 % ranges hold the truth, on simulated worlds whose motion and
   model are exact and whose torque noise is white or remembers;
 - band: share of a real Panda's unseen torque within the band;
-- samples: 1000 consistent models of the Panda, and a case with known moments.
+- samples: 1000 consistent models of the Panda, and R^ against the number of steps;
+- excite: length of a named range before, as predicted for the motion chosen for it and for
+  the worst candidate, and after each was simulated.
 """
 
 import argparse
@@ -39,6 +41,7 @@ from sdp_vs_penalty.ranges.allowed import KINDS
 from sdp_vs_penalty.ranges.band import torque_band
 from sdp_vs_penalty.ranges.functions import all_functions, functions_by_name
 from sdp_vs_penalty.ranges.samples import PRIORS, sample_models
+from sdp_vs_penalty.ranges.shortening import compare_motions
 from sdp_vs_penalty.ranges.table import ranges_of, training_of
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.simulation.experiments import experiment
@@ -56,6 +59,8 @@ COLOURS = {"white": 0.0, "AR": 0.95}
 WORLDS = ("four_r", "panda", "ur10e")
 #: s: the Panda's motion repeats after so long; it stands still at first.
 PERIOD, STANDSTILL, FOLDS = 13.334, 1.1, 5
+#: Worlds and length [s] of the motions of the section excite.
+EXCITED, SECONDS = ("four_r", "panda"), 6.0
 Rows = Iterator[dict[str, object]]
 
 
@@ -322,12 +327,71 @@ def samples(given: argparse.Namespace) -> Rows:
         }
 
 
+def excite(given: argparse.Namespace) -> Rows:
+    """Yield a world and a motion a row: the length of the range of a mass, before, predicted
+    and after the motion was simulated."""
+    name = "m4"
+    for arm in EXCITED:
+        problem, model, truth, (t, q, torque) = world(arm)
+        size = NOISE * np.sqrt(np.mean(torque**2, axis=0))
+        rng = np.random.default_rng(5)
+
+        def noisy(clean, size=size, rng=rng):
+            return clean + rng.standard_normal(clean.shape) * size
+
+        short = t < SECONDS
+        train = Measurements(t[short], q[short], noisy(torque[short]))
+        allowed, posed = allowed_by(problem, model, train)
+        before, g = length_of(allowed, problem, model, name)
+        motions = [
+            random_trajectory(problem.robot, seed=k, duration=SECONDS)
+            for k in range(100, 104 if given.quick else 124)
+        ]
+        ranked = compare_motions(allowed, posed, g, motions)
+        for word, motion in (("chosen", ranked[0]), ("worst", ranked[-1])):
+            since = np.arange(0.0, SECONDS, 0.005)
+            states = motion.trajectory.states(since)
+            clean = model.torque(truth, Motion(since, *states))
+            after = []
+            for _ in range(2 if given.quick else 20):
+                further = Measurements(since, states[0], noisy(clean))
+                both = concatenate([train, further])
+                known, _ = allowed_by(problem, model, both)
+                after.append(length_of(known, problem, model, name)[0])
+            low, high = motion.predicted
+            half = 1.96 * np.std(after, ddof=1) / np.sqrt(len(after))
+            yield {
+                "world": arm,
+                "range of": name,
+                "motion": f"{word} of {len(ranked)}",
+                "length before [kg]": f"{before:.3g}",
+                "predicted": f"{high - low:.3g}",
+                "after": f"{np.mean(after):.3g} +- {half:.2g}",
+                "draws": len(after),
+            }
+
+
+def allowed_by(problem, model, run: Measurements):
+    """Return what a run allows, and its identification problem."""
+    posed = build_problem(problem, run, PoseOptions(model.effects))
+    theta = make_estimator("lmi-sdp").fit(posed.task).theta
+    return allowed_set(posed, theta), posed
+
+
+def length_of(allowed, problem, model, name: str):
+    """Return the length of a function's range, and the function's coefficients (p,)."""
+    (function,) = functions_by_name(problem, model, [name])
+    ((low, high),) = EndSearch(allowed).both([function.g])
+    return high.value - low.value, function.g
+
+
 SECTIONS = {
     "ends": ends,
     "cost": cost,
     "coverage": coverage,
     "band": band,
     "samples": samples,
+    "excite": excite,
 }
 
 

@@ -57,7 +57,8 @@ VERBS = {
         ),
         "excite": (
             "Design an exciting trajectory within the robot's limits, the run that "
-            "tells two effects apart, or the one that weighs a load."
+            "tells two effects apart, the one that weighs a load, or the one that "
+            "shortens a parameter's range."
         ),
         "simulate": (
             "Simulate runs in which an effect is hidden, or run a model forward along "

@@ -10,5 +10,6 @@ __getattr__ = lazy_exports(
     band="Band torque_band",
     samples="Samples find_samples sample_models",
     worth="Worth what_to_measure worth_table",
+    shortening="ShorteningRun shortening_runs",
     table="Range Ranges find_end find_ranges",
 )

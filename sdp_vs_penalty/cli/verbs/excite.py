@@ -15,20 +15,22 @@ def verb(
     separate: str | None = None,
     level: float = 1.0,
     payload: bool = False,
+    for_: str | None = None,
+    data: list[Path] | None = None,
     joints: str | None = None,
     urdf: Path | None = None,
     seed: int = 0,
     hold: str | None = None,
 ) -> None:
-    """Design an exciting trajectory within the robot's limits, the run that tells two effects apart, or
-    the one that weighs a load.
+    """Design an exciting trajectory within the robot's limits, the run that tells two effects apart,
+    the one that weighs a load, or the one that shortens a parameter's range.
 
     Collisions are checked with --separate and --urdf only.
 
     Example: sdp-vs-penalty excite panda --out trajectory.csv
 
-    problem PROBLEM|model.json: Built-in name, folder with a problem.toml, or URDF file. With --separate
-        or --payload: a model.
+    problem PROBLEM|model.json: Built-in name, folder with a problem.toml, or URDF file. With --separate,
+        --payload or --for: a model.
     --out trajectory.csv: File to write: t, q, dq, ddq at 1 kHz.
     --duration: Duration of the motion, in seconds; default: 21, with --payload 2.
     --harmonics >=1: Harmonics of the Fourier series.
@@ -38,6 +40,8 @@ def verb(
     --separate A,B: Two effects that the run is to tell apart, as `add` takes them; one: from nothing.
     --level: With --separate: RMS of each effect over the noise, on the default excitation.
     --payload: A motion of the wrist that weighs a load at the flange.
+    --for NAME: The random motion that shortens this parameter's range most, such as m4, as predicted.
+    --data RUN.csv ...: With --for: the measurements so far; default: those of the model.
     --joints J+J: With --payload: joints that move, such as 5+6; default: the last three.
     --urdf ARM.urdf: With --separate: shapes for the check of self-collision.
     """
@@ -52,6 +56,10 @@ def verb(
         return _separate(Path(problem), separate, out, urdf, level=level, **how)
     if payload:
         return _payload(Path(problem), joints, out, **how)
+    if for_ is not None:
+        how = {"duration": how["duration"], "seed": seed}
+        how |= {"harmonics": harmonics, "frequency": frequency}
+        return _shorten(Path(problem), for_, data, out, **how)
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.estimation.excitation import excite
 
@@ -115,6 +123,37 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
         " of three or six, from the noise of the model's data; the model and the gains"
         " of its channels count as exact. The other joints stand in the middle of"
         f" their ranges. Self-collision is not checked: {_LOOK}"
+    )
+    console.written(out)
+
+
+def _shorten(
+    model: Path, function: str, data: list[Path] | None, out: Path, **settings: Any
+) -> None:
+    """Choose the motion that shortens the range of a parameter most, write it, and print
+    what it would leave."""
+    from sdp_vs_penalty.cli.runs import judging_runs
+    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.estimation.excitation import save_trajectory
+    from sdp_vs_penalty.ranges.shortening import shortening_runs
+
+    estimate = load_estimate(model)
+    runs = judging_runs(estimate, data, None)
+    measurements = None if runs is None else runs.train
+    with console.progress("comparing motions") as progress:
+        best, *others = shortening_runs(
+            estimate, function, measurements, progress=progress, **settings
+        )
+    save_trajectory(best.trajectory, out)
+    before, after = (f"{a:.4g} to {b:.4g}" for a, b in (best.before, best.predicted))
+    console.say(
+        f"{function}: {before} now; {after} with this motion measured too, predicted"
+        f" ({100 * best.length:.0f} % of the length)"
+    )
+    console.paragraph(
+        f"The best of {1 + len(others)} random motions; the worst leaves"
+        f" {100 * others[-1].length:.0f} %. `ranges --next {function}` says what a scale"
+        f" or a known load would leave. Self-collision is not checked: {_LOOK}"
     )
     console.written(out)
 
