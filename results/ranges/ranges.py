@@ -307,24 +307,28 @@ def stretches(run: Measurements, chosen: np.ndarray) -> Measurements:
 
 
 def samples(given: argparse.Namespace) -> Rows:
-    """Yield a prior a row: 1000 consistent models of the Panda."""
+    """Yield a prior and a number of consistent models of the Panda a row: how far chains that
+    begin near the set's boundary have forgotten it."""
     model, run = model_of("panda")
     posed, floor = training_of(model, run)
     allowed = allowed_set(posed, model.theta, floor)
     for prior in PRIORS:
-        begin = time.process_time()
-        found = sample_models(allowed, 1000, seed=0, prior=prior)
-        seconds = time.process_time() - begin
-        margins = [allowed.constraints.margin(theta) for theta in found.theta]
-        yield {
-            "prior": prior,
-            "models": len(found.theta),
-            "consistent": sum(m >= 0.0 for m in margins),
-            "s": f"{seconds:.1f}",
-            "effective, least": f"{found.effective.min():.0f}",
-            "effective, median": f"{np.median(found.effective):.0f}",
-            "split R^, largest": f"{found.r_hat.max():.3f}",
-        }
+        for count in (500, 1000) if given.quick else (500, 1000, 2000, 4000, 8000):
+            begin = time.process_time()
+            found = sample_models(allowed, count, seed=0, prior=prior)
+            seconds = time.process_time() - begin
+            margins = [allowed.constraints.margin(theta) for theta in found.theta]
+            yield {
+                "prior": prior,
+                "models": len(found.theta),
+                "consistent": sum(m >= 0.0 for m in margins),
+                "steps of a chain": found.steps,
+                "s": f"{seconds:.1f}",
+                "effective, least": f"{found.effective.min():.0f}",
+                "effective, median": f"{np.median(found.effective):.0f}",
+                "split R^, largest": f"{found.r_hat.max():.3f}",
+                "split R^, median": f"{np.median(found.r_hat):.3f}",
+            }
 
 
 def excite(given: argparse.Namespace) -> Rows:

@@ -12,9 +12,9 @@ parameters move at random meets some constraint at once. Directions are therefor
 turn: a column of the covariance, which moves one parameter and the others as they follow it, with
 the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean, fixed after the warm-up;
 and a parameter that the fewest others counter, so that no torque shows it. An entropic prior enters
-by a Metropolis step. Many chains run as one array. They are judged by
-the split R^ of Gelman and Rubin (Bayesian Data Analysis, 3rd ed., 11.4) and the effective sample
-size of Geyer's initial positive sequence.
+by a Metropolis step. Many chains run as one array, from starts near the set's boundary. They are
+judged by the split R^ of Gelman and Rubin (Bayesian Data Analysis, 3rd ed., 11.4) and the
+effective sample size of Geyer's initial positive sequence.
 """
 
 from __future__ import annotations
@@ -46,6 +46,10 @@ _CHAINS = 8
 _WARM_UP, _BETWEEN = 20, 2
 #: Largest R^ of chains that have forgotten where they began.
 STATIONARY = 1.1
+#: Share of the way from the centre to the boundary at which chains start.
+_DISPERSION = 0.9
+#: Eigenvalues of the metric below this share of the largest are rounding.
+_THIN = 1e-14
 
 #: -2 log of a prior (chains,) at theta (chains, p).
 Penalty = Callable[[Array], Array]
@@ -65,6 +69,8 @@ class Samples:
     r_hat: Array
     #: Seed of all random numbers.
     seed: int
+    #: Steps of each chain, those of the warm-up included.
+    steps: int = 0
 
     @property
     def is_stationary(self) -> bool:
@@ -148,12 +154,13 @@ def sample_models(
         raise InputError(f"{n} samples", "ask for one at least")
     z = np.sqrt(2.0) * scipy.special.erfinv(allowed.level)
     std = np.sqrt(allowed.first_c) / z
+    rng = np.random.default_rng(seed)
     chains = Chains(
         allowed.cones,
         allowed.ball.A / std,
         allowed.ball.a / std,
-        allowed.optimiser(allowed.first_c).centre,
-        np.random.default_rng(seed),
+        dispersed_starts(allowed, rng),
+        rng,
         _divergence(allowed.task) if prior == "entropic" else None,
         allowed.unseen[:, allowed.unseen.any(axis=0)],
     )
@@ -161,7 +168,33 @@ def sample_models(
     flat = drawn.reshape(-1, drawn.shape[2])
     chosen = chains.rng.permutation(len(flat))[:n]
     r_hat, effective = diagnose_chains(drawn)
-    return Samples(flat[chosen], prior, effective * (n / len(flat)), r_hat, seed)
+    share = n / len(flat)
+    return Samples(flat[chosen], prior, effective * share, r_hat, seed, chains.n_steps)
+
+
+def dispersed_starts(allowed: AllowedSet, rng: np.random.Generator) -> Array:
+    """Return starts (chains, p) near the boundary of the set, in random directions from
+    its centre."""
+    cones = allowed.cones
+    ball = allowed.ball
+    centre = allowed.optimiser(allowed.first_c).centre
+    residual = ball.A @ centre - ball.a
+    room = allowed.limit(allowed.first_c) - residual @ residual
+    # Random in the local metric of data and constraints, in which the set is about round.
+    hessian = ball.A.T @ ball.A / room + barrier_hessian(cones, centre)
+    unit = np.sqrt(np.diagonal(hessian))
+    values, axes = np.linalg.eigh(hessian / np.outer(unit, unit))
+    root = axes / np.sqrt(np.maximum(values, _THIN * values[-1]))
+    d = rng.standard_normal((_CHAINS, len(centre))) @ root.T / unit
+    slacks = np.tile(cones.constant + cones.slack_map @ centre, (_CHAINS, 1))
+    rows, mats = split(cones, slacks)
+    row_changes, mat_changes = split(cones, (cones.slack_map @ d.T).T)
+    _, to_cones = _chord(rows, row_changes, mats, mat_changes)
+    # |residual + t A d|^2 = limit.
+    torque = d @ ball.A.T
+    b, square = torque @ residual, np.sum(torque**2, axis=1)
+    to_ball = room / np.maximum(b + np.sqrt(b**2 + square * room), 1e-300)
+    return np.asarray(centre + _DISPERSION * np.minimum(to_cones, to_ball)[:, None] * d)
 
 
 def _divergence(task: Task) -> Penalty:
@@ -191,7 +224,8 @@ class Chains:
         penalty: Penalty | None = None,
         unseen: Array | None = None,
     ) -> None:
-        """Begin all chains at a start (p,) strictly inside of the cones.
+        """Begin chains at starts (chains, p), or all at one (p,), strictly inside of the
+        cones.
 
         Parameters
         ----------
@@ -207,8 +241,10 @@ class Chains:
         self.a = a
         self.rng = rng
         self.penalty = penalty
-        self.unseen = np.zeros((len(start), 0)) if unseen is None else unseen
-        self.theta = np.tile(start, (_CHAINS, 1))
+        self.unseen = np.zeros((start.shape[-1], 0)) if unseen is None else unseen
+        self.theta = np.broadcast_to(start, (_CHAINS, start.shape[-1])).copy()
+        #: Steps that each chain has made.
+        self.n_steps = 0
         self._refresh()
         self._aim()
 
@@ -241,6 +277,7 @@ class Chains:
     def _run(self, sweeps: int) -> Array:
         """Make sweeps; return the states (chains, p) after them."""
         p = self.theta.shape[1]
+        self.n_steps += sweeps * p
         for k in range(sweeps * p):
             self._step(self.moves[k % len(self.moves)])
         self._refresh()

@@ -13,7 +13,7 @@ from sdp_vs_penalty.ranges import (
     torque_band,
     what_to_measure,
 )
-from sdp_vs_penalty.ranges.samples import Chains, diagnose_chains
+from sdp_vs_penalty.ranges.samples import Chains, diagnose_chains, dispersed_starts
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import ConstraintSet
@@ -52,6 +52,21 @@ def test_a_flat_link_has_the_moments_of_its_cone():
     np.testing.assert_allclose(P.mean(axis=0), 10.0 / 44.0 * np.eye(4), atol=close)
     mean_trace = np.trace(P, axis1=1, axis2=2).mean()
     assert mean_trace == pytest.approx(10.0 / 11.0, abs=close)
+
+
+def test_chains_start_near_the_boundary_of_the_set(model):
+    """A ninth of their way further and they would leave it."""
+    allowed = allowed_set(model.training.posed, model.theta)
+    limit = allowed.limit(allowed.first_c)
+    centre = allowed.optimiser(allowed.first_c).centre
+
+    def is_inside(theta):
+        residual = allowed.ball.A @ theta - allowed.ball.a
+        return residual @ residual < limit and allowed.constraints.margin(theta) > 0.0
+
+    for start in dispersed_starts(allowed, np.random.default_rng(0)):
+        assert is_inside(start)
+        assert not is_inside(centre + 1.12 * (start - centre))
 
 
 def test_a_normal_distribution_keeps_its_moments():
