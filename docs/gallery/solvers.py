@@ -30,8 +30,8 @@ setup = runner.Shootout(
 runs = runner.run(setup).results.runs
 
 # %% [markdown]
-# Each cell says what became of an answer. "silently_wrong" is one that the solver
-# called solved and the proof refutes.
+# Each cell says what became of an answer. A "false_claim" is one that the proof
+# refutes; "far" is one that met the solver's own tolerance, far from the optimum.
 
 # %%
 judged = runs.assign(judged=classes(runs, 1e-6))

@@ -48,6 +48,8 @@ CSDP_CLAIMS = {0: "optimal", 1: "unbounded", 2: "infeasible", 3: "inaccurate"}
 #: What the file of answers holds of each.
 GIVEN = ("problem", "solver", "hash", "accuracy", "seconds", "claimed", "status", "x")
 PREFIX = "outsider's "
+#: Of rows that both ended at the table's limit of time: there is no verdict to compare.
+NOT_COUNTED = "not counted"
 Row = dict[str, Any]
 
 
@@ -192,7 +194,7 @@ def kind(row: Row, accuracy: float) -> str:
     error = float(row["error"])
     if error <= 10.0 * accuracy:
         return "right"
-    return "inaccurate" if error <= 1e-3 else "silently wrong"
+    return "inaccurate" if error <= 1e-3 else "far or false"
 
 
 def in_words(value: object, column: str) -> str:
@@ -232,6 +234,8 @@ def compared(found: list[Row], judged: list[Row], table: dict[Any, Row]) -> list
                 "verdicts equal": "yes" if all(a == b for a, b in at) else "no",
             }
         )
+        if ("timeout", "timeout") in at:
+            rows[-1]["verdicts equal"] = NOT_COUNTED
     return rows
 
 
@@ -247,11 +251,20 @@ def sentences(rows: list[Row]) -> list[str]:
     within = 10.0 * ACCURACY
     known = [row for row in rows if row["its error"] is not None]
     n_equal = sum(row["verdicts equal"] == "yes" for row in rows)
+    ended = [row for row in rows if row["verdicts equal"] == NOT_COUNTED]
+    counted = len(rows) - len(ended)
     off = [row for row in known if row["its error"] > within]
     said = [
         f"{COUNT} instances of runs.csv, drawn by seed {SEED}; every solver asked for"
-        f" {ACCURACY:g}, with all else as its authors ship it. Right to an accuracy is within"
-        f" 10 times that. Verdicts are equal on {n_equal} of {len(rows)} rows."
+        f" {ACCURACY:g}, SCS also to give up after {PATIENCE:g} s, with all else as its authors"
+        f" ship it. Right to an accuracy is within 10 times that. Verdicts are equal on"
+        f" {n_equal} of {counted} rows."
+    ]
+    said += [
+        f"Not counted: {row['problem']}, {row['solver']}: more than {LIMIT:g} s of processor"
+        f" time, the table's limit, by either route; what it says itself, and in the table:"
+        f" {row['status']}."
+        for row in ended
     ]
     said += [
         f"Unequal: {row['problem']}, {row['solver']}: error or violation"

@@ -7,6 +7,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -15,7 +16,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.version import __version__
 
 #: Packages whose versions decide digits.
-_PACKAGES = ("numpy", "scipy", "pin", "clarabel", "cvxpy")
+_PACKAGES = ("numpy", "scipy", "pin", "clarabel", "cvxpy", "scs")
 #: What is timed is timed on one thread.
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
@@ -25,7 +26,7 @@ NOTE = "machine.txt"
 
 
 def make_folder(
-    folder: Path, *commands: Sequence[str], only: Sequence[str] = ()
+    folder: Path, *commands: Sequence[str], only: Sequence[str] = (), result: str = ""
 ) -> None:
     """Run the commands that make a folder of results; after each the folder's note says how
     it was made.
@@ -37,11 +38,16 @@ def make_folder(
         fails, this program exits with its code.
     only : sequence of str
         Words: commands without any of these are not run. None: all run.
+    result : str
+        File of the folder that a command adds to: each time that it does has a note, and
+        what leaves it as it was has none. "": every command makes all of its files.
     """
     root = folder.parents[1]
+    place = folder / result
     chosen = [words for words in commands if not only or set(only) & set(words)]
     for arguments in chosen:
         before = _processor_time()
+        held = place.read_bytes() if place.is_file() else None
         done = subprocess.run(
             [sys.executable, *arguments],
             cwd=root,
@@ -50,7 +56,9 @@ def make_folder(
         )
         if done.returncode != 0:
             raise SystemExit(done.returncode)
-        write_note(folder, [arguments], _processor_time() - before, commands)
+        if held is None or place.read_bytes() != held:
+            others = [x for x in commands if x != arguments or (result and held)]
+            write_note(folder, [arguments], _processor_time() - before, others)
 
 
 def program(*arguments: str) -> list[str]:
@@ -77,7 +85,7 @@ def write_note(
     """
     path = folder / NOTE
     done = [_as_typed(command) for command in commands]
-    still = {_as_typed(command) for command in others}.difference(done)
+    still = {_as_typed(command) for command in others}
     held = path.read_text("utf-8").split("\n\n") if path.is_file() else []
     lines = [
         *done,
@@ -109,9 +117,19 @@ def machine() -> str:
     """Describe the machine without naming it: system, processor, cores and load."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     return (
-        f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores,"
-        f" load {load:.1f}"
+        f"{platform.system()} {platform.machine()}{_processor_model()},"
+        f" {os.cpu_count()} cores, load {load:.1f}"
     )
+
+
+def _processor_model() -> str:
+    """Return the processor's model in brackets, "" where the system does not tell it."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text("utf-8").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return f" ({' '.join(value.split())})"
+    return ""
 
 
 def versions() -> str:

@@ -1,9 +1,9 @@
 """Who takes part: our default method, every conic solver of the library, what users do
 without one."""
 
-import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
@@ -13,14 +13,15 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Fit
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
+from sdp_vs_penalty.estimators.lmi_sdp import ATTEMPTS, LmiSdp, PosedSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
 from sdp_vs_penalty.shootout import augmented_lagrangian
 from sdp_vs_penalty.shootout.instances import Instance
 from sdp_vs_penalty.shootout.judge import Answer, no_answer
 from sdp_vs_penalty.solvers import solver_types
+from sdp_vs_penalty.solvers.clarabel import Clarabel
 from sdp_vs_penalty.solvers.solver import Solver
-from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS, ThroughCvxpy
+from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS, solve_tiny
 from sdp_vs_penalty.version import __version__
 
 
@@ -113,8 +114,13 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
 
 
 #: What the clock of a contestant holds.
-SOLVER_CALL = "the solver's call; form and interior point are there before"
+SOLVER_CALL = "rewriting, the solver's call; form and interior point are there before"
+PROGRAM_RUN = (
+    "rewriting, the program's start, its reading and solving; form and interior point are"
+    " there before"
+)
 ALL_OF_IT = "posing, solving, proving"
+MODELLING_TOO = "CVXPY's modelling and the solver's call"
 
 
 @dataclass(frozen=True)
@@ -160,18 +166,32 @@ class Contestant:
 
     def settings(self, accuracy: float) -> str:
         """Return everything that is passed at an accuracy, in words; part of a run's key."""
-        return ", ".join(
-            f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
-            for name, value in self.options(accuracy).items()
-        )
+        return _in_words(self.options(accuracy))
 
     def refuses(self, instance: Instance) -> str | None:
         """Return why an instance cannot be posed to this contestant, None if it can."""
         if instance.formulation != "residual" and not self.takes_conic_form:
-            return "takes R and rho, which this form does not hand out"
+            return "we pose it R and rho, which this form does not hand out"
         if instance.objective.entropy is not None and not self.entropy:
             return "no cone for log det"
         return None
+
+
+def _in_words(options: Mapping[str, Any]) -> str:
+    """Return options with their values in words."""
+    return ", ".join(
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in options.items()
+    )
+
+
+def _versions(*packages: str) -> str:
+    """Return the versions of packages: of the first alone, of others with their names."""
+    texts = []
+    for name in packages:
+        with suppress(metadata.PackageNotFoundError):
+            texts.append(f"{name} {metadata.version(name)}")
+    return ", ".join(texts).removeprefix(f"{packages[0]} ")
 
 
 def contestants() -> dict[str, Contestant]:
@@ -181,13 +201,13 @@ def contestants() -> dict[str, Contestant]:
     and, where it is named, inside our certified loop.
     """
     found = _baselines()
-    for name, kind in solver_types().items():
+    for kind in solver_types().values():
         solver = kind()
         alone = _conic(solver, tuned=False)
         found.append(alone)
         if solver.tuned_options:
             found.append(_conic(solver, tuned=True))
-        loop = _certified(name, solver.finest)
+        loop = _certified(solver, solver.finest)
         same = ("version", "absent", "entropy", "warm_up")
         found.append(replace(loop, **{x: getattr(alone, x) for x in same}))
     return {c.name: c for c in sorted(found, key=lambda c: c.name)}
@@ -228,9 +248,7 @@ def _conic(solver: Solver, tuned: bool) -> Contestant:
     def solve(instance: Instance, accuracy: float) -> Answer:
         """Solve an instance to an accuracy, and bring the answer back to its units."""
         sdp = instance.sdp
-        start = time.process_time()
         solution = solver.solve(sdp.conic, accuracy, tuned)
-        in_this_process = time.process_time() - start
         multipliers = sdp.multipliers(solution)
         return Answer(
             theta=sdp.theta(solution),
@@ -238,12 +256,13 @@ def _conic(solver: Solver, tuned: bool) -> Contestant:
             status=solution.status,
             multipliers=instance.constraints.stack_multipliers(multipliers),
             entropy_slopes=sdp.entropy_slopes(solution),
-            # What a program takes is no time of this process: this writes and reads.
-            file_seconds=in_this_process * (solver.requires[0] == "program"),
+            file_seconds=solution.file_seconds,
             solution=solution,
         )
 
     words = "; tuned by us" if tuned else ""
+    if not solver.tuned_options:
+        words = "; no effort was made to tune it"
     return Contestant(
         name=f"{solver.name} tuned" if tuned else solver.name,
         description=solver.description.removesuffix(".") + words,
@@ -253,26 +272,33 @@ def _conic(solver: Solver, tuned: bool) -> Contestant:
         absent=solver.absent,
         takes_conic_form=True,
         entropy="exp" in solver.cones,  # log det needs exponential cones
-        clock=SOLVER_CALL,
+        clock=PROGRAM_RUN if solver.requires[0] == "program" else SOLVER_CALL,
         warm_up=lambda: None if solver.absent else solver.warm_up(),
     )
 
 
-def _certified(solver: str | None, finest: float) -> Contestant:
+def _certified(solver: Solver | None, finest: float) -> Contestant:
     """Make a contestant of our certified fit with a conic solver inside, asked for
     ``finest``; None: the default method, which is a portfolio.
     """
-    words = f"{solver} in our loop: scaled, proved, solved again where the gap is loose"
+    inside = Clarabel() if solver is None else solver
+    passed = _in_words(inside.options(finest))
+    name = None if solver is None else solver.name
+    words = f"{name} in our loop: scaled, proved, solved again where the gap is loose"
     if solver is None:
         words = (
             "our default, a portfolio of two: a NumPy interior point, and Clarabel where"
             " its proved gap is loose"
         )
     return Contestant(
-        name="lmi-sdp" if solver is None else f"{solver} certified",
+        name="lmi-sdp" if solver is None else f"{name} certified",
         description=words,
-        solve=partial(_in_our_loop, solver=solver, finest=finest),
-        options=lambda accuracy: {"accuracy": finest, "proved gap": accuracy},
+        solve=partial(_in_our_loop, solver=name, finest=finest),
+        options=lambda accuracy: {
+            "accuracy": finest,
+            "proved gap": accuracy,
+            "inside": f"{inside.name}, at most {len(ATTEMPTS)} calls ({passed})",
+        },
         certifies=True,
     )
 
@@ -331,10 +357,10 @@ def _baselines() -> list[Contestant]:
         description=f"{formulas}(): its default for these cones is SCS at eps 1e-5",
         solve=partial(solve_cvxpy, solver=None),
         options=lambda accuracy: {"eps": "1e-05 by CVXPY's default"},
-        version=partial(metadata.version, "cvxpy"),
+        version=partial(_versions, "cvxpy", "scs"),
         promise=1e-5,
-        clock="CVXPY's modelling and the solver's call",
-        warm_up=ThroughCvxpy.warm_up,
+        clock=MODELLING_TOO,
+        warm_up=partial(solve_tiny, None),
     )
     clarabel = replace(
         cvxpy,
@@ -342,7 +368,9 @@ def _baselines() -> list[Contestant]:
         description=f"{formulas}(solver='CLARABEL')",
         solve=partial(solve_cvxpy, solver="CLARABEL"),
         options=lambda accuracy: {"tol_gap_rel": "1e-08 by Clarabel's default"},
+        version=partial(_versions, "cvxpy", "clarabel"),
         promise=1e-8,
+        warm_up=partial(solve_tiny, "CLARABEL"),
     )
     penalty = Contestant(
         name="penalty",
@@ -364,5 +392,6 @@ def _baselines() -> list[Contestant]:
     portfolio = replace(
         _certified(None, LmiSdp.accuracy),
         version=lambda: f"{__version__}, clarabel {metadata.version('clarabel')}",
+        warm_up=Clarabel().warm_up,
     )
     return [portfolio, cvxpy, clarabel, penalty, cholesky]

@@ -28,18 +28,24 @@ from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
 #: What a run is at an accuracy. "inaccurate": an optimum is claimed and the errors are
-#: larger than that, or the contestant says itself that it is inaccurate; "unproved": we
+#: larger than that, or the contestant says itself that it is inaccurate. Of claimed
+#: optima with errors above FAR: "far", its DIMACS errors are within what was asked for,
+#: so it met the solver's own rule; "far_unchecked", it has none, or they are above, and
+#: whether its rule is met in norms of its own is not known. "false_claim": infeasible or
+#: unbounded, where an optimum is proved, or an optimum without numbers. "unproved": we
 #: have no interval that could judge it, and it counts for nobody.
 CLASSES = (
-    *("right", "inaccurate", "silently_wrong"),
+    *("right", "inaccurate", "far", "far_unchecked", "false_claim"),
     *("failed", "timeout", "crash", "unproved"),
 )
+#: DIMACS errors that solvers' own rules bound: the cones', the slope's and the gap.
+OF_THE_RULE = [f"dimacs_{k}" for k in (2, 3, 4, 5)]
 
 #: How far beyond an accuracy an answer may be and still count as right: solvers stop by
 #: errors scaled in their own ways, of which ten times is the usual spread.
 SLACK = 10.0
-#: Errors beyond which a claimed optimum is silently wrong: not even right to 1e-4.
-WRONG = 1e-3
+#: Errors beyond which a claimed optimum is far: not even right to 1e-4.
+FAR = 1e-3
 #: A proved interval that is wider, relative to the loss, judges nobody.
 JUDGED_TO = 1e-8
 
@@ -152,10 +158,24 @@ class Judgement:
 
 
 def classes(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
-    """Return the class of each run at an accuracy, from its "outcome" and its "error"."""
-    sizes = [runs["error"] <= SLACK * accuracy, runs["error"] <= WRONG]  # NaN: neither
-    of_claims = np.select(sizes, ["right", "inaccurate"], "silently_wrong")
+    """Return the class of each run at an accuracy, from its "outcome", its "error", its
+    DIMACS errors and the "accuracy" that was asked for."""
+    error = runs["error"]
+    beyond = beyond_asked(runs)
+    is_class = {
+        "right": error <= SLACK * accuracy,
+        "inaccurate": error <= FAR,
+        "false_claim": ~np.isfinite(error),
+        "far": beyond <= SLACK,
+    }
+    of_claims = np.select(list(is_class.values()), list(is_class), "far_unchecked")
     return runs["outcome"].where(runs["outcome"] != "claim", of_claims)
+
+
+def beyond_asked(runs: pandas.DataFrame) -> pandas.Series:
+    """Return the largest DIMACS error of each run over the accuracy that was asked for;
+    NaN where it has none."""
+    return runs[OF_THE_RULE].abs().max(axis=1) / runs["accuracy"]
 
 
 def no_answer(instance: Instance, error: InputError | str) -> Answer:

@@ -19,6 +19,7 @@ import platform
 import resource
 import signal
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -220,7 +221,10 @@ def perform(task: Assignment) -> list[Any]:
         form_seconds = time.process_time() - used
     stopped = ""
     rows = list[Row]()
-    contestant.warm_up()  # what only the first call pays for
+    # Runs share the machine; and a thread of the first call would be none of a child's.
+    os.environ["RAYON_NUM_THREADS"] = "1"
+    with warnings.catch_warnings(action="ignore"):
+        contestant.warm_up()  # what only the first call pays for
     for accuracy in task.accuracies:
         row = run_one(task, contestant, problem_instance, accuracy, stopped)
         rows.append(row | {"form_seconds": form_seconds})
@@ -745,7 +749,7 @@ def _child(
     try:
         os.setsid()  # a group of its own, so that programs it starts are killed with it
         end_with(parent)
-        os.environ["RAYON_NUM_THREADS"] = "1"  # runs share the machine
+        os.environ["RAYON_NUM_THREADS"] = "1"
         silence = os.open(os.devnull, os.O_WRONLY)  # solvers print
         os.dup2(silence, 1)
         os.dup2(silence, 2)

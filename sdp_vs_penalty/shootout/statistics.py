@@ -2,8 +2,9 @@
 
 A share right of n has Wilson's 95 % interval (J. Am. Stat. Assoc. 1927). Two contestants
 are compared on the problems that both ran, by the exact sign test of the problems on which
-they differ (of right answers that is McNemar's). What a test at 5 % does not tell apart is
-about as good. Problems of one robot are alike: the intervals are of the set that ran.
+they differ (of right answers that is McNemar's). What no test tells apart is about as good;
+the tests of a table err together in 5 % (Bonferroni). Problems of one robot are alike: the
+intervals are of the set that ran.
 """
 
 import math
@@ -14,6 +15,8 @@ import pandas
 #: Of intervals: the 97.5 % point of the normal distribution; and of tests.
 _NORMAL_97 = 1.959964
 LEVEL = 0.05
+#: Times within this factor are about the same: runs again spread as much.
+SAME_TIME = 1.1
 #: Shorter times are not told apart by the clock of a process [s].
 SHORTEST = 1e-4
 
@@ -35,10 +38,16 @@ def sign_test(first: int, second: int) -> float:
     return min(1.0, 2.0 * tail / 2.0**n)
 
 
-def can_tell(n: int) -> bool:
-    """Tell whether so many problems suffice to rank anybody: whether the test would tell
-    two contestants apart of which one is right on all of them, and the other on none."""
-    return sign_test(n, 0) <= LEVEL
+def level(n_contestants: int) -> float:
+    """Return the level of each test of a table in which each contestant but one has a
+    test: together they err in LEVEL."""
+    return LEVEL / max(n_contestants - 1, 1)
+
+
+def can_tell(n: int, n_contestants: int = 2) -> bool:
+    """Tell whether so many problems suffice to rank so many contestants: whether the test
+    would tell two apart of which one is right on all of them, and the other on none."""
+    return sign_test(n, 0) <= level(n_contestants)
 
 
 def beside(cells: pandas.DataFrame, one: str, other: str) -> dict[str, float]:
@@ -52,7 +61,8 @@ def beside(cells: pandas.DataFrame, one: str, other: str) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        "one" and "other", on how many problems only that one is right, and "p" of these;
+        "n", how many both ran; "one" and "other", on how many problems only that one is
+        right, and "p" of these;
         "ratio", the geometric mean of the time of ``other`` over that of ``one`` where both
         are right (NaN without such problems), and "p_time" of who is faster.
     """
@@ -65,6 +75,7 @@ def beside(cells: pandas.DataFrame, one: str, other: str) -> dict[str, float]:
     seconds = seconds.clip(lower=SHORTEST)
     logs = np.log(seconds[other] / seconds[one]).dropna()
     return {
+        "n": len(both),
         "one": n_one,
         "other": n_other,
         "p": sign_test(n_one, n_other),

@@ -20,17 +20,32 @@ import numpy as np
 import pandas
 
 from sdp_vs_penalty.colours import PALETTE
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import write_text, writing
 from sdp_vs_penalty.formatting import count, number, words
 from sdp_vs_penalty.results.table import markdown_lines
+from sdp_vs_penalty.shootout.catalogue import everything
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
-from sdp_vs_penalty.shootout.judge import CLASSES, SLACK, classes
-from sdp_vs_penalty.shootout.statistics import LEVEL, SHORTEST, beside, can_tell, wilson
+from sdp_vs_penalty.shootout.judge import CLASSES, FAR, SLACK, classes
+from sdp_vs_penalty.shootout.statistics import (
+    SAME_TIME,
+    SHORTEST,
+    beside,
+    can_tell,
+    level,
+    wilson,
+)
 
 #: Accuracies at which every setting is judged.
 SHOWN = (1e-4, 1e-6, 1e-8)
 #: Shift of the geometric mean of times [s]: shorter times hardly differ in it.
 _TIME_SHIFT = 0.01
+#: What claims are that nobody can rely on, by their class, in words.
+DOUBTFUL = {
+    "false_claim": "false claims",
+    "far": "met its own tolerance, far from the optimum",
+    "far_unchecked": "far from the optimum, whether by its own tolerance is not known",
+}
 #: Sets of problems, in the order in which they are reported, and what they are.
 SETS = {
     "drawn": "drawn by the hashes of names; settings may be tuned on them",
@@ -53,82 +68,111 @@ def accuracies(runs: pandas.DataFrame) -> list[float]:
 def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     """Return each solver's best answer to each problem, at an accuracy.
 
-    The fastest that is right; else its most accurate claim; else how it failed last.
-    Unproved instances count for nobody.
+    The fastest that is right, whatever was asked for; else its most accurate claim; else
+    how it failed last. What was asked for less than the accuracy is neither far nor
+    false. Unproved problems count for nobody, nor do solvers that were never asked for
+    the accuracy.
 
     Returns
     -------
     DataFrame
-        Rows of runs.csv, one for each problem and solver, with "class" and "right"; and
-        "proved", whether any right answer is proved by the solver's own multipliers.
+        Rows of runs.csv, one for each problem and solver, with "class" and "right";
+        "proved", whether any right answer is proved by the solver's own multipliers, or
+        infeasibility is by a contestant that claims it with a proof only; "proves",
+        whether it returns multipliers at all.
     """
+    unproved = runs["problem"][runs["outcome"] == "unproved"]
+    tightest = runs.groupby("solver")["accuracy"].transform("min")
+    runs = runs[~runs["problem"].isin(unproved) & (tightest <= accuracy)]
     kinds = classes(runs, accuracy)
-    order = kinds.map({"right": 0, "inaccurate": 1, "silently_wrong": 1}).fillna(2)
-    # Says itself that it is inaccurate: behind what is claimed.
-    order = order.where((runs["outcome"] == "claim") | (order == 2), 1.5)
-    within = runs["seconds"].where(kinds == "right", runs["error"])
     is_right = kinds == "right"
+    is_loose = ~is_right & (runs["error"] > FAR) & (runs["accuracy"] > accuracy)
+    is_loose &= runs["outcome"] == "claim"
+    kinds = kinds.where(~is_loose, "inaccurate")
+    # Says itself that it is inaccurate: behind what is claimed.
+    order = np.select(
+        [is_right, is_loose, runs["outcome"] == "claim", kinds == "inaccurate"],
+        [0.0, 3.0, 1.0, 1.5],
+        2.0,
+    )
+    within = runs["seconds"].where(is_right, runs["error"])
     by_own_dual = runs["own_gap"] <= SLACK * accuracy
-    is_proved = is_right & (by_own_dual | (runs["claimed"] == "infeasible"))
+    certifying = {name for name, c in contestants().items() if c.certifies}
+    is_checked = (runs["claimed"] == "infeasible") & runs["solver"].isin(certifying)
+    is_proved = is_right & (by_own_dual | is_checked)
     answers = [runs["problem"], runs["solver"]]
     ranked = runs.assign(**{"class": kinds, "right": is_right})
     ranked["proved"] = is_proved.groupby(answers).transform("any")
-    ranked = ranked.assign(order=order, within=within)[kinds != "unproved"]
+    has_dual = pandas.Series(np.isfinite(runs["own_gap"]), runs.index)
+    ranked["proves"] = has_dual.groupby(runs["solver"]).transform("any")
+    ranked = ranked.assign(order=order, within=within)
     ranked = ranked.sort_values(["order", "within", "accuracy"], kind="stable")
     return ranked.drop_duplicates(["problem", "solver"]).drop(
         columns=["order", "within"]
     )
 
 
-def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
-    """Rank the contestants by the lower end of the 95 % interval of their share right, which
-    is fair to those to whom fewer problems can be posed.
+def is_ranked(cells: pandas.DataFrame) -> bool:
+    """Tell whether a table has problems enough to rank its contestants."""
+    return can_tell(cells["problem"].nunique(), cells["solver"].nunique())
 
-    Ties are ranked by fewer silently wrong answers, then by shorter time.
+
+def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
+    """Rank the contestants by the lower end of the 95 % interval of their share right.
+
+    A table's problems are posed to all of its contestants, as far as they were run. Ties
+    are ranked by fewer false and far answers, then by shorter time. Too few problems
+    rank nobody (:func:`is_ranked`): the order is that of names.
 
     Returns
     -------
     DataFrame
         One row for each contestant: "right" of "run" problems; "low", the lower end;
-        "wrong", silently;
-        "proved", by its own multipliers; medians of "seconds", of their "spread", of
-        "file_seconds" and "form_seconds" where it is right; and what
+        how many are "false_claim", "far", "far_unchecked"; "proved", by its own
+        multipliers (NaN without any); medians of "seconds", the limit where it is not
+        right, of "spread" and "file_seconds" where it is, and of "form_seconds", which
+        are one median of all solvers for each problem; and what
         :func:`~statistics.beside` says of it and the row above.
     """
     is_right = cells["right"]
     spread = (cells["seconds_most"] - cells["seconds_least"]) / cells["seconds"]
-    by_right = {
-        "seconds": cells["seconds"].where(is_right),
+    form = cells["form_seconds"].where(cells["form_seconds"] > 0.0)
+    form_of_problem = form.groupby(cells["problem"]).transform("median")
+    medians = {
+        "seconds": cells["seconds"].where(is_right, cells["time_limit"]),
         "spread": spread.where(is_right & (cells["repeats"] > 1)),
         "file_seconds": cells["file_seconds"].where(is_right),
-        "form_seconds": cells["form_seconds"].where(is_right),
+        "form_seconds": form_of_problem.where(form.notna(), 0.0),
     }
-    rows = cells.assign(wrong=cells["class"] == "silently_wrong", **by_right)
-    how: dict[str, Any] = {"run": ("problem", "size")}
-    how |= {name: (name, "sum") for name in ("right", "wrong", "proved")}
-    how |= {name: (name, "median") for name in by_right}
+    counts = {name: cells["class"] == name for name in DOUBTFUL}
+    rows = cells.assign(**counts, **medians)
+    how: dict[str, Any] = {"run": ("problem", "size"), "proves": ("proves", "any")}
+    how |= {name: (name, "sum") for name in ("right", "proved", *DOUBTFUL)}
+    how |= {name: (name, "median") for name in medians}
     table = rows.groupby("solver").agg(**how).reset_index()
+    table["proved"] = table["proved"].where(table["proves"], np.nan)
     pairs_right = zip(table["right"], table["run"], strict=True)
     table["low"] = [wilson(right, n)[0] for right, n in pairs_right]
-    table = table.sort_values(
-        by=["low", "wrong", "seconds"],
-        ascending=[False, True, True],
-        kind="stable",
-        ignore_index=True,
-    )
+    table["doubtful"] = table[list(DOUBTFUL)].sum(axis=1)
+    if is_ranked(cells):
+        table = table.sort_values(
+            by=["low", "doubtful", "seconds"],
+            ascending=[False, True, True],
+            kind="stable",
+            ignore_index=True,
+        )
     names = table["solver"].tolist()
     pairs = [beside(cells, *pair) for pair in pairwise(names)]
-    first = {name: np.nan for name in ("one", "other", "p", "ratio", "p_time")}
-    return table.join(
-        pandas.DataFrame([first, *pairs], index=table.index[: len(names)])
-    )
+    first = {name: np.nan for name in ("n", "one", "other", "p", "ratio", "p_time")}
+    return table.join(pandas.DataFrame([first, *pairs][: len(names)], dtype=float))
 
 
 def about_as_right(cells: pandas.DataFrame, table: pandas.DataFrame) -> list[str]:
     """List the first of a ranking and all that no test tells from it."""
     names: list[str] = table["solver"][table["right"] > 0].tolist()
+    at = level(len(table))
     return names[:1] + [
-        name for name in names[1:] if beside(cells, names[0], name)["p"] > LEVEL
+        name for name in names[1:] if beside(cells, names[0], name)["p"] > at
     ]
 
 
@@ -138,73 +182,156 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
     Returns
     -------
     list of str
-        Of each set that was run, at each accuracy: all numbers are of :func:`ranking`.
+        Of each table, at each accuracy: all numbers are of :func:`ranking`.
     """
     said = []
-    for name, part in _by_set(runs):
+    for name, form, _, part in _tables(runs):
         for accuracy in accuracies(runs):
-            said += _advice(part, accuracy, f"{name or 'chosen'} problem")
+            said += _advice(part, accuracy, name, form)
+        others = sorted(set(runs["solver"]) - set(part["solver"]))
+        if others:
+            n = part["problem"].nunique()
+            verb = "were" if len(others) > 1 else "was"
+            said.append(f"{words(others)} {verb} given none of {count(n, name)}{form}.")
     ours = runs[(runs["solver"] == "lmi-sdp") & runs["status"].str.contains(": proved")]
     if len(ours):
         by_clarabel = ours["problem"][~ours["status"].str.startswith("primal-dual")]
         of = f"{by_clarabel.nunique()} of {ours['problem'].nunique()} problems"
         said.append(f"lmi-sdp is a portfolio: it called Clarabel on {of}.")
+        tightest = runs["accuracy"].min()
+        alone = runs[(runs["solver"] == "lmi-sdp") & (runs["accuracy"] == tightest)]
+        kinds = classes(alone, tightest)
+        said.append(
+            f"lmi-sdp solves to {LmiSdp.accuracy:g} whatever it is asked for, and claims the"
+            f" gap that it proves: of its answers asked for {tightest:.0e} alone,"
+            f" {(kinds == 'right').sum()} of {len(alone)} are right, and"
+            f" {(kinds == 'inaccurate').sum()} it calls inaccurate, whatever their figures."
+        )
     return said
 
 
-def _by_set(runs: pandas.DataFrame) -> list[tuple[str, pandas.DataFrame]]:
-    """Return the runs of each set that has any, in the order of SETS."""
-    parts = [(name, runs[runs["set"] == name]) for name in SETS]
-    return [(name, part) for name, part in parts if len(part)]
+def _tables(runs: pandas.DataFrame) -> list[tuple[str, str, str, pandas.DataFrame]]:
+    """Return the runs of each table that has any, in the order of SETS.
+
+    Problems with log det are tables of their own: fewer solvers take them, and who takes
+    fewer problems is harder to tell from the first.
+
+    Returns
+    -------
+    list of (str, str, str, DataFrame)
+        Name of one of its problems, " with log det" or "", what they are, the runs.
+    """
+    entropic = {e.name for e in everything() if "regulariser" in e.families}
+    has_log_det = runs["problem"].isin(entropic)
+    forms = {"": ~has_log_det, " with log det": has_log_det}
+    parts = [
+        (
+            f"{name or 'chosen'} problem",
+            form,
+            about,
+            runs[(runs["set"] == name) & those],
+        )
+        for name, about in SETS.items()
+        for form, those in forms.items()
+    ]
+    return [part for part in parts if len(part[-1])]
 
 
-def _advice(runs: pandas.DataFrame, accuracy: float, where: str) -> list[str]:
-    """Return the sentences about one set at one accuracy."""
+def _advice(runs: pandas.DataFrame, accuracy: float, name: str, form: str) -> list[str]:
+    """Return the sentences about one table at one accuracy."""
     cells = best_answers(runs, accuracy)
     ranked = ranking(cells)
-    n_problems = runs["problem"].nunique()
-    where = count(n_problems, where)
+    where = count(cells["problem"].nunique(), name) + form
     if not (good := about_as_right(cells, ranked)):
         return [f"At {accuracy:.0e}, nobody is right on any of {where}."]
     table = ranked.set_index("solver")
-    if not can_tell(n_problems):
-        said = f"{where} cannot rank anybody. Right to {accuracy:.0e}:"
-        return [f"{said} {_by_count(table, 'right')}{_silently_wrong(table)}."]
-    first, *same = [
-        f"{name} ({table.loc[name, 'right']} of {table.loc[name, 'run']})"
-        for name in good
+    if not is_ranked(cells):
+        counts = _by_count(table, "right")
+        said = f"{where} cannot rank anybody. Right to {accuracy:.0e}: {counts}"
+        return [f"{said}{_doubtful(table, cells)}."]
+    first = good[0]
+    same = [
+        _share(table, name, "right", common=beside(cells, first, name)["n"])
+        for name in good[1:]
     ]
-    said = f"Right to {accuracy:.0e} on {where}: most surely {first}"
+    said = f"Right to {accuracy:.0e} on {where}: most surely"
+    said += f" {_share(table, first, 'right')}"
     if same:
         said += f", from which no test tells {words(same)}"
     known = contestants()
-    first = good[0]
-    form = table.loc[first, "form_seconds"]
+    before = table.loc[first, "form_seconds"]
     said += f"; {first} takes {_milliseconds(table.loc[first, 'seconds'])} ms (median"
-    said += f"; {_milliseconds(form)} ms before for its form)" if form else ")"
+    said += f"; {_milliseconds(before)} ms before for its form)" if before else ")"
     if "lmi-sdp" in good[1:]:
-        pair = beside(cells, first, "lmi-sdp")
-        is_slower = pair["p_time"] <= LEVEL
-        how = f"{number(pair['ratio'])} times as long" if is_slower else "about as long"
-        said += f", lmi-sdp {how} ({known['lmi-sdp'].clock})"
+        ours = _milliseconds(table.loc["lmi-sdp", "seconds"])
+        said += f", lmi-sdp {ours} ms ({known['lmi-sdp'].clock})"
     if proving := [s for s in good if s in known and known[s].certifies]:
         said += (
             f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each claim"
         )
-    return [f"{said}{_silently_wrong(table)}."]
+    return [f"{said}{_doubtful(table, cells)}."]
 
 
-def _silently_wrong(table: pandas.DataFrame) -> str:
-    """Say on how many problems who is silently wrong, "" if nobody is."""
-    by = _by_count(table, "wrong")
-    return by and f". Silently wrong: {by}"
+def _doubtful(table: pandas.DataFrame, cells: pandas.DataFrame) -> str:
+    """Say who claims on how many problems what is false or far, "" if nobody does."""
+    said = ""
+    for kind, what in DOUBTFUL.items():
+        if by := _by_count(table, kind, cells[cells["class"] == kind]):
+            said += f". {what[:1].upper()}{what[1:]}: {by}"
+    return said
 
 
-def _by_count(table: pandas.DataFrame, column: str) -> str:
-    """List the contestants of a ranking that are right or wrong on any problem."""
+def _by_count(
+    table: pandas.DataFrame, column: str, cells: pandas.DataFrame | None = None
+) -> str:
+    """List the contestants of a ranking that are so on any problem, with how many.
+
+    Parameters
+    ----------
+    cells : DataFrame, optional
+        These answers: what is false is named.
+    """
     some = table[column][table[column] > 0].sort_values(ascending=False, kind="stable")
-    texts = [f"{name} on {n} of {table.loc[name, 'run']}" for name, n in some.items()]
+    texts = []
+    for name in some.index:
+        claims = list[str]()
+        if cells is not None:
+            claimed = set(cells["claimed"][cells["solver"] == name])
+            claims = sorted(claimed - {"optimal"})
+        texts.append(_share(table, name, column, " on ", claims))
     return words(texts) if texts else ""
+
+
+def _share(
+    table: pandas.DataFrame,
+    name: str,
+    column: str,
+    before: str = "",
+    more: Sequence[str] = (),
+    common: float = np.nan,
+) -> str:
+    """Write on how many problems a contestant is so, and what is to be known with it.
+
+    Parameters
+    ----------
+    before : str
+        Words before the number; "": the number is in brackets.
+    more : sequence of str
+        Words to add.
+    common : float
+        Number of problems on which it is compared, said where it has run others.
+    """
+    n_run = table.loc[name, "run"]
+    notes = list(more)
+    if common < n_run:
+        notes.append(f"compared on {common:.0f}")
+    who = contestants().get(name)
+    if who is not None and who.promise is not None:
+        notes.append(f"unscaled, one setting: {who.promise:g}")
+    number_of = f"{table.loc[name, column]} of {n_run}"
+    if not before:
+        return f"{name} ({'; '.join([number_of, *notes])})"
+    return f"{name}{before}{number_of}" + (f" ({'; '.join(notes)})" if notes else "")
 
 
 def profile(
@@ -362,43 +489,85 @@ def _markdown(table: pandas.DataFrame) -> str:
     return "\n".join(markdown_lines(list(table.columns), cells))
 
 
-def _ranking_in_words(table: pandas.DataFrame) -> str:
-    """Return a ranking as a Markdown table."""
+def _ranking_in_words(cells: pandas.DataFrame) -> str:
+    """Return the ranking of a table as a Markdown table; counts if nobody is ranked."""
     known = contestants()
+    table = ranking(cells)
+    clocks = {name: c.clock for name, c in known.items()}
+    above = ""
     rows = []
     for row in table.to_dict("records"):
         low, high = wilson(row["right"], row["run"])
-        who = known.get(row["solver"])
+        name = row["solver"]
+        who = known.get(name)
+        is_one_clock = clocks.get(above) == clocks.get(name)
         rows.append(
             {
-                "solver": row["solver"],
+                "solver": name,
                 "right": row["right"],
                 "of": row["run"],
                 "95 % interval": f"{100 * low:.0f} to {100 * high:.0f} %",
-                "silently wrong": row["wrong"],
-                "proved": row["proved"],
+                **{DOUBTFUL[kind]: row[kind] for kind in DOUBTFUL},
+                "proved": "n/a" if np.isnan(row["proved"]) else f"{row['proved']:.0f}",
                 "certifies": "yes" if who is not None and who.certifies else "",
                 "median [ms]": _milliseconds(row["seconds"]),
+                "its time holds": clocks.get(name, "as stated").partition(";")[0],
                 "spread": "-" if np.isnan(row["spread"]) else f"{row['spread']:.0%}",
                 "form [ms]": _milliseconds(row["form_seconds"]),
                 "files [ms]": _milliseconds(row["file_seconds"]),
-                "beside the row above": _beside_in_words(row),
+                "beside the row above": _beside_in_words(
+                    row, level(len(table)), is_one_clock
+                ),
             }
         )
-    return _markdown(pandas.DataFrame(rows))
+        above = name
+    shown = pandas.DataFrame(rows)
+    if rows and not is_ranked(cells):
+        shown = shown.drop(columns=["95 % interval", "beside the row above"])
+    return _markdown(shown)
 
 
-def _beside_in_words(row: dict[str, float]) -> str:
+def _beside_in_words(row: dict[str, float], at: float, is_one_clock: bool) -> str:
     """Say how a contestant compares with the one above it in the ranking."""
     if np.isnan(row["p"]):
         return ""
-    how = "about as right" if row["p"] > LEVEL else "less often right"
-    said = f"{how} ({row['one']:.0f} to {row['other']:.0f}, p {row['p']:.2g})"
+    how = "about as right" if row["p"] > at else "less often right"
+    said = f"{how} ({row['one']:.0f} to {row['other']:.0f} of {row['n']:.0f},"
+    said += f" p {row['p']:.2g})"
     if np.isnan(row["ratio"]):
         return said
-    if row["p_time"] > LEVEL:
+    if not is_one_clock:
+        return f"{said}; another clock"
+    is_near = 1.0 / SAME_TIME < row["ratio"] < SAME_TIME
+    if is_near or row["p_time"] > at:
         return f"{said}, about as fast"
     return f"{said}, {number(row['ratio'])} times as long (p {row['p_time']:.1g})"
+
+
+def false_claims(runs: pandas.DataFrame) -> pandas.DataFrame:
+    """List the false claims, one row for each problem, solver and claim.
+
+    Returns
+    -------
+    DataFrame
+        In words, with the accuracies that were asked for, and the size of the optimum in
+        the units that were handed out.
+    """
+    those = runs[classes(runs, FAR / SLACK) == "false_claim"]
+    rows = [
+        {
+            "problem": problem,
+            "solver": solver,
+            "claims": claimed,
+            "asked for": ", ".join(f"{a:.0e}" for a in part["accuracy"]),
+            "status": part["status"].iloc[0],
+            "optimum": _small(part["upper"].iloc[0]),
+        }
+        for (problem, solver, claimed), part in those.groupby(
+            ["problem", "solver", "claimed"], sort=False
+        )
+    ]
+    return pandas.DataFrame(rows)
 
 
 def _settings_in_words(table: pandas.DataFrame) -> str:
@@ -440,13 +609,19 @@ def _contestants_in_words(runs: pandas.DataFrame) -> str:
 def by_problem(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     """Return how each solver did on each problem: rows are problems, columns solvers.
 
-    A silently wrong answer is followed by its error.
+    A false certificate is followed by its claim, a far answer by its error.
     """
     cells = best_answers(runs, accuracy)
-    wrong = [
-        f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in cells["error"]
+    said = [
+        {
+            "false_claim": f"**FALSE** {claimed}",
+            "far": f"far {error:.0e}",
+            "far_unchecked": f"far, unchecked {error:.0e}",
+        }.get(kind, kind)
+        for kind, claimed, error in zip(
+            cells["class"], cells["claimed"], cells["error"], strict=True
+        )
     ]
-    said = np.where(cells["class"] == "silently_wrong", wrong, cells["class"])
     grid = cells.assign(said=said).pivot(
         index="problem", columns="solver", values="said"
     )
@@ -476,14 +651,17 @@ def write_summary(
     unproved = sorted(set(runs["problem"][runs["outcome"] == "unproved"]))
     missing += [f"{name}: no interval is proved that could judge" for name in unproved]
     rankings = []
-    for name, part in _by_set(runs):
+    for name, form, about, part in _tables(runs):
         n = part["problem"].nunique()
-        rankings.append(
-            f"## {(name or 'other').capitalize()} problems: {n} {SETS[name]}"
-        )
+        title = f"{name.capitalize()}s{form}"
+        rankings.append(f"## {title}: {n} {about}")
         for accuracy in accuracies(runs):
-            table = _ranking_in_words(ranking(best_answers(part, accuracy)))
-            rankings.append(f"### At {accuracy:.0e}, {name or 'other'}\n\n{table}")
+            cells = best_answers(part, accuracy)
+            head = f"### At {accuracy:.0e}, {title.lower()}"
+            if len(cells) and not is_ranked(cells):
+                head += ": too few to rank anybody; counts, by name"
+            rankings.append(f"{head}\n\n{_ranking_in_words(cells)}")
+    false = false_claims(runs)
     settings = by_setting(runs)
     tightest = accuracies(runs)[-1]
     template = Path(__file__).with_suffix(".md").read_text("utf-8")
@@ -496,6 +674,7 @@ def write_summary(
         contestants=_contestants_in_words(runs),
         tightest=tightest,
         problems=_markdown(by_problem(runs, tightest)),
+        false_claims=_markdown(false) if len(false) else "Nobody made any.",
         left_out="".join(f"- {line}.\n" for line in missing),
         machines=", ".join(sorted(runs["machine"].unique())),
         minutes=(runs["seconds"] * runs["repeats"]).sum() / 60.0,

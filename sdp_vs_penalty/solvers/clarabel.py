@@ -19,7 +19,6 @@ class Clarabel(Solver):
         "max_threads": 1,
     }
     tuned_options = {
-        # Supernodal: as fast as the default on an arm, twice as fast on sixty links.
         "direct_solve_method": "faer",
         # A pivot whose sign rounding has turned would be replaced by 2e-7, far above
         # the accuracy that links of unequal size need: over 540 random arms that made
@@ -28,9 +27,13 @@ class Clarabel(Solver):
         "static_regularization_constant": 1e-10,
     }
     status_meaning = {
-        **{"Solved": "optimal", "AlmostSolved": "inaccurate"},
-        **dict.fromkeys(("PrimalInfeasible", "AlmostPrimalInfeasible"), "infeasible"),
-        **dict.fromkeys(("DualInfeasible", "AlmostDualInfeasible"), "unbounded"),
+        "Solved": "optimal",
+        "PrimalInfeasible": "infeasible",
+        "DualInfeasible": "unbounded",
+        **dict.fromkeys(
+            ("AlmostSolved", "AlmostPrimalInfeasible", "AlmostDualInfeasible"),
+            "inaccurate",
+        ),
     }
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
@@ -42,8 +45,8 @@ class Clarabel(Solver):
         """
         import clarabel
 
-        # Clarabel takes an entry of b beyond 1e20 for infinite: it drops the row, or
-        # panics.
+        # By default (set_infinity, presolve_enable) Clarabel takes an entry of b beyond
+        # 1e20 for infinite: it drops the row, or panics.
         if np.max(np.abs(problem.b), initial=0.0) >= 1e20:
             return Solution.none(problem, "data beyond 1e20")
         settings = clarabel.DefaultSettings()

@@ -70,6 +70,8 @@ class Solution:
     status: str
     #: Number of iterations.
     iterations: int
+    #: Processor time of writing and reading a program's files [s].
+    file_seconds: float = 0.0
 
     @classmethod
     def none(

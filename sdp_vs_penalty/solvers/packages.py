@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import KINDS, sizes
 from sdp_vs_penalty.solvers.solver import (
     ACCURACY,
@@ -90,11 +90,11 @@ class Qics(Solver):
     # Iterative refinement and third-order adjustments are on by default, as its manual
     # recommends.
     default_options = {"tol_gap": ACCURACY, "tol_feas": ACCURACY}
-    status_meaning = (
-        {"optimal": "optimal", "near_optimal": "inaccurate"}
-        | dict.fromkeys(("pinfeas", "near_pinfeas"), "infeasible")
-        | dict.fromkeys(("dinfeas", "near_dinfeas"), "unbounded")
-    )
+    status_meaning = {
+        "optimal": "optimal",
+        "pinfeas": "infeasible",
+        "dinfeas": "unbounded",
+    } | dict.fromkeys(("near_optimal", "near_pinfeas", "near_dinfeas"), "inaccurate")
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Solve a conic problem by the package QICS.
@@ -149,32 +149,10 @@ class Qics(Solver):
             x, z, info["sol_status"], info["num_iter"], exit_status
         )
 
-    def warm_up(self) -> None:
-        """Solve a tiny problem with one cone of each kind, so that timings are fair.
-
-        QICS compiles its code for a cone on first use; timings should not contain that.
-        """
-        cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
-        # b - A x lies in these cones, with x (2,):
-        minus_A = [
-            [[1, 0], [0, 1]],  # x >= 0
-            [[0, 0], [1, 0], [0, 1]],  # |x| <= 9
-            [[1, 0], [0, 0], [0, 1]],  # [[x1, s], [s, x2]] >= 0, s = 1 / sqrt 2
-            [[1, 0], [0, 0], [0, 1]],  # exp(x1) <= x2 + 9
-        ]
-        A = scipy.sparse.csc_matrix(-np.vstack(minus_A).astype(float))
-        b = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 9.0])
-        coarse_accuracy = 1e-4
-        without_quadratic_term = scipy.sparse.csc_matrix((2, 2))
-        self.solve(
-            ConicProblem(without_quadratic_term, q=np.ones(2), A=A, b=b, cones=cones),
-            coarse_accuracy,
-        )
-
 
 class Scs(Solver):
-    """SCS (O'Donoghue, Chu, Parikh, Boyd 2016), a first-order splitting method, called
-    directly."""
+    """SCS 3 (O'Donoghue, SIAM J. Optim. 2021), a first-order splitting method, called
+    directly with the linear solver that it chooses (LinearSolver.AUTO)."""
 
     name = "scs"
     extra = "solvers"
@@ -219,17 +197,19 @@ class Scs(Solver):
         z = np.empty(len(scs_order))
         info = result["info"]
         z[scs_order] = result["y"]  # back to our order
-        # "solved", or "solved (inaccurate - ...)": the first word is the status.
+        # "solved", or "solved (inaccurate - ...)": the first word is the status; so of
+        # "infeasible" and "unbounded".
         word, _, remark = info["status"].partition(" ")
+        words = f"{remark} {info.get('lin_sys_solver', '')}".strip()
         solution = self.make_solution(
-            np.array(result["x"]), z, word, info["iter"], remark
+            np.array(result["x"]), z, word, info["iter"], words
         )
-        is_inaccurate = word == "solved" and remark
-        return replace(solution, claims="inaccurate") if is_inaccurate else solution
+        return replace(solution, claims="inaccurate") if remark else solution
 
 
 class Sdpa(Solver):
-    """SDPA (Fujisawa, Fukuda, Kojima, Nakata, Yamashita) through sdpa-python."""
+    """SDPA (Fujisawa, Fukuda, Kojima, Nakata, Yamashita) as the wheel of sdpa-python, whose
+    version it has, holds it."""
 
     name = "sdpa"
     extra = "solvers"

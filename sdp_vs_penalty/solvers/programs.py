@@ -4,8 +4,10 @@ import re
 import signal
 import subprocess
 import tempfile
+import time
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -123,8 +125,10 @@ class Program(Solver):
         program = command[0]
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
             folder = Path(name)
+            begin = time.process_time()
             (folder / "problem.dat-s").write_text(sdpa_text(problem))
             _write_parameters(folder, f"param.{program}", options)
+            file_seconds = time.process_time() - begin
             done = subprocess.run(
                 command,
                 cwd=folder,
@@ -137,14 +141,16 @@ class Program(Solver):
             # A negative return code is minus the signal that ended the program.
             _raise_on_signal(program, -done.returncode)
             claims, status, iterations = self.ended(done.stdout, done.returncode)
+            begin = time.process_time()
             answer = self.answer(folder, problem)
+            file_seconds += time.process_time() - begin
         if answer is not None:
-            x, z = answer
-            return Solution(x, z, claims, status, iterations)
+            return Solution(*answer, claims, status, iterations, file_seconds)
         # A program that claims success without a readable solution has failed.
         if claims in ("optimal", "inaccurate"):
             claims = "failed"
-        return Solution.none(problem, status, claims, iterations)
+        nothing = Solution.none(problem, status, claims, iterations)
+        return replace(nothing, file_seconds=file_seconds)
 
 
 def _write_parameters(folder: Path, name: str, options: Mapping[str, Any]) -> None:
@@ -224,16 +230,36 @@ class Dsdp(Program):
         return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        """Return claim, status and number of iterations from DSDP's output."""
+        """Return claim, status and number of iterations from DSDP's output.
+
+        The status has its reason, and how far DSDP says its solution is infeasible.
+        """
         status = next(
             (p for p in reversed(self.status_meaning) if p in text), f"exit code {code}"
         )
+        reason = re.search(f"^{re.escape(status)}([^\n.]*)", text, re.M)
+        words = status + (reason.group(1).rstrip() if reason else "")
+        for misses in re.findall(r"^[PD] Infeasible: *[-\d.e+]+", text, re.M):
+            words += f"; {misses}"
         steps = re.findall(r"^(\d+)\s+[-\d.e+]+\s+[-\d.e+]+", text, re.M)
         return (
             self.status_meaning.get(status, "failed"),
-            status,
+            words,
             int(steps[-1]) if steps else 0,
         )
+
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        """Solve a conic problem by DSDP, as by any program.
+
+        A solution that DSDP itself says misses by more than what was asked for is
+        inaccurate: it solves a problem with bounds of its own on both variables.
+        """
+        solution = super().run(problem, options)
+        misses = re.findall(r"[PD] Infeasible: *([-\d.e+]+)", solution.status)
+        worst = max(map(float, misses), default=0.0)
+        if solution.claims == "optimal" and worst > options["gaptol"]:
+            return replace(solution, claims="inaccurate")
+        return solution
 
 
 class SdpaProgram(Program):

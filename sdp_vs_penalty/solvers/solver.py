@@ -5,7 +5,6 @@ the solver takes and is told, and runs it on a problem of that form. Rewriting t
 problem, reading the answer back and finding out what is installed are here, once.
 """
 
-import importlib
 import importlib.util
 import shutil
 import subprocess
@@ -17,11 +16,12 @@ from importlib import metadata
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.plugins import summary_line
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import full_matrices, suited
 
 #: Stands in :attr:`Solver.default_options` for the accuracy that is asked for.
@@ -30,7 +30,9 @@ ACCURACY = "accuracy"
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 #: What SDPA's phases claim of our problem, which is its dual.
 SDPA_CLAIMS = {
-    **{"pdOPT": "optimal", "pINF_dFEAS": "infeasible", "dUNBD": "infeasible"},
+    "pdOPT": "optimal",
+    # pdINF: primal or dual is infeasible, or both; CVXPY reads it as here.
+    **dict.fromkeys(("pINF_dFEAS", "dUNBD", "pdINF"), "infeasible"),
     **dict.fromkeys(("pdFEAS", "pFEAS", "dFEAS"), "inaccurate"),
     **dict.fromkeys(("pFEAS_dINF", "pUNBD"), "unbounded"),
 }
@@ -52,6 +54,34 @@ def flat(values: Any, size: int) -> Array:
     if values is None:
         return np.full(size, np.nan)
     return np.array(values, float).ravel()
+
+
+def tiny_problem(exponential: bool) -> ConicProblem:
+    """Return a problem of two variables with a cone of each kind: minimise x1 + x2.
+
+    Parameters
+    ----------
+    exponential : bool
+        Whether one is exponential.
+    """
+    cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
+    # b - A x lies in these cones, with x (2,):
+    minus_A = [
+        [[1, 0], [0, 1]],  # x >= 0
+        [[0, 0], [1, 0], [0, 1]],  # |x| <= 9
+        [[1, 0], [0, 0], [0, 1]],  # [[x1, s], [s, x2]] >= 0, s = 1 / sqrt 2
+        [[1, 0], [0, 0], [0, 1]],  # exp(x1) <= x2 + 9
+    ]
+    A = scipy.sparse.csc_matrix(-np.vstack(minus_A).astype(float))
+    b = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 9.0])
+    rows = len(b) if exponential else 8
+    return ConicProblem(
+        scipy.sparse.csc_matrix((2, 2)),
+        q=np.ones(2),
+        A=A[:rows],
+        b=b[:rows],
+        cones=cones if exponential else cones[:3],
+    )
 
 
 class Solver(ABC):
@@ -238,9 +268,12 @@ class Solver(ABC):
         return summary_line(type(self))
 
     def warm_up(self) -> None:
-        """Import the package, so that the first solution's time does not contain it."""
+        """Solve a tiny problem with a cone of each kind that the package takes, so that
+        the next solution's time holds no import, library or compiled code of the first.
+        A program pays in every run: it is not called.
+        """
         if self.requires[0] == "package":
-            importlib.import_module(self.requires[1])
+            self.solve(tiny_problem("exp" in self.cones), accuracy=1e-4)
 
     def version(self) -> str:
         """Return the installed version of the package or program, "" if unknown."""

@@ -15,10 +15,29 @@ from sdp_vs_penalty.solvers.rewrite import quadratic_factor
 from sdp_vs_penalty.solvers.solver import ACCURACY, Solver, flat
 
 CLAIMS = {
-    **{"optimal": "optimal", "optimal_inaccurate": "inaccurate"},
-    **dict.fromkeys(("infeasible", "infeasible_inaccurate"), "infeasible"),
-    **dict.fromkeys(("unbounded", "unbounded_inaccurate"), "unbounded"),
+    word + ending: "inaccurate" if ending else word
+    for word in ("optimal", "infeasible", "unbounded")
+    for ending in ("", "_inaccurate")
 }
+
+
+def solve_tiny(solver: str | None) -> None:
+    """Compile every kind of cone in CVXPY and solve a tiny problem, so that the next
+    solution's time holds no import, library or compiled code of the first.
+
+    Parameters
+    ----------
+    solver : str or None
+        CVXPY's name of the solver; None for CVXPY's own choice.
+    """
+    import cvxpy as cp
+
+    x = cp.Variable(2)
+    square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
+    cones = [square + square.T >> 0, cp.SOC(x[0] + 9.0, x)]
+    objective = cp.sum_squares(x) - cp.log_det(np.eye(2) + square + square.T)
+    with warnings.catch_warnings(action="ignore"):
+        cp.Problem(cp.Minimize(objective), cones).solve(solver=solver)
 
 
 class ThroughCvxpy(Solver):
@@ -31,19 +50,6 @@ class ThroughCvxpy(Solver):
     group: ClassVar[str] = ""
     licences: ClassVar[tuple[str, ...]]
     status_meaning = CLAIMS
-
-    @staticmethod
-    def warm_up() -> None:
-        """Import CVXPY and compile every kind of cone once, without running a solver.
-
-        The first call of CVXPY is slow; timings should not contain it.
-        """
-        import cvxpy as cp
-
-        x = cp.Variable(2)
-        square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
-        cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
-        cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
 
     @property
     def absent(self) -> str:

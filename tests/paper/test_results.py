@@ -71,3 +71,19 @@ def test_a_command_that_fails_ends_it_without_a_note(tmp_path):
     with pytest.raises(SystemExit, match="3"):
         provenance.make_folder(folder, ["-c", "raise SystemExit(3)"])
     assert not (folder / provenance.NOTE).exists()
+
+
+def test_a_command_that_adds_nothing_leaves_the_note_of_what_is_there(tmp_path):
+    """A resume that runs nothing was no timed run: its load and time say nothing."""
+    folder = tmp_path / "results" / "some"
+    folder.mkdir(parents=True)
+    runs, note = folder / "runs.csv", folder / provenance.NOTE
+    more = ["-c", "open('results/some/runs.csv', 'a').write('a run')"]
+    for command, is_noted in ((more, True), (["-c", "pass"], False), (more, True)):
+        note.write_text("of the runs\n")
+        provenance.make_folder(folder, command, result="runs.csv")
+        assert (note.read_text() != "of the runs\n") is is_noted
+    assert runs.read_text() == 2 * "a run"
+    note.write_text("of the runs\n")
+    provenance.make_folder(folder, ["-c", "pass"])  # makes all of the folder
+    assert "processor time" in note.read_text()

@@ -1,6 +1,7 @@
 """Every solver on the same problems, judged by our own certificate; the rewritings and
 file formats."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,9 @@ from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.shootout import chain_task, shape_cones
 from sdp_vs_penalty.solvers import ThroughCvxpy, certainly_feasible, rewrite, solver
+from sdp_vs_penalty.solvers.programs import Program
 from sdp_vs_penalty.solvers.rewrite import quadratic_factor, without_equalities
+from sdp_vs_penalty.solvers.solver import tiny_problem
 from sdp_vs_penalty.testing.methods import (
     SOLVER_CONTRACTS,
     LinkProblem,
@@ -134,6 +137,74 @@ def test_exported_files_read_back_to_the_same_problem(tmp_path, entropic):
             "exponential cone",
             ".cbf",
         )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_a_solver_itself_calls_inaccurate_is_no_claim(name):
+    """An almost proved infeasibility as well as an almost found optimum."""
+    meaning = SOLVERS[name].status_meaning
+    admits = [s for s in meaning if s.startswith(("Almost", "near_"))]
+    admits += [s for s in meaning if s.endswith("_inaccurate")]
+    assert {meaning[status] for status in admits} <= {"inaccurate"}
+    assert len(admits) == 3 or name not in ("clarabel", "qics", "CVXPY's")
+
+
+@pytest.mark.parametrize(
+    ("misses", "claims"), [("6.64e-04", "inaccurate"), ("6.31e-10", "optimal")]
+)
+def test_dsdp_is_inaccurate_where_it_says_that_it_misses_what_was_asked(
+    misses, claims, monkeypatch
+):
+    """It may converge to the optimum of a problem with bounds of its own."""
+    text = f"DSDP Converged. \nP Infeasible: 1.30e-09 \nD Infeasible: {misses} \n"
+
+    def run(self, problem, options):
+        said, status, n = self.ended(text, 0)
+        x, z = np.zeros(len(problem.q)), np.zeros(len(problem.b))
+        return solvers.Solution(x, z, said, status, n)
+
+    monkeypatch.setattr(Program, "run", run)
+    answer = SOLVERS["dsdp"].solve(tiny_problem(exponential=False), 1e-6)
+    assert answer.claims == claims
+    said, status, _ = SOLVERS["dsdp"].ended("DSDP Terminated Due to Small Steps\n", 0)
+    assert (said, status) == ("failed", "DSDP Terminated Due to Small Steps")
+
+
+def test_scs_is_inaccurate_where_it_says_so(monkeypatch):
+    """Of an infeasible problem, too."""
+    scs = pytest.importorskip("scs")
+    problem = tiny_problem(exponential=False)
+    numbers = {"x": np.zeros(2), "y": np.zeros(len(problem.b))}
+    info = {"status": "infeasible (inaccurate - reached max_iters)", "iter": 9}
+
+    class Stopped:
+        def __init__(self, *_, **__):
+            pass
+
+        def solve(self):
+            return {**numbers, "info": info}
+
+    monkeypatch.setattr(scs, "SCS", Stopped)
+    assert SOLVERS["scs"].solve(problem, 1e-6).claims == "inaccurate"
+    info["status"] = "infeasible"
+    assert SOLVERS["scs"].solve(problem, 1e-6).claims == "infeasible"
+
+
+@pytest.mark.parametrize("name", ["csdp", "dsdp", "sdpa-program"])
+def test_the_time_of_files_is_of_files_alone(name, monkeypatch):
+    """Rewriting the problem is work of the solver's form, for everybody."""
+    conic = LinkProblem.drawn().sdp.conic
+    one = usable(name)
+    rewriting = type(one).solve.__globals__["suited"]
+
+    def slow(*args):
+        end = time.process_time() + 0.3
+        while time.process_time() < end:
+            pass
+        return rewriting(*args)
+
+    monkeypatch.setitem(type(one).solve.__globals__, "suited", slow)
+    assert 0.0 < one.solve(conic, 1e-6).file_seconds < 0.2
 
 
 def test_unknown_and_absent_solvers_are_named(monkeypatch):
