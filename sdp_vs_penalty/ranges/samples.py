@@ -80,9 +80,9 @@ class Samples:
     @property
     def sentence(self) -> str:
         """What the samples are, and how good."""
-        word = (
-            "stationary" if self.is_stationary else "not yet stationary: ask for more"
-        )
+        word = "stationary"
+        if not self.is_stationary:
+            word = "not yet stationary: the slowest parameters' spread may be off"
         return (
             f"{len(self.theta)} consistent models from likelihood and {self.prior} prior;"
             f" effective number {self.effective.min():.0f} to"
