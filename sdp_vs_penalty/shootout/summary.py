@@ -198,8 +198,9 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
         by_clarabel = ours["problem"][~ours["status"].str.startswith("primal-dual")]
         of = f"{by_clarabel.nunique()} of {ours['problem'].nunique()} problems"
         said.append(f"lmi-sdp is a portfolio: it called Clarabel on {of}.")
-        tightest = runs["accuracy"].min()
-        alone = runs[(runs["solver"] == "lmi-sdp") & (runs["accuracy"] == tightest)]
+        of_all = runs[runs["solver"] == "lmi-sdp"]
+        tightest = of_all["accuracy"].min()
+        alone = of_all[of_all["accuracy"] == tightest]
         kinds = classes(alone, tightest)
         said.append(
             f"lmi-sdp solves to {LmiSdp.accuracy:g} whatever it is asked for, and claims the"

@@ -733,6 +733,19 @@ def test_a_contestant_is_ranked_by_its_share_of_the_problems_posed_to_it():
     assert summary.ranking(cells)["solver"].tolist() == ["all", "few", "most"]
 
 
+def test_what_our_default_claims_is_said_at_the_tightest_that_it_was_asked_for():
+    """Others' one setting is no accuracy of ours."""
+    status = "primal-dual: proved gap 1e-9"
+    rows = [
+        _run("a", "lmi-sdp", accuracy=1e-4, status=status),
+        _run("a", "lmi-sdp", accuracy=1e-6, status=status),
+        _run("b", "lmi-sdp", status=status, outcome="inaccurate", claimed="inaccurate"),
+        _run("a", "cvxpy clarabel", accuracy=1e-8),
+    ]
+    *_, said = summary.sentences(pandas.DataFrame(rows))
+    assert "asked for 1e-06 alone, 1 of 2 are right, and 1 it calls inaccurate" in said
+
+
 def test_two_problems_rank_nobody():
     rows = [*many("good", 10), *many("liar", 1, error=0.5)]
     of_two = pandas.DataFrame(rows).query(
